@@ -11,7 +11,16 @@ import verbs
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import friction, rubbing, shake, tune, tune_measure
+from forceaxis.commission import (
+    friction,
+    known,
+    measuring,
+    rubbing,
+    shake,
+    tune,
+    tune_measure,
+)
+from forceaxis.commission.level import Order
 from forceaxis.commission.refusal import Refusal
 from forceaxis.linear.bank import Bank
 
@@ -203,6 +212,123 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
             work.run(step)
     assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
     assert work.result("fit")["friction"][0]["declared"]
+
+
+def measured(hidden, model, *words, **given):
+    """({response: Result}, true extremes) of `measure` on a hidden axis, which is as it was."""
+    order = {"force_max_N": FORCE_MAX_N, "averages": 4} | given
+    with Axis(SimLink(hidden / "contact.toml")) as axis:
+        axis.link.axis.reset_extremes()
+        names = ("position_min", "position_max", "force_max", "target_force", "drive_state")
+        before = axis.get(*names)
+        forces = tuple(word for word in words if word != "free")
+        try:
+            done = measuring.measure(axis, Order(**order), forces, "free" in words, str(model))
+        finally:
+            after = axis.get(*names)
+            assert after.pop("drive_state") != "operation_enabled"
+            assert after.items() <= before.items()
+        return done, dict(axis.link.axis.extremes)
+
+
+def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_both(press, tmp_path):
+    hidden = rubbing_press(press, tmp_path / "hidden", seals=12.0, table=5.0)
+    model = press / "model.toml"
+    done, extremes = measured(hidden, model, "free", 30.0, 100.0)
+    assert extremes["force_N"] < FORCE_MAX_N
+    for name, one in done.items():
+        found = one.summary["friction"]
+        assert found["rubs"] and found["moving_N"] == pytest.approx(12.0, rel=0.05), name
+        table = tmp_path / f"{name}.toml"
+        table.write_text(model.read_text() + "\n" + found["lines"])
+        assert known.newton_per_code(table) > 0  # it is TOML that a model takes
+        assert one.summary["amplitude"] > 2 * found["dead_zone_codes"]
+        rows = dict(measuring.describe(one.summary))
+        assert "12 N" in rows["friction"] and "[[friction]]" in rows["model lacks"]
+    assert done["30N"].summary["friction"]["workpiece_N"] == pytest.approx(5.0, rel=0.2)
+    assert "sticks in this swing" in rows["friction"]  # of a drive that is linear up to 7 codes
+    assert done["free"].summary["friction"]["workpiece_N"] is None
+    done, extremes = measured(hidden, "", "free", 30.0, 100.0)
+    assert extremes["force_N"] < FORCE_MAX_N
+    for force in (30.0, 100.0):
+        about = done[f"{force:g}N"].summary
+        found = about["friction"]
+        codes = 12.0 / known.newton_per_code(model)
+        assert found["dead_zone_codes"] == pytest.approx(codes, rel=0.05)
+        assert found["moving_N"] is None and found["workpiece_N"] == pytest.approx(5.0, rel=0.2)
+        assert found["workpiece_slides"] and about["swing"] > 0.3 * force
+
+
+def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(press, tmp_path):
+    done, extremes = measured(press, press / "model.toml", "free", travel=400)
+    assert extremes["force_N"] == 0.0
+    ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
+    assert ends[1] - ends[0] < 2 * 400 + 40
+    assert not done["free"].summary["friction"]["rubs"]
+    assert "friction" not in dict(measuring.describe(done["free"].summary))
+
+
+@pytest.mark.parametrize("newton, force", [(12.0, 30.0), (25.0, 100.0)])
+def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
+    press, tmp_path, newton, force
+):
+    hidden = rubbing_press(press, tmp_path / "hidden", seals=newton)
+    done, _ = measured(hidden, press / "model.toml", force)
+    found = done[f"{force:g}N"].summary["friction"]
+    assert found["moving_N"] == pytest.approx(newton, rel=0.1)
+    assert found["workpiece_N"] == 0.0 and found["glide"] is None
+    # With a target of 0 N the law takes the axis back until spring and motor are the friction's.
+    own = tomlkit.parse((hidden / "contact.toml").read_text())["firmware"]
+    per_count = abs(linear.facts(press / "model.toml")["reading"]["per_count"])
+    pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / per_count
+    assert 0.5 < found["left_N"] * (1 + pulls) / newton < 1.1
+
+
+@pytest.mark.parametrize("newton", [0.0, 12.0, 25.0])
+def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
+    press, tmp_path, newton
+):
+    """At least a part of it: what is left of it where the axis stands."""
+    hidden = rubbing_press(press, tmp_path / "hidden", **({"seals": newton} if newton else {}))
+    done, _ = measured(hidden, "", 60.0)
+    found, codes = (
+        done["60N"].summary["friction"],
+        newton / known.newton_per_code(press / "model.toml"),
+    )
+    assert found["rubs"] is (newton > 0)
+    assert 0.5 * codes <= found["dead_zone_codes"] <= 1.05 * codes
+    if newton:
+        assert done["60N"].summary["swing"] > 0.3 * 60.0
+        assert "at least" in dict(measuring.describe(done["60N"].summary))["friction"]
+
+
+@pytest.mark.parametrize("words", [("free",), (60.0,)])
+def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
+    hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)
+    with pytest.raises(Refusal, match="more --level") as refused:
+        measured(hidden, press / "model.toml", *words, amplitude=3)
+    assert refused.value.name == "friction" and " N" in refused.value.text
+    if words != ("free",):
+        (table,) = tomlkit.parse(refused.value.lines)["friction"]
+        assert table["coulomb"] == pytest.approx(25.0, rel=0.1)
+
+
+@pytest.mark.parametrize("dead_zone", [0.0, 2.0, 6.0])
+def test_codes_of_both_directions_less_what_the_speed_takes(dead_zone):
+    """A motor on a spring: the force of a code is F = g c less the friction and less what the speed
+    takes; it sticks at the turn until the code has changed by twice the dead zone."""
+    force = np.concatenate([np.linspace(20, 60, 900), np.full(300, 60.0), np.linspace(60, 20, 900)])
+    rng = np.random.default_rng(28)
+    place, rate, g = 3.0 * force, 60.0, 1.5
+    speed = np.gradient(place, friction.DECIMATION / 1500)
+    slides = np.where(np.arange(len(force)) < 1050, 1.0, -1.0)
+    codes = force / g + speed / rate + dead_zone * slides
+    found = friction.directions(
+        force + 0.3 * rng.normal(size=len(force)), np.round(place),
+        np.round(codes + rng.normal(size=len(force))), rate,
+    )  # fmt: skip
+    assert found.dead_zone == pytest.approx(dead_zone, abs=0.2)
+    assert found.rubs is (dead_zone > 0)
 
 
 WORN = (

@@ -45,7 +45,8 @@ def by_chip(file, folder):
         bus = tunnel.SerialBus(path)
         assert bus.recv(20.0).arbitration_id == 0x701  # its boot-up
         with Axis(CanLink("the tunnel", 1, bus=bus, timeout_s=2.0)) as axis:
-            done = measuring.measure(axis, ORDER, (75.0,), True)
+            # Emulated time is dear, and this plant does not rub.
+            done = measuring.measure(axis, ORDER, (75.0,), True, look=False)
     for name, one in done.items():
         result.write(one, folder / "chip" / name)
 

@@ -49,6 +49,7 @@ def measure_axis(way, out, as_json, live, options):
     """`measure` on a live axis."""
     from forceaxis import linear
     from forceaxis.commission import analyzer, as_found, measuring
+    from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import result
 
     known = ("band_hz", "resolution_hz", "averages", "seed")
@@ -67,10 +68,16 @@ def measure_axis(way, out, as_json, live, options):
     with live_options.owned(way) as axis:
         live_options.warn_of_newtons(axis, way)
         kept = as_found.kept(as_found.Folder(axis, out, say)) if out else contextlib.nullcontext()
-        with kept:
-            done = measuring.measure(
-                axis, order, live["forces"], bool(options["free"]), model, values, say
-            )
+        try:
+            with kept:
+                done = measuring.measure(
+                    axis, order, live["forces"], bool(options["free"]), model, values, say
+                )
+        except Refusal as refusal:
+            for line in ("to be added to the model:", *refusal.lines.splitlines()):
+                if refusal.lines:
+                    say(line)
+            raise
     for name, one in done.items():
         if out:
             result.write(one, out / name)
@@ -87,7 +94,8 @@ def measure_axis(way, out, as_json, live, options):
     epilog="""forceaxis measure fig3_9 --out out/fig3_9
     forceaxis measure fig3_12 --inject codes --output adc0 --level 60
     forceaxis measure fig4_19 --output sensor.force --clamped --band 1:100 --plant-set m_r=146
-    forceaxis measure --sim press/contact.toml --free --force 30,75 --force-max 120 --out out/m""",
+    forceaxis measure --sim press/contact.toml --free --force 30,75 --force-max 120 --out out/m
+    forceaxis measure --can can0 --free --force 30,75 --force-max 120 --model press/model.toml""",
 )
 @click.argument("target", required=False)
 @click.option("--output", help="Signal, or adc0, adc1, encoder with --inject codes.")
@@ -148,6 +156,12 @@ def measure(target, way, plant_set, out, as_json, **options):
     amplitude is searched from one code on unless --level gives it. The axis itself ends the
     excitation where the reading falls to 0.6 of the force or comes near --force-max, where the
     contact is lost or the position is further than --travel; half the amplitude is tried then.
+
+    Dry friction is looked for first: apart by constant codes both ways, in contact by a slow change
+    of the force there and back, within the same bounds. Where it shows, the amplitude is raised
+    until the axis slides, and the line `friction` says what guide and gear take in codes, and in
+    newtons with --model, and what is under the workpiece; a hint has the [[friction]] that MODEL
+    lacks. Noise that does not slide within the bounds is refused as `friction`.
     --out has a folder for each response. At the end the axis is as it was, disabled; after a kill
     the same command with --out puts back what was changed.
     """

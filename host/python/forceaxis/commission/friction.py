@@ -4,7 +4,8 @@
 less a dead zone, which is what the friction of guide and gear costs. `between` changes the force in
 contact slowly from the smallest to the largest one and back: the way that the axis goes shows what
 is soft between the forces, and a workpiece that sticks on its table by a way that differs between
-rising and falling force.
+rising and falling force. `directions` says by how much the code differs between them at the same
+reading, which is what the friction of guide and gear costs in contact.
 
 A noise whose speed has the standard deviation s sees Coulomb friction of F newtons as a damper of
 sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
@@ -35,6 +36,11 @@ BINS = 6
 SOFTER = 1.6  # times the compliance at the forces: a soft place between them
 FELT_SHARE = 0.15  # by which less is left of the way's error where it is friction
 LEAST_COUNTS = 0.35  # of the way, by which friction under the workpiece shows
+NOISE_SLIDES = 2.5  # dead zones: noise of fewer codes does not slide most of the time
+STANDS_WITHIN = 0.05  # of the force, by which a law without an integral is told from one that has
+RISES = 0.3  # of the slope of the force, above which a block is of a motion
+FEWEST_BLOCKS, HELD_S = 8, 1.0  # of motion; at the end of a leg, in which the axis stands
+SURE, LEAST_CODES, OF_SPEED = 4.0, 0.3, 0.5  # standard errors; codes; of what the speed takes
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,27 @@ class Glide:
     @property
     def rubs(self) -> bool:
         return self.dead_zone > FELT_CODES
+
+    @property
+    def noise_codes(self) -> int:
+        """Codes of a noise that slides most of the time; 0 without friction."""
+        return math.ceil(NOISE_SLIDES * self.dead_zone) if self.rubs else 0
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Of a slow change of the force: half of the codes by which falling and rising force differ at
+    the same reading, less what the speed takes, and its standard error; the codes of the speed;
+    whether it is but the least that it may be."""
+
+    dead_zone: float
+    error: float
+    speed: float
+    least: bool = False
+
+    @property
+    def rubs(self) -> bool:
+        return self.dead_zone > max(SURE * self.error, LEAST_CODES, OF_SPEED * self.speed)
 
 
 @dataclass(frozen=True)
@@ -87,22 +114,33 @@ def damping(friction_N: float, speed_rms: float) -> float:
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
 
 
-def glide(analyzer, most: int, say=lambda text: None) -> Glide:
+def glide(
+    analyzer,
+    most: int,
+    say=lambda text: None,
+    first: int = 0,
+    highest: int = 0,
+    newton: float = 0.0,
+) -> Glide:
     """The Glide of an Analyzer's axis, which is owned, disabled, apart and at rest; disabled and at
-    home again afterwards. most: codes of which the larger motions are to be.
+    home again afterwards. most: codes of which the larger motions are to be; first, highest: codes
+    to begin with and never to pass, by default an eighth of `most` and 16 times as many; newton: of
+    a code, 0: not known.
 
     The codes are raised until the axis slides, and lowered where its travel is soon over. Raises
-    Refusal where it does not slide with 16 times `most`, or touches.
+    Refusal where it does not slide, or touches.
     """
     start = analyzer.axis.read("position")
     travel = analyzer.order.travel
     analyzer.set(
-        position_min=start - travel, position_max=start + travel, open_loop_code=0,
-        excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
+        position_min=max(start - travel, analyzer.known["position_min"]),
+        position_max=min(start + travel, analyzer.known["position_max"]),
+        open_loop_code=0, excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
     )  # fmt: skip
     analyzer.home = start
     most = max(2, most)
-    code, highest, slowed = max(2, most // 8), min(16 * most, 2048), False
+    code, slowed = first or max(2, most // 8), False
+    highest = highest or min(16 * most, 2048)
     try:
         while True:
             try:
@@ -115,12 +153,13 @@ def glide(analyzer, most: int, say=lambda text: None) -> Glide:
             )
             if enough and forward is not None:
                 break
-            if forward is None and (slowed or 2 * code > highest):
+            if forward is None and (slowed or code >= highest):
+                held = f", {newton * code:.3g} N by the model" if newton else ""
                 raise Refusal(
                     "friction", f"expected an axis that slides apart, it does not with {code} "
-                    "codes: free the guide, release the brake, or raise the amplifier's gain"
+                    f"codes{held}: free the guide, release the brake, or raise the amplifier's gain"
                 )  # fmt: skip
-            code = 2 * code if forward is None or 2 * code < most else most
+            code = min(2 * code if forward is None or 2 * code < most else most, highest)
         slower = max(1, math.floor(SLOWER * code))
         rows = [(code, forward)]
         rows += [(c, speed) for c in (-code, slower, -slower)
@@ -177,13 +216,16 @@ def _speed(analyzer, code: int) -> float | None:
     return float(np.polyfit(time_s, place[first:last], 1)[0])
 
 
-def between(analyzer, low_N: float, high_N: float) -> tuple[np.ndarray, np.ndarray]:
-    """(reading in N, position in counts) of an axis that is pressed with `low_N` and goes to
+def between(analyzer, low_N: float, high_N: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(reading in N, position in counts, codes) of an axis that is pressed with `low_N` and goes to
     `high_N` and back; it is left pressed with `low_N`. Raises Refusal where it moves further than
     the order's travel."""
     axis = analyzer.axis
     start = axis.read("position")
-    slope = 1e3 * (high_N - low_N) / analyzer.rated_N / LEG_S
+    target = axis.read("target_force") * 1e-3 * analyzer.rated_N / low_N
+    if abs(target - 1) < STANDS_WITHIN:
+        target = 1.0
+    slope = 1e3 * target * (high_N - low_N) / analyzer.rated_N / LEG_S
     analyzer.set(force_slope=max(1, round(slope)))
 
     def near(state=None):
@@ -198,14 +240,47 @@ def between(analyzer, low_N: float, high_N: float) -> tuple[np.ndarray, np.ndarr
 
     legs = []
     for force in (high_N, low_N):
-        axis.arm(("force", "position"), LEG_SAMPLES, decimation=DECIMATION)
-        analyzer.set(target_force=min(1e3 * force / analyzer.rated_N, 1000))
+        axis.arm(("force", "position", "dac_code"), LEG_SAMPLES, decimation=DECIMATION)
+        analyzer.set(target_force=analyzer.per_mille(target * force))
         analyzer.wait(LEG_SAMPLES * DECIMATION / TICKS_PER_S, near)
         held = axis.link.recording(10.0)
-        legs.append((held.values("force") * analyzer.newton, held.values("position")))
+        legs.append(
+            (held.values("force") * analyzer.newton, held.values("position"),
+             held.values("dac_code"))
+        )  # fmt: skip
     axis.set(recorder_decimation=1)
-    pushed, went = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
-    return pushed, went - start
+    pushed, went, put = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
+    return pushed, went - start, put
+
+
+def directions(
+    force: np.ndarray, place: np.ndarray, codes: np.ndarray, rate: float = 0.0
+) -> Directions:
+    """The Directions of a record of between(). rate: counts a second for each code beyond what
+    force and friction take; 0: not known, then it is at least what is left where the axis stands,
+    after it rose and after it fell, which the law's integral and noise make smaller."""
+    F, x, c = (means(values) for values in (force, place, codes))
+    step_s = BLOCK * DECIMATION / TICKS_PER_S
+    takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
+    slope = np.gradient(F, step_s)
+    moves = abs(slope) > RISES * np.ptp(F) / LEG_S
+    if moves.sum() < FEWEST_BLOCKS or len(set(np.sign(slope[moves]))) < 2:
+        return Directions(0.0, math.inf, 0.0, not rate)
+    table = np.column_stack([np.ones(len(F)), F, np.sign(slope)])
+    wanted = c - takes
+    solved = np.linalg.lstsq(table[moves], wanted[moves], rcond=None)[0]
+    more = (wanted - table[:, :2] @ solved[:2]) * np.sign(solved[1])  # than the force takes
+    if not rate:
+        leg, held = len(F) // 2, round(HELD_S / step_s)
+        rose, fell = more[leg - held : leg], more[-held:]
+        error = math.hypot(np.std(rose), np.std(fell)) / 2 / math.sqrt(held)
+        error = math.hypot(error, float(np.mean(rose) + np.mean(fell)) / 2)
+        return Directions(float(np.mean(rose) - np.mean(fell)) / 2, error, 0.0, True)
+    left = more[moves] - solved[2] * np.sign(solved[1]) * table[moves, 2]
+    size = float(np.sum(left**2)) / (moves.sum() - table.shape[1])
+    error = math.sqrt(size * float(np.linalg.inv(table[moves].T @ table[moves])[2, 2]))
+    dead_zone = float(solved[2] * np.sign(solved[1]))
+    return Directions(dead_zone, error, float(np.median(abs(takes[moves]))), False)
 
 
 def means(values: np.ndarray) -> np.ndarray:

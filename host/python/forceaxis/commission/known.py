@@ -9,6 +9,7 @@ import numpy as np
 
 from forceaxis import linear, toml
 from forceaxis._core import InputError
+from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.linear import plant_set
 
 # Standard deviations of the logarithms of what is known before.
@@ -16,6 +17,8 @@ MASS, DRIVE, STIFFNESS, DAMPING, WORKPIECE = 0.05, 0.05, 0.2, math.log(2), math.
 DRIVEN = ("k_torque", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp")
 LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
 FINE_S, FINE_STEPS = 1e-5, 300  # the peak of a step comes within a few time constants
+STEADY_HZ = 0.02
+PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
 UNSATURATED = 0.7  # of the limit: a step of the noise is up to twice its amplitude
 
 
@@ -93,6 +96,30 @@ def linear_codes(model, overrides=None):
             peak = max(peak, abs((step.C @ x)[0] + step.D[0, 0]))
         found.append(UNSATURATED * limit / (peak * known["volts_per_code"]))
     return max(1, int(min(found))) if found else None
+
+
+def newton_per_code(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+    """N that the drive gives for a code while it stands; inf: there is an integral in it."""
+    facts = linear.facts(model, overrides)
+    plant = linear.linearise(str(model), outputs=(facts["reading"]["signal"],), overrides=overrides)
+    static = abs(plant.at(0.0).item()) if np.linalg.cond(plant.A) < 1e15 else math.inf
+    return static * facts["volts_per_code"]
+
+
+def code_rate(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+    """Counts of the encoder a second for a code, apart and once it moves steadily."""
+    s = 2j * math.pi * STEADY_HZ
+    plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
+    return (s * plant.at(s).item()).real * linear.facts(model, overrides)["volts_per_code"]
+
+
+def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+    """Counts a newton of the contact's own spring; 0: it has none."""
+    with Design(str(model), overrides) as plant:
+        contact = contact_of(plant.table)
+        stiffness = contact and value_of(plant, contact.get("stiffness"))
+        scale = abs(plant.facts["encoder"]["scale"])
+    return scale / stiffness if stiffness else 0.0
 
 
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:

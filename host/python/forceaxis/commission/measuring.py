@@ -4,6 +4,7 @@ import numpy as np
 
 from forceaxis import _core, objects
 from forceaxis.axis import actions, bounds
+from forceaxis.commission import sought
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
@@ -11,12 +12,15 @@ from forceaxis.identify.measurement import COHERENT
 FREE = "free"
 
 
-def measure(axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None):
+def measure(
+    axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None, look=True
+):
     """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
-    model: a path; the response is compared with its linear model then. Raises InputError before
-    anything moves for what the axis would clip; Refusal, NoAnswer, Refused.
+    model: a path; the response is compared with its linear model then. look: for dry friction,
+    whose response is that of a noise that slides. Raises InputError before anything moves for what
+    the axis would clip; Refusal, NoAnswer, Refused.
     """
     done = {}
     actions.expect_position_gain(axis)
@@ -26,14 +30,30 @@ def measure(axis, order, forces=(), free=False, model="", overrides=None, say=la
         bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
+        looks = sought.Look(analyzer, model, overrides) if look else None
         if free:
             say("apart, commands to the encoder")
-            done[FREE] = result_of(axis, order, analyzer.free(), rest)
+            if looks:
+                looks.apart()
+            done[FREE] = _taken(axis, analyzer, analyzer.free(), rest, looks)
+        if forces and looks:
+            say("a slow change of the force, for friction")
+            looks.between(tuple(forces))
         for force in forces:
             say(f"pressed with {force:g} N, commands to the reading")
-            done[f"{force:g}N"] = result_of(axis, order, analyzer.contact(force), rest)
+            level = analyzer.contact(force)
+            done[f"{force:g}N"] = _taken(axis, analyzer, level, rest, looks)
         if forces:
             analyzer.go_home()
+    return done
+
+
+def _taken(axis, analyzer, level, rest, looks):
+    """The Result of a Level, with what `looks` found of friction."""
+    if looks:
+        looks.expect_sliding(level)
+    done = result_of(axis, analyzer.order, level, rest)
+    done.summary["friction"] = sought.summary(looks.found, level) if looks else None
     return done
 
 
@@ -103,8 +123,11 @@ def describe(summary):
             ("force", f"{summary['bias_N']:.4g} N, while excited {summary['force_min_N']:.4g} to "
              f"{summary['force_max_N']:.4g} N")
         )  # fmt: skip
+    found = summary.get("friction")
+    less = "less was taken" if found and found["rubs"] else "halved"
     for abort in summary["aborts"]:
-        rows.append(("ended", f"{abort['why']} at {abort['amplitude']} codes: halved"))
+        rows.append(("ended", f"{abort['why']} at {abort['amplitude']} codes: {less}"))
+    rows += sought.describe(found) if found else []
     rows += [
         ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
         (

@@ -14,16 +14,15 @@ from forceaxis.commission.level import MOST_CODES, Rest
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import files
 from forceaxis.design import simulate as simulation
-from forceaxis.design.changes import Design, contact_of, value_of
+from forceaxis.design.changes import Design, contact_of
 from forceaxis.identify import result as results
 from forceaxis.linear.bank import Bank
 
 FEWEST = 5  # averages
-PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
+PEAKY = known.PEAKY
 
 
 SMALLER = 3  # times smaller: the second amplitude that is measured
-RUBS_OF_MOST = 2.5  # dead zones: noise of fewer codes does not slide most of the time
 LOWER = 0.6  # of the smallest force: from where the force is changed slowly
 BETWEEN, SHAKEN = "between", "shaken"
 
@@ -33,11 +32,11 @@ def free(tuning):
     off(tuning.axis)
     with Settings(tuning.axis, settings_of(tuning)), analyzer_of(tuning) as measures:
         measures.rest()
-        found = friction.glide(measures, measures.order.most, tuning.say)
+        newton = newton_per_code(tuning)
+        newton = newton if math.isfinite(newton) else 0.0
+        found = friction.glide(measures, measures.order.most, tuning.say, newton=newton)
     newtons = found.dead_zone * newton_per_code(tuning) if found.rubs else 0.0
-    first = 4
-    if found.rubs:
-        first = max(first, math.ceil(RUBS_OF_MOST * found.dead_zone))
+    first = max(4, found.noise_codes)
     _, about = taken(
         tuning, "free", lambda a: a.free(), settings_of(tuning), first=first, rubs=found.rubs
     )
@@ -56,10 +55,7 @@ def moving_N(tuning):
 
 def newton_per_code(tuning):
     """N that the drive of the model gives for a code while it stands; inf: an integral in it."""
-    facts = linear.facts(tuning.model)
-    plant = linear.linearise(str(tuning.model), outputs=(facts["reading"]["signal"],))
-    static = abs(plant.at(0.0).item()) if np.linalg.cond(plant.A) < 1e15 else math.inf
-    return static * facts["volts_per_code"]
+    return known.newton_per_code(tuning.model)
 
 
 def measure(tuning):
@@ -113,7 +109,7 @@ def _between(tuning, law, order):
     off(tuning.axis)
     low, high = LOWER * min(order.forces), (1 + analyzer.SWING / 2) * max(order.forces)
     with Settings(tuning.axis, law), analyzer_of(tuning, order) as measures:
-        force, place = measures.between(low, high)
+        force, place, _ = measures.between(low, high)
         # An axis that still touches does not approach again, so it keeps the cap of the first.
         law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
         force *= reading_N(tuning) / measures.newton
@@ -178,11 +174,7 @@ def _mass(tuning):
 
 def _rigid(tuning):
     """Counts a newton of the contact by the model."""
-    with Design(str(tuning.model)) as plant:
-        contact = contact_of(plant.table)
-        stiffness = contact and value_of(plant, contact.get("stiffness"))
-        scale = abs(plant.facts["encoder"]["scale"])
-    return scale / stiffness if stiffness else 0.0
+    return known.rigid_counts(tuning.model)
 
 
 def settings_of(tuning):

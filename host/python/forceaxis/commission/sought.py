@@ -1,0 +1,193 @@
+"""Dry friction that `forceaxis measure` looks for beside its responses, and what it says of it.
+
+As in a tuning, constant codes both ways say what guide and gear take while the axis is apart, and a
+slow change of the force what a workpiece does on its table. Where the axis is not measured apart,
+the codes that differ between rising and falling force at the same reading say the first.
+"""
+
+import math
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from forceaxis.commission import friction, known, rubbing
+from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
+from forceaxis.commission.level import Level, Order
+from forceaxis.commission.refusal import Refusal
+
+LOWER = LOWEST + MARGIN  # of the smallest force: from where it is changed slowly
+LEFT_SAMPLES = 750  # half a second
+FIRST = 2  # codes of the first motion apart
+NOT_LOOKED = ("bias", "travel")  # refusals of the slow change that do not end the measurement
+WHOLE = 1.2  # times the friction under a workpiece: half a swing in which it slides
+
+
+@dataclass(frozen=True)
+class Found:
+    """What is known of dry friction at a response. moving_N, table_N: of guide and gear, by the
+    model, and under the workpiece, None: not known; the motion apart, the slow change, what the
+    codes differ by between rising and falling force, None where there was none; left_N: reading
+    with a target of 0 N. lines: the [[friction]] that the model lacks."""
+
+    moving_N: float | None = None
+    table_N: float | None = None
+    glide: friction.Glide | None = None
+    slow: friction.Slow | None = None
+    directions: friction.Directions | None = None
+    left_N: float | None = None
+    lines: str = ""
+    why: str = ""  #: the slow change was not made
+
+    @property
+    def dead_zone(self) -> float:
+        """Codes that guide and gear take, 0: none show."""
+        if self.glide is not None:
+            return self.glide.dead_zone if self.glide.rubs else 0.0
+        found = self.directions
+        return found.dead_zone if found is not None and found.rubs else 0.0
+
+    @property
+    def rubs(self) -> bool:
+        return self.dead_zone > 0 or (self.slow is not None and self.slow.rubs)
+
+
+class Look:
+    """Looks for friction with an Analyzer. model: a path or "", which knows newtons of a code."""
+
+    def __init__(self, analyzer: Analyzer, model: str = "", overrides: dict | None = None) -> None:
+        self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
+        self.order: Order = analyzer.order
+        self.found = Found()
+        self.newton = known.newton_per_code(model, self.overrides) if model else 0.0
+        if not math.isfinite(self.newton):
+            self.newton = 0.0
+
+    def apart(self) -> Found:
+        """Before the response apart, whose amplitude is to slide. Raises Refusal."""
+        own = self.order.amplitude
+        most = min(own or self.order.most, self.analyzer.known["output_limit"])
+        try:
+            glide = friction.glide(
+                self.analyzer, most, self.analyzer.say, min(FIRST, most), most, self.newton
+            )
+        except Refusal as refusal:
+            if refusal.name != "friction" or not own:
+                raise
+            raise Refusal(refusal.name, f"{refusal.text}, or give more --level") from None
+        return self._found(replace(self.found, glide=glide))
+
+    def between(self, forces: tuple[float, ...]) -> Found:
+        """Before the responses in contact: what is between the forces and about them."""
+        analyzer = self.analyzer
+        high = (1 + SWING / 2) * max(forces)
+        low, most = LOWER * min(forces), self.order.force_max_N - MARGIN * max(forces)
+        if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
+            return self.found  # the response is refused
+        try:
+            high = min(high, most)
+            force, place, codes = analyzer.between(low, high)
+            analyzer.wait(friction.LEG_S * low / (high - low), lambda: None)  # to a target of 0
+        except Refusal as refusal:
+            if refusal.name not in NOT_LOOKED:
+                raise
+            analyzer.say(f"not looked for friction under the workpiece: {refusal.text}")
+            return self._found(replace(self.found, why=f"{refusal.name}: {refusal.text}"))
+        held = analyzer.axis.capture(["force"], samples=LEFT_SAMPLES).values("force")
+        left = float(np.mean(held)) * analyzer.newton
+        rigid = known.rigid_counts(self.model, self.overrides) if self.model else 0.0
+        found = replace(
+            self.found, slow=friction.slow(force, place, rigid), left_N=left,
+            directions=friction.directions(force, place, codes, self._rate()),
+        )  # fmt: skip
+        return self._found(found)
+
+    def _rate(self) -> float:
+        if self.found.glide is not None:
+            return self.found.glide.rate
+        return known.code_rate(self.model, self.overrides) if self.model else 0.0
+
+    def _found(self, found: Found) -> Found:
+        moving = found.dead_zone * self.newton if self.newton else None
+        table = found.slow.friction_N if found.slow is not None else None
+        lines = ""
+        if self.model and found.rubs:
+            lines = rubbing.lines(rubbing.rubs(self.model, moving or 0.0, table or 0.0))
+        self.found = replace(found, moving_N=moving, table_N=table, lines=lines)
+        codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
+        most = self.order.most
+        if (
+            found.rubs and self.model
+        ):  # a drive that saturates shows as friction does: as distortion
+            most = min(most, known.PEAKY * (known.linear_codes(self.model, self.overrides) or most))
+        self.analyzer.order = replace(
+            self.order, rubs=found.rubs, first=max(self.order.first, codes), most=most
+        )
+        return self.found
+
+    def expect_sliding(self, level: Level) -> None:
+        """Refuses a response whose noise never overcame the friction of guide and gear."""
+        dead_zone = self.found.dead_zone
+        if level.amplitude > dead_zone:
+            return
+        newtons = f", {self.found.moving_N:.3g} N of dry friction" if self.newton else ""
+        where = "apart" if level.bias_N is None else f"with {level.bias_N:.3g} N"
+        bounds = "more --travel" if level.bias_N is None else "a larger --force and --force-max"
+        bounds = "more --level" if self.order.amplitude else bounds
+        raise Refusal(
+            "friction", f"expected noise that slides, {level.amplitude} codes {where} are no more "
+            f"than the {dead_zone:.3g} that guide and gear take{newtons}: the response is that of "
+            f"the friction; give {bounds}, or grease the guide",
+            self.found.lines,
+        )  # fmt: skip
+
+
+def summary(found: Found, level: Level) -> dict:
+    """What the file of a response says of friction."""
+    apart = level.bias_N is None
+    slow, directions = found.slow, found.directions
+    table = (found.table_N or 0.0) if not apart else 0.0
+    return {
+        "rubs": found.dead_zone > 0 or table > 0,
+        "dead_zone_codes": found.dead_zone,
+        "moving_N": found.moving_N,
+        "glide": None if found.glide is None else asdict(found.glide),
+        "directions": None if directions is None or not math.isfinite(directions.error)
+        else asdict(directions),
+        "workpiece_N": None if apart else found.table_N,
+        "workpiece_slides": None if not table else level.swing / 2 > WHOLE * table,
+        "slow": None if apart or slow is None else asdict(slow),
+        "left_N": None if apart else found.left_N,
+        "why": found.why,
+        "lines": found.lines,
+    }  # fmt: skip
+
+
+def describe(about: dict) -> list[tuple[str, str]]:
+    """Rows (key, text) for people; none where no friction shows."""
+    if not about["rubs"]:
+        return []
+    rows, parts = [], []
+    if about["dead_zone_codes"]:
+        newtons = "" if about["moving_N"] is None else f", {about['moving_N']:.3g} N"
+        least = "at least " if about["glide"] is None and about["directions"]["least"] else ""
+        text = f"guide and gear take {least}{about['dead_zone_codes']:.3g} codes{newtons}"
+        if about["glide"] and abs(about["glide"]["difference"]) > friction.FELT_CODES:
+            text += f", {about['glide']['difference']:+.2g} codes more forward than backward"
+        parts.append(text)
+    if about["workpiece_N"]:
+        slow, where = about["slow"], "slides" if about["workpiece_slides"] else "sticks"
+        least = "at least " if slow["sticks"] else ""
+        text = (
+            f"{least}{about['workpiece_N']:.3g} N under the workpiece, which {where} in this swing"
+        )
+        if not about["workpiece_slides"]:
+            text += "; a larger --force or more --level makes it slide"
+        parts.append(text)
+    if about["left_N"] is not None and round(about["left_N"], 1):
+        parts.append(f"with a target of 0 N the reading stays at {about['left_N']:.2g} N")
+    rows.append(("friction", "; ".join(parts)))
+    if about["moving_N"] is None and about["dead_zone_codes"]:
+        rows.append(("hint", "--model says how many newtons a code is"))
+    for number, line in enumerate(filter(None, about["lines"].splitlines())):
+        rows.append(("model lacks" if number == 0 else "", line))
+    return rows
