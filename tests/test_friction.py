@@ -277,11 +277,12 @@ def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
     found = done[f"{force:g}N"].summary["friction"]
     assert found["moving_N"] == pytest.approx(newton, rel=0.1)
     assert found["workpiece_N"] == 0.0 and found["glide"] is None
-    # With a target of 0 N the law takes the axis back until spring and motor are the friction's.
+    # With a target of 0 N the axis comes to rest where spring and law are less than the friction.
     own = tomlkit.parse((hidden / "contact.toml").read_text())["firmware"]
-    per_count = abs(linear.facts(press / "model.toml")["reading"]["per_count"])
-    pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / per_count
-    assert 0.5 < found["left_N"] * (1 + pulls) / newton < 1.1
+    reading = linear.facts(press / "model.toml")["reading"]
+    count_N = abs(reading["per_count"]) * 2 ** (reading["bits"] - 8)
+    pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / count_N
+    assert 0 < found["left_N"] * (1 + pulls) / newton < 1.05
 
 
 @pytest.mark.parametrize("newton", [0.0, 12.0, 25.0])
