@@ -22,6 +22,8 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.level import Order
 from forceaxis.commission.refusal import Refusal
+from forceaxis.identify import fit as fit_response
+from forceaxis.identify import result
 from forceaxis.linear.bank import Bank
 
 pytestmark = pytest.mark.beside
@@ -330,6 +332,66 @@ def test_codes_of_both_directions_less_what_the_speed_takes(dead_zone):
     )  # fmt: skip
     assert found.dead_zone == pytest.approx(dead_zone, abs=0.2)
     assert found.rubs is (dead_zone > 0)
+
+
+@pytest.fixture(scope="module")
+def rubbed(press, tmp_path_factory):
+    """A folder of `measure --out`: apart, and with 60 N, of an axis with 12 N in its guide."""
+    folder = tmp_path_factory.mktemp("rubbed")
+    hidden = rubbing_press(press, folder / "hidden", seals=12.0)
+    done, _ = measured(hidden, press / "model.toml", "free", 60.0, averages=6)
+    for name, one in done.items():
+        result.write(one, folder / name, draw=False)
+    return folder
+
+
+def identified(monkeypatch, *words):
+    monkeypatch.setattr(fit_response, "STARTS", 2)
+    return verbs.forceaxis("identify", "fit", *words)
+
+
+def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed, monkeypatch):
+    model = press / "model.toml"
+    words = (model, rubbed / "60N", "--fit", "k_w=6e5", "--fit", "m_w=5")
+    done = identified(monkeypatch, *words, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert not found["rejected"] and found["model"] == str(model)
+    values = {name: row["value"] for name, row in found["parameters"].items()}
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.05)
+    (one,) = found["friction"]["freed"]
+    assert one["between"] == ["axis", "ground"] and one["newton"] == pytest.approx(12.0, rel=0.05)
+    assert one["damping"] == values["b_guide_friction"] > 0
+    (table,) = tomlkit.parse(found["friction"]["lines"])["friction"]
+    assert table["coulomb"] == pytest.approx(12.0, rel=0.05)
+    assert found["set"].split()[::2] == ["--set", "--set"] and "b_guide" not in found["set"]
+
+
+def test_a_response_without_its_file_has_a_damper_but_no_newtons(
+    press, rubbed, monkeypatch, tmp_path
+):
+    shutil.copytree(rubbed / "free", tmp_path / "free")
+    (tmp_path / "free/result.json").unlink()
+    words = (press / "model.toml", tmp_path / "free", "--fit", "m_axis")
+    done = identified(monkeypatch, *words)
+    assert done.returncode == 0, done.stderr
+    assert "N s/m between axis and ground in this response\n" in done.stdout
+    assert "model lacks" not in done.stdout and "rejected" not in done.stdout
+
+
+def test_a_workpiece_that_rubs_is_refused_by_identify_fit(press, tmp_path, monkeypatch):
+    """Noise in which it slides by halves would give a mass that is twice too large."""
+    hidden = rubbing_press(press, tmp_path / "hidden", table=5.0)
+    done, _ = measured(hidden, press / "model.toml", 100.0)
+    result.write(done["100N"], tmp_path / "out", draw=False)
+    done = identified(monkeypatch, press / "model.toml", tmp_path / "out", "--fit", "m_w")
+    assert done.returncode == 1
+    said = done.stderr.splitlines()
+    assert said[0] == "to be added to the model:"
+    (table,) = tomlkit.parse("\n".join(said[1:-1]))["friction"]
+    assert table["between"] == ["workpiece", "ground"]
+    assert table["coulomb"] == pytest.approx(5.0, rel=0.2)
+    assert said[-1].startswith("forceaxis: friction: ") and " N under the workpiece" in said[-1]
 
 
 WORN = (

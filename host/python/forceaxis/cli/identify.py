@@ -1,6 +1,8 @@
 """Verbs of identification: the procedures of 4.4, the fit of parameters."""
 
 import json
+import tempfile
+from pathlib import Path
 
 import click
 
@@ -219,7 +221,9 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
     cls=Slow,
     epilog="""forceaxis measure fig4_19 --output sensor.force --bias 1 --set b_w=100 \\
     --plant-set m_r=110 --out out/m
-    forceaxis identify fit fig4_19 out/m --fit m_r --fit k_w=5e5 --out out/fitted""",
+    forceaxis identify fit fig4_19 out/m --fit m_r --fit k_w=5e5 --out out/fitted
+    forceaxis measure --sim press/contact.toml --free --force 60 --force-max 150 --out out/m
+    forceaxis identify fit press/model.toml out/m/60N --fit k_w --fit m_w""",
 )
 @click.argument("model", type=Subject(paths.MODELS))
 @click.argument("response", type=click.Path())
@@ -249,8 +253,16 @@ def fit(model, response, names, overrides, out, as_json, **given):
     and a wider one that holds for all at once, whether the model explains the data (chi-square),
     and which parameters are poorly determined or nearly indistinguishable. A model that does not
     (p < 0.001) is rejected: it has best values, but no intervals and nothing to --set.
+
+    Where that is for dry friction that MODEL lacks, it is fitted once more with a damper in the
+    place of the friction, of this response alone: the line `friction` says its N s/m, what it is in
+    newtons, and the [[friction]] to add. A response whose file tells of friction that no damper
+    explains is refused as `friction`, with the same lines and exit status 1. --json: "friction" is
+    null or {"freed": [{"name", "between", "damping", "newton", "declared"}], "lines": ...}.
     """
     from forceaxis import linear
+    from forceaxis.commission import freed
+    from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
 
     held = linear.overrides(overrides)
@@ -262,15 +274,23 @@ def fit(model, response, names, overrides, out, as_json, **given):
                 f"--set: {name}: expected a parameter that is held, it is to be fitted; give where "
                 f"to start as --fit {name}={linear.shown(held[name])}"
             )
-    found = fit_response.fit(measured, starts)
-    summary = fit_response.summarise(found, measured, units)
-    if out:
-        fit_response.write(found, measured, summary, out)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            found, measured, summary = freed.fit(measured, starts, units, response, Path(folder))
+            if out:
+                fit_response.write(found, measured, summary, out)
+    except Refusal as refusal:
+        done_waiting()
+        for line in ("to be added to the model:", *refusal.lines.splitlines()):
+            if refusal.lines:
+                click.echo(line, err=True)
+        raise
     done_waiting()
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     else:
-        click.echo(fitted_lines(fit_response.describe(summary)))
+        lines = [fit_response.describe(summary), *freed.describe(summary)]
+        click.echo(fitted_lines("\n".join(lines)))
         if out:
             click.echo(f"files        {paths.quoted(out)}")
 

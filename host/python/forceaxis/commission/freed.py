@@ -1,0 +1,248 @@
+"""`identify fit` of a response whose axis rubs: what dry friction takes of it, as dampers.
+
+Where a model is rejected, it is fitted once more with a damper in the place of each friction that
+the measurement has found, or that may be there where it has not looked. A response has the damper
+of its own amplitude, so its size in newtons is told by the speed that was recorded.
+"""
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forceaxis import linear, paths
+from forceaxis._core import InputError
+from forceaxis.commission import friction, known, rubbing
+from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.tune_fit import (
+    SLIDING_ERROR,
+    STICKING_ERROR,
+    STUCK,
+    workpiece_names,
+)
+from forceaxis.identify import fit as fit_response
+from forceaxis.identify.measurement import Measurement
+
+BEGIN = 0.1  # of the moving mass times the middle frequency: damping to begin with, N s/m
+
+
+@dataclass(frozen=True)
+class Record:
+    """What the file of a response says of friction. looked: it does; newtons of guide and gear and
+    under the workpiece, None: not known; codes that guide and gear take; speed: rms of the axis,
+    m/s, None: not recorded; slides: the workpiece did; least: guide and gear take at least so much.
+    """
+
+    looked: bool = False
+    dead_zone: float = 0.0
+    moving_N: float | None = None
+    table_N: float = 0.0
+    slides: bool = True
+    least: bool = False
+    speed: float | None = None
+
+    @property
+    def rubs(self) -> bool:
+        return self.dead_zone > 0 or self.table_N > 0
+
+
+def record(path: str | Path, model: str, overrides: dict[str, float]) -> Record:
+    """The Record of a folder of `forceaxis measure --out`; newtons that it lacks by the model."""
+    try:
+        about = json.loads((Path(path) / "result.json").read_text(encoding="utf-8"))
+        found = about["friction"]
+        dead_zone, moving = float(found["dead_zone_codes"]), found["moving_N"]
+        table = float(found["workpiece_N"] or 0.0)
+        slides = found["workpiece_slides"] is not False
+        least = not found["glide"] and bool(found["directions"] and found["directions"]["least"])
+        speed, slow = float(about["speed_rms"]), found["slow"]
+        counts = speed if about["bias_N"] is None else (
+            speed * (slow["compliance"] + slow["sliding"]) if slow else None
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError):
+        return Record()
+    if moving is None and dead_zone:
+        newton = known.newton_per_code(model, overrides)
+        moving = dead_zone * newton if math.isfinite(newton) else None
+    encoder = linear.facts(model, overrides)["encoder"]
+    metres = None if counts is None or not encoder else counts / abs(encoder["scale"])
+    return Record(True, dead_zone, moving, table, slides, least, metres)
+
+
+@dataclass(frozen=True)
+class Freed:
+    """A fit in which dampers stand for friction: of the Measurement with that model; newtons of
+    each, None: the speed is not known."""
+
+    found: fit_response.Fit
+    measured: Measurement
+    rubs: tuple[rubbing.Rub, ...]
+    newtons: dict[str, float | None]
+
+
+def fit(
+    measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
+    folder: Path,
+) -> tuple[fit_response.Fit, Measurement, dict[str, Any]]:  # fmt: skip
+    """(Fit, the Measurement with the model that was fitted, summary) of the response at `path`.
+    folder: where that model may be written. Raises InputError; Refusal by the name `friction`."""
+    model, held = measured.model, measured.overrides
+    found = fit_response.fit(measured, starts)
+    about = record(path, model, held)
+    freed = _freed(measured, starts, about, folder) if found.rejected else None
+    if found.rejected and freed is None and about.rubs:
+        raise _refused(found, model, about)
+    if freed is None:
+        summary = fit_response.summarise(found, measured, units) | {"friction": None}
+        if about.rubs:
+            summary["warnings"].append(f"the axis rubs, {_words(about)}: smaller amplitudes have "
+                                       "another response")  # fmt: skip
+        return found, measured, summary
+    dampers = {rub.damping: "N s/m" for rub in freed.rubs}
+    summary = fit_response.summarise(freed.found, freed.measured, units | dampers)
+    rows, lines = summary["parameters"], []
+    for rub in freed.rubs:
+        row = rows.get(rub.damping)
+        lines.append({
+            "name": rub.name, "between": list(rub.between), "newton": freed.newtons[rub.name],
+            "damping": row["value"] if row else None, "declared": rub.declared,
+        })  # fmt: skip
+    newtons = [
+        replace(rub, newton=size) for rub in freed.rubs
+        if (size := freed.newtons[rub.name]) is not None
+    ]  # fmt: skip
+    own = [text for text in summary["set"].split("--set ") if text.partition("=")[0] in starts]
+    summary |= {
+        "model": paths.display(model),
+        "friction": {"freed": lines, "lines": rubbing.lines(tuple(newtons))},
+        "set": " ".join(f"--set {text.strip()}" for text in own),
+    }
+    return freed.found, freed.measured, summary
+
+
+def _freed(
+    measured: Measurement, starts: dict[str, float], about: Record, folder: Path
+) -> Freed | None:
+    """The Freed that explains a response, with no more dampers than it needs; None: none does."""
+    every = rubbing.rubs(measured.model, 1.0, 1.0)
+    moving = tuple(rub for rub in every if not rubbing.of_workpiece(measured.model, rub))
+    table = tuple(rub for rub in every if rubbing.of_workpiece(measured.model, rub))
+    if about.looked:
+        sets = [(moving if about.dead_zone else ()) + (table if about.table_N else ())]
+    else:
+        sets = [moving, *([] if measured.free else [table, moving + table])]
+    best = None
+    # Noise that a workpiece slides in by halves makes its mass wrong by a factor.
+    shown = about.slides and not starts.keys().isdisjoint(workpiece_names(measured.model))
+    for rubs in filter(None, dict.fromkeys(sets)):
+        sticks = any(rub in table for rub in rubs)
+        if sticks and shown:
+            continue
+        error = STICKING_ERROR if sticks and not about.slides else SLIDING_ERROR
+        tolerant = replace(
+            measured, variance=measured.variance + (error * abs(measured.response)) ** 2
+        )
+        one = _with(tolerant, starts, rubs, table, about, folder)
+        if one is None or one.found.rejected:
+            continue
+        if not about.looked:  # a damper is to explain more than it costs
+            plain = fit_response.fit(tolerant, starts)
+            cost = (len(one.found.names) - len(starts)) * math.log(2 * one.found.points)
+            if one.found.chi_square + cost > plain.chi_square:
+                continue
+        if best is None or one.found.p_value > best.found.p_value:
+            best = one
+    return best
+
+
+def _with(
+    measured: Measurement, starts: dict[str, float], rubs: tuple[rubbing.Rub, ...],
+    table: tuple[rubbing.Rub, ...], about: Record, folder: Path,
+) -> Freed | None:  # fmt: skip
+    """A response fitted with the dampers of `rubs`; None where they are no parameters of it."""
+    file = folder / f"{'_'.join(rub.name for rub in rubs)}.toml"
+    file.write_text(rubbing.damped(measured.model, rubs), encoding="utf-8")
+    free, stuck = {}, {}
+    for rub in rubs:
+        if rub in table and not about.slides:
+            stuck[rub.damping] = STUCK
+        else:
+            free[rub.damping] = _begin(measured, about.table_N if rub in table else about.moving_N,
+                                       about.speed)  # fmt: skip
+    model = str(file)
+    left = linear.facts(model)["parameters"]  # those of a friction are gone with it
+    held = {name: value for name, value in measured.overrides.items() if name in left}
+    slides = replace(
+        measured, model=model, overrides=held | stuck,
+        modes=known.states_of(model, measured.modes),
+    )  # fmt: skip
+    try:
+        found = fit_response.fit(slides, starts | free)
+    except InputError:  # a damper that acts with another parameter only, or not at all
+        return None
+    if found.single.max() > fit_response.REACH:  # what does not show where the workpiece sticks
+        return None
+    values = dict(zip(found.names, found.values.tolist(), strict=True))
+    newtons = {}
+    for rub in rubs:
+        known_N = about.table_N if rub in table else (None if about.least else about.moving_N)
+        if not known_N and about.speed and rub.damping in values:
+            known_N = values[rub.damping] * about.speed / friction.damping(1.0, 1.0)
+        newtons[rub.name] = known_N or None
+    return Freed(found, slides, rubs, newtons)
+
+
+def _begin(measured: Measurement, newton: float | None, speed: float | None) -> float:
+    """N s/m of a damper to begin with."""
+    if newton and speed:
+        return friction.damping(newton, speed)
+    masses = linear.facts(measured.model, measured.overrides)["masses_kg"]
+    middle = 2 * math.pi * float(np.median(measured.frequency_hz))
+    return BEGIN * sum(masses.values()) * middle
+
+
+def _words(about: Record) -> str:
+    parts = []
+    if about.dead_zone:
+        newton = "" if about.moving_N is None else f" or {about.moving_N:.3g} N"
+        least = "at least " if about.least else ""
+        parts.append(f"guide and gear take {least}{about.dead_zone:.3g} codes{newton}")
+    if about.table_N:
+        parts.append(f"{about.table_N:.3g} N under the workpiece")
+    return ", ".join(parts)
+
+
+def _refused(found: fit_response.Fit, model: str, about: Record) -> Refusal:
+    rubs = rubbing.rubs(model, about.moving_N or 0.0, about.table_N)
+    lines = rubbing.lines(tuple(rub for rub in rubs if rub.newton > 0))
+    if about.least and about.moving_N:
+        lines = f"# of guide and gear at least so much\n{lines}"
+    hidden = (
+        "what holds a workpiece that rubs does not show in noise, `tune` shakes it with sines; "
+    )
+    return Refusal(
+        "friction", f"expected a model that explains the response, p = {found.p_value:.2g}, and "
+        f"friction that a damper stands for, got {_words(about)}: {hidden if about.table_N else ''}"
+        "add the friction to the model, free what else may be wrong, or measure with a larger "
+        "--force or --level", lines,
+    )  # fmt: skip
+
+
+def describe(summary: dict[str, Any]) -> list[str]:
+    """Lines for people on what was freed; none where nothing was."""
+    about = summary["friction"]
+    if about is None:
+        return []
+    lines = []
+    for one in about["freed"]:
+        damper = "stuck" if one["damping"] is None else f"{one['damping']:.4g} N s/m"
+        newton = "" if one["newton"] is None else f", dry friction of {one['newton']:.3g} N"
+        lines.append(
+            f"friction     {damper} between {' and '.join(one['between'])} in this response{newton}"
+        )
+    for number, line in enumerate(filter(None, about["lines"].splitlines())):
+        lines.append(f"{'model lacks' if number == 0 else '':12} {line}")
+    return lines
