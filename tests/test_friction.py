@@ -22,7 +22,6 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.level import Order
 from forceaxis.commission.refusal import Refusal
-from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
 from forceaxis.linear.bank import Bank
 
@@ -345,15 +344,14 @@ def rubbed(press, tmp_path_factory):
     return folder
 
 
-def identified(monkeypatch, *words):
-    monkeypatch.setattr(fit_response, "STARTS", 2)
+def identified(*words):
     return verbs.forceaxis("identify", "fit", *words)
 
 
-def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed, monkeypatch):
+def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed):
     model = press / "model.toml"
     words = (model, rubbed / "60N", "--fit", "k_w=6e5", "--fit", "m_w=5")
-    done = identified(monkeypatch, *words, "--json")
+    done = identified(*words, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert not found["rejected"] and found["model"] == str(model)
@@ -367,24 +365,22 @@ def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed, monkey
     assert found["set"].split()[::2] == ["--set", "--set"] and "b_guide" not in found["set"]
 
 
-def test_a_response_without_its_file_has_a_damper_but_no_newtons(
-    press, rubbed, monkeypatch, tmp_path
-):
+def test_a_response_without_its_file_has_a_damper_but_no_newtons(press, rubbed, tmp_path):
     shutil.copytree(rubbed / "free", tmp_path / "free")
     (tmp_path / "free/result.json").unlink()
     words = (press / "model.toml", tmp_path / "free", "--fit", "m_axis")
-    done = identified(monkeypatch, *words)
+    done = identified(*words)
     assert done.returncode == 0, done.stderr
     assert "N s/m between axis and ground in this response\n" in done.stdout
     assert "model lacks" not in done.stdout and "rejected" not in done.stdout
 
 
-def test_a_workpiece_that_rubs_is_refused_by_identify_fit(press, tmp_path, monkeypatch):
+def test_a_workpiece_that_rubs_is_refused_by_identify_fit(press, tmp_path):
     """Noise in which it slides by halves would give a mass that is twice too large."""
     hidden = rubbing_press(press, tmp_path / "hidden", table=5.0)
     done, _ = measured(hidden, press / "model.toml", 100.0)
     result.write(done["100N"], tmp_path / "out", draw=False)
-    done = identified(monkeypatch, press / "model.toml", tmp_path / "out", "--fit", "m_w")
+    done = identified(press / "model.toml", tmp_path / "out", "--fit", "m_w")
     assert done.returncode == 1
     said = done.stderr.splitlines()
     assert said[0] == "to be added to the model:"

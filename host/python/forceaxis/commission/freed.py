@@ -26,6 +26,7 @@ from forceaxis.commission.tune_fit import (
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 
+TRIES = 2  # other starts
 BEGIN = 0.1  # of the moving mass times the middle frequency: damping to begin with, N s/m
 
 
@@ -149,7 +150,7 @@ def _freed(
         if one is None or one.found.rejected:
             continue
         if not about.looked:  # a damper is to explain more than it costs
-            plain = fit_response.fit(tolerant, starts)
+            plain = fit_response.fit(tolerant, starts, tries=TRIES)
             cost = (len(one.found.names) - len(starts)) * math.log(2 * one.found.points)
             if one.found.chi_square + cost > plain.chi_square:
                 continue
@@ -180,7 +181,7 @@ def _with(
         modes=known.states_of(model, measured.modes),
     )  # fmt: skip
     try:
-        found = fit_response.fit(slides, starts | free)
+        found = fit_response.fit(slides, starts | free, tries=TRIES)
     except InputError:  # a damper that acts with another parameter only, or not at all
         return None
     if found.single.max() > fit_response.REACH:  # what does not show where the workpiece sticks

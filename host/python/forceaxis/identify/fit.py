@@ -71,12 +71,12 @@ class Fit:
         return float(size / (p * stats.f.ppf(SHARE, p, self.dof)))
 
 
-def fit(measured, starts, where="fit"):
+def fit(measured, starts, where="fit", tries=None):
     """Fit parameters of a model to a measured frequency response.
 
     measured: a `Measurement`, whose `predict` is the model. starts: {parameter: value to
     start from, > 0}: what is searched is their logarithm. Others have the values of
-    `measured.overrides`.
+    `measured.overrides`. tries: from how many other starts a misfit is searched, by default STARTS.
 
     With z = |response - model|^2 / variance, where the variance is itself estimated from dof
     complex residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
@@ -147,7 +147,7 @@ def fit(measured, starts, where="fit"):
     best = search(start)
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
-    scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS, p))
+    scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS if tries is None else tries, p))
     for shift in counted(scatter, "starts"):
         if 2 * best.cost <= enough:
             break
