@@ -304,6 +304,27 @@ def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
         assert "at least" in dict(measuring.describe(done["60N"].summary))["friction"]
 
 
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(i, marks=pytest.mark.long) for i in range(1, 8))]
+)
+def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, seed):
+    """Of a law without an integral, which such friction keeps away from the force asked for."""
+    sheet, off, rubs = drawn_axes.rubbed(seed)
+    model = drawn_axes.written(tmp_path / "known", sheet) / "model.toml"
+    shutil.copytree(model.parent, tmp_path / "true")
+    (tmp_path / "true/model.toml").write_text(drawn_axes.with_friction(model, rubs))
+    (low, high), most = drawn_axes.asked_of(sheet)
+    truth = drawn_axes.given(drawn_axes.truth_of(model, off))
+    with Axis(SimLink(tmp_path / "true/contact.toml", truth)) as axis:
+        done = measuring.measure(
+            axis, Order(force_max_N=most, averages=4), (low, high), False, str(model)
+        )
+        assert axis.link.axis.extremes["force_N"] < most
+    found = next(one.summary["friction"] for one in done.values())
+    assert found["moving_N"] == pytest.approx(rubs["seals"] + rubs["gear"], rel=0.1)
+    assert found["workpiece_N"] == pytest.approx(rubs["table"], rel=0.25, abs=1.5)
+
+
 @pytest.mark.parametrize("words", [("free",), (60.0,)])
 def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)

@@ -37,7 +37,6 @@ RAMP_S = 0.1
 APPROACH_S = 60.0
 RELEASE_S = 1.0
 POLL_S = 0.1
-BIAS_WITHIN = 0.05  # of the force asked for
 BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
 JUDGED = 3  # realisations that distortion is judged by
@@ -206,9 +205,9 @@ class Analyzer:
     def between(self, low_N, high_N):
         """(reading in N, position in counts, codes), (n,), pressed with `low_N`, slowly to `high_N`
         and back."""
-        self.press(low_N)
+        reached = self.press(low_N)
         self.rated_N = self.axis.read("rated_force") * 1e-3
-        found = friction.between(self, low_N, high_N)
+        found = friction.between(self, low_N, high_N, reached)
         self.set(target_force=0)  # as contact()
         self.wait(RELEASE_S, lambda: None)
         return found
@@ -347,7 +346,7 @@ class Analyzer:
         self._touch()
         for _ in range(BIAS_TRIES):
             reached = self.standing()
-            if abs(reached - force_N) <= BIAS_WITHIN * force_N:
+            if abs(reached - force_N) <= self.order.within * force_N:
                 return reached
             wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
             self.set(target_force=self.per_mille(wanted))

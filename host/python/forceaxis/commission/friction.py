@@ -37,7 +37,7 @@ SOFTER = 1.6  # times the compliance at the forces: a soft place between them
 FELT_SHARE = 0.15  # by which less is left of the way's error where it is friction
 LEAST_COUNTS = 0.35  # of the way, by which friction under the workpiece shows
 NOISE_SLIDES = 2.5  # dead zones: noise of fewer codes does not slide most of the time
-STANDS_WITHIN = 0.05  # of the force, by which a law without an integral is told from one that has
+STANDS_WITHIN = 0.06  # of the force, by which a law without an integral is told from one that has
 RISES = 0.3  # of the slope of the force, above which a block is of a motion
 FEWEST_BLOCKS, HELD_S = 8, 1.0  # of motion; at the end of a leg, in which the axis stands
 SURE, LEAST_CODES, OF_SPEED = 4.0, 0.3, 0.5  # standard errors; codes; of what the speed takes
@@ -216,13 +216,15 @@ def _speed(analyzer, code: int) -> float | None:
     return float(np.polyfit(time_s, place[first:last], 1)[0])
 
 
-def between(analyzer, low_N: float, high_N: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(reading in N, position in counts, codes) of an axis that is pressed with `low_N` and goes to
-    `high_N` and back; it is left pressed with `low_N`. Raises Refusal where it moves further than
-    the order's travel."""
+def between(
+    analyzer, low_N: float, high_N: float, reached_N: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(reading in N, position in counts, codes) of an axis that is pressed with `low_N`, where its
+    reading stands at `reached_N`, and goes to `high_N` and back; it is left pressed with `low_N`.
+    Raises Refusal where it moves further than the order's travel."""
     axis = analyzer.axis
     start = axis.read("position")
-    target = axis.read("target_force") * 1e-3 * analyzer.rated_N / low_N
+    target = axis.read("target_force") * 1e-3 * analyzer.rated_N / reached_N
     if abs(target - 1) < STANDS_WITHIN:
         target = 1.0
     slope = 1e3 * target * (high_N - low_N) / analyzer.rated_N / LEG_S

@@ -27,6 +27,7 @@ class Order:
     seed: int = 1
     rubs: bool = False  #: with dry friction, of which less amplitude shows more
     swing: float = 0.4  #: of the bias force, from peak to peak
+    within: float = 0.05  #: of the force asked for, in which the reading stands
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from forceaxis.commission.level import Level, Order
 from forceaxis.commission.refusal import Refusal
 
 LOWER = LOWEST + MARGIN  # of the smallest force: from where it is changed slowly
+RUBS_WITHIN = 0.2  # of a force: where friction holds an axis without an integral in its law
 LEFT_SAMPLES = 750  # half a second
 FIRST = 2  # codes of the first motion apart
 NOT_LOOKED = ("bias", "travel")  # refusals of the slow change that do not end the measurement
@@ -85,6 +86,7 @@ class Look:
             return self.found  # the response is refused
         try:
             high = min(high, most)
+            analyzer.order = replace(analyzer.order, within=RUBS_WITHIN)  # it may stick below
             force, place, codes = analyzer.between(low, high)
             analyzer.wait(friction.LEG_S * low / (high - low), lambda: None)  # to a target of 0
         except Refusal as refusal:
@@ -120,7 +122,11 @@ class Look:
         ):  # a drive that saturates shows as friction does: as distortion
             most = min(most, known.PEAKY * (known.linear_codes(self.model, self.overrides) or most))
         self.analyzer.order = replace(
-            self.order, rubs=found.rubs, first=max(self.order.first, codes), most=most
+            self.order,
+            rubs=found.rubs,
+            first=max(self.order.first, codes),
+            most=most,
+            within=RUBS_WITHIN if found.rubs else self.order.within,
         )
         return self.found
 
