@@ -431,9 +431,11 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
     """Nothing holds the motor of a disabled axis: it goes to and fro in the play, 20 counts, for
     seconds. And an integral needs seconds to overcome the friction, while the reading stands."""
     order = {"forces": (30.0, 120.0), "force_max_N": 250.0}
+    said = []
     with Axis(SimLink(worn / "contact.toml")) as axis:
-        work = tuning(worn, axis, tmp_path / "out", **order)
+        work = tuning(worn, axis, tmp_path / "out", said.append, **order)
         work.run("check")
+        assert any(line.startswith("mode ") and "seals slides" in line for line in said)
         work.run("free")
         assert tune_measure.moving_N(work) == pytest.approx(40.0, rel=0.05)
         held = work.result("check")["law"]

@@ -160,8 +160,8 @@ def measure(target, way, plant_set, out, as_json, **options):
     Dry friction is looked for first: apart by constant codes both ways, in contact by a slow change
     of the force there and back, within the same bounds. Where it shows, the amplitude is raised
     until the axis slides, and the line `friction` says what guide and gear take in codes, and in
-    newtons with --model, and what is under the workpiece; a hint has the [[friction]] that MODEL
-    lacks. Noise that does not slide within the bounds is refused as `friction`.
+    newtons with --model, what is under the workpiece, and the [[friction]] that the model lacks;
+    --json and the file have all of it as "friction". Noise that does not slide within the bounds is refused as `friction`.
     --out has a folder for each response. At the end the axis is as it was, disabled; after a kill
     the same command with --out puts back what was changed.
     """
