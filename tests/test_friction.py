@@ -20,6 +20,7 @@ from forceaxis.commission import (
     tune,
     tune_measure,
 )
+from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import Order
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify import result
@@ -260,6 +261,19 @@ def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_bo
         assert found["workpiece_slides"] and about["swing"] > 0.3 * force
 
 
+def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
+    with Axis(SimLink(press / "contact.toml")) as axis:
+        start = axis.read("position")
+        axis.set(position_min=start - 120, position_max=start + 300)
+        with Analyzer(axis, Order(travel=500)) as analyzer:
+            assert not friction.glide(analyzer, 512, first=2).rubs
+        ends = [axis.link.axis.extremes[f"position_{end}_cnt"] for end in ("min", "max")]
+        assert start - 130 < ends[0] and ends[1] < start + 130  # as far to either side
+        axis.set(position_min=start - 5)
+        with Analyzer(axis, Order(travel=500)) as analyzer, pytest.raises(Refusal, match="counts"):
+            friction.glide(analyzer, 512, first=2)
+
+
 def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(press, tmp_path):
     done, extremes = measured(press, press / "model.toml", "free", travel=400)
     assert extremes["force_N"] == 0.0
@@ -398,16 +412,16 @@ def test_a_response_without_its_file_has_a_damper_but_no_newtons(press, rubbed, 
 
 def test_a_workpiece_that_rubs_is_refused_by_identify_fit(press, tmp_path):
     """Noise in which it slides by halves would give a mass that is twice too large."""
-    hidden = rubbing_press(press, tmp_path / "hidden", table=5.0)
+    hidden = rubbing_press(press, tmp_path / "hidden", table=2.0)
     done, _ = measured(hidden, press / "model.toml", 100.0)
     result.write(done["100N"], tmp_path / "out", draw=False)
-    done = identified(press / "model.toml", tmp_path / "out", "--fit", "m_w")
+    done = identified(press / "model.toml", tmp_path / "out", "--fit", "k_w=6e5", "--fit", "m_w")
     assert done.returncode == 1
     said = done.stderr.splitlines()
     assert said[0] == "to be added to the model:"
     (table,) = tomlkit.parse("\n".join(said[1:-1]))["friction"]
     assert table["between"] == ["workpiece", "ground"]
-    assert table["coulomb"] == pytest.approx(5.0, rel=0.2)
+    assert table["coulomb"] == pytest.approx(2.0, rel=0.2)
     assert said[-1].startswith("forceaxis: friction: ") and " N under the workpiece" in said[-1]
 
 

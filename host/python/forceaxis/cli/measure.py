@@ -161,7 +161,9 @@ def measure(target, way, plant_set, out, as_json, **options):
     of the force there and back, within the same bounds. Where it shows, the amplitude is raised
     until the axis slides, and the line `friction` says what guide and gear take in codes, and in
     newtons with --model, what is under the workpiece, and the [[friction]] that the model lacks;
-    --json and the file have all of it as "friction". Noise that does not slide within the bounds is refused as `friction`.
+    --json and the file have all of it as "friction". Noise that does not slide within the bounds is
+    refused as `friction`.
+
     --out has a folder for each response. At the end the axis is as it was, disabled; after a kill
     the same command with --out puts back what was changed.
     """

@@ -28,6 +28,7 @@ GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
 SLOWER = 0.6  # of the larger code: the smaller one
 ENOUGH = 1.2  # times the travel, in a glide: fast enough
 LOOK_S, BEYOND = 0.02, 1.3  # how often the place is read; times the travel
+LEAST_TRAVEL = 20  # counts
 MOVES = 6  # counts: less is no motion
 FELT_CODES = 0.12  # a dead zone below is none
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
@@ -131,11 +132,16 @@ def glide(
     Refusal where it does not slide, or touches.
     """
     start = analyzer.axis.read("position")
-    travel = analyzer.order.travel
+    own = analyzer.known["position_min"], analyzer.known["position_max"]
+    travel = min(analyzer.order.travel, start - own[0], own[1] - start)
+    if travel < LEAST_TRAVEL:
+        raise Refusal(
+            "travel", f"expected {LEAST_TRAVEL} counts to either side between position_min and "
+            f"position_max, {own[0]} and {own[1]}, the axis stands at {start}: move it"
+        )  # fmt: skip
     analyzer.set(
-        position_min=max(start - travel, analyzer.known["position_min"]),
-        position_max=min(start + travel, analyzer.known["position_max"]),
-        open_loop_code=0, excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
+        position_min=start - travel, position_max=start + travel, open_loop_code=0,
+        excitation_waveform="noise", excitation_amplitude=0, bump_decay_shift=0,
     )  # fmt: skip
     analyzer.home = start
     most = max(2, most)
@@ -144,7 +150,7 @@ def glide(
     try:
         while True:
             try:
-                forward = _speed(analyzer, code)
+                forward = _speed(analyzer, code, travel)
             except _TooFast:
                 code, slowed = max(1, round(code / 1.5)), True
                 continue
@@ -163,7 +169,7 @@ def glide(
         slower = max(1, math.floor(SLOWER * code))
         rows = [(code, forward)]
         rows += [(c, speed) for c in (-code, slower, -slower)
-                 if (speed := _speed(analyzer, c)) is not None]  # fmt: skip
+                 if (speed := _speed(analyzer, c, travel)) is not None]  # fmt: skip
         analyzer.go_home()
     finally:
         analyzer.close()
@@ -179,10 +185,10 @@ def glide(
     return found
 
 
-def _speed(analyzer, code: int) -> float | None:
+def _speed(analyzer, code: int, travel: int) -> float | None:
     """Counts a second with a constant code from one end of the travel toward the other; None where
     the axis does not move."""
-    axis, travel = analyzer.axis, analyzer.order.travel
+    axis = analyzer.axis
     axis.enable("profile position")
     axis.move(analyzer.home - int(math.copysign(SHARE_OF_WAY * travel, code)))
     analyzer.wait(0.1, lambda: None)
