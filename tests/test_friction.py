@@ -11,6 +11,7 @@ import verbs
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
+from forceaxis.cli import design
 from forceaxis.commission import (
     friction,
     known,
@@ -23,6 +24,7 @@ from forceaxis.commission import (
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import Order
 from forceaxis.commission.refusal import Refusal
+from forceaxis.design import outcome
 from forceaxis.identify import result
 from forceaxis.linear.bank import Bank
 
@@ -398,6 +400,23 @@ def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed):
     (table,) = tomlkit.parse(found["friction"]["lines"])["friction"]
     assert table["coulomb"] == pytest.approx(12.0, rel=0.05)
     assert found["set"].split()[::2] == ["--set", "--set"] and "b_guide" not in found["set"]
+
+
+def test_a_design_about_measured_responses_frees_their_friction(press, rubbed, tmp_path):
+    model = press / "model.toml"
+    order = outcome.Order(str(model), over=OVER)
+    folders = [str(rubbed / name) for name in ("free", "60N")]
+    found = design._identified(order, folders, ())
+    values = [found.overrides[name] for name in ("k_w", "m_w")]
+    assert values == pytest.approx([4e5, 6.0], rel=0.05)
+    assert [text.partition("=")[0] for text in found.over] == ["k_w", "m_w"]
+    about = json.loads((rubbed / "60N/result.json").read_text())
+    about["friction"] |= {"workpiece_N": 4.0, "workpiece_slides": True}
+    shutil.copytree(rubbed / "60N", tmp_path / "60N")
+    (tmp_path / "60N/result.json").write_text(json.dumps(about))
+    with pytest.raises(Refusal, match="4 N under the workpiece") as refused:
+        design._identified(order, [folders[0], str(tmp_path / "60N")], ())
+    assert refused.value.name == "friction"
 
 
 def test_a_response_without_its_file_has_a_damper_but_no_newtons(press, rubbed, tmp_path):

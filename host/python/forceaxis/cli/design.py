@@ -5,7 +5,9 @@ import itertools
 import json
 import shutil
 import sys
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
@@ -124,7 +126,8 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
     law; the gain is reduced until every case is stable, and each cut is printed with the case and
     the limit that it is for. fS is the lowest frequency at which |S| reaches -3 dB, of the worst
     member. With --measured the set lies about what the responses say of MODEL's parameters and is
-    widened by what they leave open; a fit that is rejected ends with exit status 1.
+    widened by what they leave open; dry friction that was measured is a damper of each response in
+    that fit. A fit that is rejected ends with exit status 1.
 
     --out writes contact.toml (an experiment; EXPERIMENT's copy beside it), bank.toml (the objects
     with their certificate, as `write_all` of a gateway's client takes them) and index.html.
@@ -169,7 +172,7 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
 
 def _identified(order, measured, priors):
     """The order, for the plants that measured responses leave open."""
-    from forceaxis.commission import fit, known
+    from forceaxis.commission import freed, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
     from forceaxis.linear import settings
@@ -177,9 +180,14 @@ def _identified(order, measured, priors):
     model = settings.of(order.text, (), plant=True).model
     before = known.priors(model, order.over, priors, order.overrides)
     responses = [read_response(folder, model, order.overrides) for folder in measured]
-    found = fit.joint(model, before, responses, order.over, states=order.states)
+    with tempfile.TemporaryDirectory() as folder:
+        found = freed.joint(
+            model, before, responses, measured, order.over, order.states, Path(folder)
+        )
     if found.rejected:
         raise Refusal(found.rejected, found.text)
+    if found.model != responses[0].model:
+        click.echo("fitted with dampers for the dry friction that was measured", err=True)
     return replace(order, over=found.over, overrides=order.overrides | found.values)
 
 

@@ -15,9 +15,11 @@ import numpy as np
 
 from forceaxis import linear, paths
 from forceaxis._core import InputError
+from forceaxis.commission import fit as joint_fit
 from forceaxis.commission import friction, known, rubbing
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_fit import (
+    DAMPED,
     SLIDING_ERROR,
     STICKING_ERROR,
     STUCK,
@@ -95,7 +97,7 @@ def fit(
     about = record(path, model, held)
     freed = _freed(measured, starts, about, folder) if found.rejected else None
     if found.rejected and freed is None and about.rubs:
-        raise _refused(found, model, about)
+        raise _refused(found.p_value, model, about)
     if freed is None:
         summary = fit_response.summarise(found, measured, units) | {"friction": None}
         if about.rubs:
@@ -216,7 +218,7 @@ def _words(about: Record) -> str:
     return ", ".join(parts)
 
 
-def _refused(found: fit_response.Fit, model: str, about: Record) -> Refusal:
+def _refused(p: float, model: str, about: Record) -> Refusal:
     rubs = rubbing.rubs(model, about.moving_N or 0.0, about.table_N)
     lines = rubbing.lines(tuple(rub for rub in rubs if rub.newton > 0))
     if about.least and about.moving_N:
@@ -225,11 +227,47 @@ def _refused(found: fit_response.Fit, model: str, about: Record) -> Refusal:
         "what holds a workpiece that rubs does not show in noise, `tune` shakes it with sines; "
     )
     return Refusal(
-        "friction", f"expected a model that explains the response, p = {found.p_value:.2g}, and "
+        "friction", f"expected a model that explains the response, p = {p:.2g}, and "
         f"friction that a damper stands for, got {_words(about)}: {hidden if about.table_N else ''}"
         "add the friction to the model, free what else may be wrong, or measure with a larger "
         "--force or --level", lines,
     )  # fmt: skip
+
+
+def joint(
+    model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
+    paths_of: list[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
+) -> joint_fit.Found:  # fmt: skip
+    """commission.fit.joint of the responses at `paths_of`, with dampers for the friction of guide
+    and gear that was measured where the model is rejected. Raises Refusal by the name `friction`
+    where that is under the workpiece, or does not explain the responses either."""
+    found = joint_fit.joint(model, priors, measured, over, states=states)
+    about = [record(path, str(model), {}) for path in paths_of]
+    worst = max(about, key=lambda one: (one.table_N, one.dead_zone))
+    if not found.rejected or not worst.rubs:
+        return found
+    rubs = tuple(
+        rub for rub in rubbing.rubs(model, max(one.moving_N or 0.0 for one in about), 0.0)
+        if rub.newton > 0
+    )  # fmt: skip
+    if not worst.table_N and rubs:
+        file = folder / "slides.toml"
+        file.write_text(rubbing.damped(model, rubs), encoding="utf-8")
+        own = [
+            {
+                rub.damping: known.Prior(_begin(one, rub.newton, held.speed), DAMPED)
+                for rub in rubs if held.dead_zone
+            }
+            for one, held in zip(measured, about, strict=True)
+        ]  # fmt: skip
+        errors = [SLIDING_ERROR if one else joint_fit.MODEL_ERROR for one in own]
+        slides = joint_fit.joint(
+            str(file), priors, measured, over, own=own, errors=errors,
+            states=known.states_of(str(file), states),
+        )  # fmt: skip
+        if not slides.rejected:
+            return slides
+    raise _refused(found.p, str(model), worst)
 
 
 def describe(summary: dict[str, Any]) -> list[str]:
