@@ -25,6 +25,7 @@ from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import Order
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import outcome
+from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
 from forceaxis.linear.bank import Bank
 
@@ -382,7 +383,10 @@ def rubbed(press, tmp_path_factory):
 
 
 def identified(*words):
-    return verbs.forceaxis("identify", "fit", *words)
+    """`identify fit`, which does not search long where a model does not fit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit_response, "STARTS", 1)
+        return verbs.forceaxis("identify", "fit", *words)
 
 
 def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed):
@@ -419,6 +423,7 @@ def test_a_design_about_measured_responses_frees_their_friction(press, rubbed, t
     assert refused.value.name == "friction"
 
 
+@pytest.mark.long
 def test_a_response_without_its_file_has_a_damper_but_no_newtons(press, rubbed, tmp_path):
     shutil.copytree(rubbed / "free", tmp_path / "free")
     (tmp_path / "free/result.json").unlink()
