@@ -342,6 +342,19 @@ def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, see
     assert found["workpiece_N"] == pytest.approx(rubs["table"], rel=0.25, abs=1.5)
 
 
+def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press, tmp_path):
+    hidden = rubbing_press(press, tmp_path / "hidden", table=60.0)
+    done, _ = measured(hidden, press / "model.toml", 30.0)
+    rows = dict(measuring.describe(done["30N"].summary))
+    assert "at least" in rows["friction"] and "which sticks" in rows["friction"]
+    found = done["30N"].summary["friction"]
+    assert 7.0 < found["workpiece_N"] < 60.0  # the force was changed by 18 N
+    rigid = {n: v for n, v in drawn_axes.PRESS.items() if not n.startswith("workpiece")}
+    model = drawn_axes.written(tmp_path / "rigid", rigid) / "model.toml"
+    done, _ = measured(model.parent, model, 30.0)
+    assert not done["30N"].summary["friction"]["rubs"]
+
+
 @pytest.mark.parametrize("words", [("free",), (60.0,)])
 def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)

@@ -122,6 +122,17 @@ def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -
     return scale / stiffness if stiffness else 0.0
 
 
+def behind_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+    """Counts a newton of the one spring that holds the body behind the contact; 0: none does."""
+    with Design(str(model), overrides) as plant:
+        contact = contact_of(plant.table)
+        body = contact["between"][1] if contact else None
+        springs = [s for s in plant.table.get("spring", ()) if body in s["between"]]
+        stiffness = value_of(plant, springs[0].get("stiffness")) if len(springs) == 1 else None
+        scale = abs(plant.facts["encoder"]["scale"])
+    return scale / stiffness if stiffness else 0.0
+
+
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
     """`states`, {element: state}, of what the model has: in one in which dampers stand for dry
     friction, no friction has any."""

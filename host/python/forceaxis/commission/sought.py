@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from forceaxis import linear
 from forceaxis.commission import friction, known, rubbing
 from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
 from forceaxis.commission.level import Level, Order
@@ -19,7 +20,12 @@ LOWER = LOWEST + MARGIN  # of the smallest force: from where it is changed slowl
 RUBS_WITHIN = 0.2  # of a force: where friction holds an axis without an integral in its law
 LEFT_SAMPLES = 750  # half a second
 FIRST = 2  # codes of the first motion apart
-NOT_LOOKED = ("bias", "travel")  # refusals of the slow change that do not end the measurement
+NOT_LOOKED = (
+    "bias",
+    "travel",
+    "contact",
+)  # refusals of the slow change that do not end the measurement
+GIVES = 0.3  # of the contact's own compliance: that of a workpiece that does not stick
 WHOLE = 1.2  # times the friction under a workpiece: half a swing in which it slides
 
 
@@ -59,7 +65,10 @@ class Look:
         self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
         self.order: Order = analyzer.order
         self.found = Found()
-        self.newton = known.newton_per_code(model, self.overrides) if model else 0.0
+        facts = linear.facts(model, self.overrides) if model else {}
+        if not all(facts.get(part) for part in ("drive", "reading", "encoder")):
+            self.model = ""  # it says nothing of codes and counts
+        self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):
             self.newton = 0.0
 
@@ -90,18 +99,27 @@ class Look:
             force, place, codes = analyzer.between(low, high)
             analyzer.wait(friction.LEG_S * low / (high - low), lambda: None)  # to a target of 0
         except Refusal as refusal:
-            if refusal.name not in NOT_LOOKED:
+            if refusal.name not in NOT_LOOKED or (
+                refusal.name == "contact" and not analyzer.axis.read("contact")
+            ):
                 raise
             analyzer.say(f"not looked for friction under the workpiece: {refusal.text}")
             return self._found(replace(self.found, why=f"{refusal.name}: {refusal.text}"))
         held = analyzer.axis.capture(["force"], samples=LEFT_SAMPLES).values("force")
         left = float(np.mean(held)) * analyzer.newton
-        rigid = known.rigid_counts(self.model, self.overrides) if self.model else 0.0
         found = replace(
-            self.found, slow=friction.slow(force, place, rigid), left_N=left,
+            self.found, slow=friction.slow(force, place, self._rigid()), left_N=left,
             directions=friction.directions(force, place, codes, self._rate()),
         )  # fmt: skip
         return self._found(found)
+
+    def _rigid(self) -> float:
+        """Counts a newton of the contact's spring, by which a workpiece shows that sticks all the
+        way; 0 where the model has none that gives enough to tell."""
+        if not self.model:
+            return 0.0
+        rigid = known.rigid_counts(self.model, self.overrides)
+        return rigid if known.behind_counts(self.model, self.overrides) > GIVES * rigid else 0.0
 
     def _rate(self) -> float:
         if self.found.glide is not None:
@@ -117,9 +135,7 @@ class Look:
         self.found = replace(found, moving_N=moving, table_N=table, lines=lines)
         codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
         most = self.order.most
-        if (
-            found.rubs and self.model
-        ):  # a drive that saturates shows as friction does: as distortion
+        if found.rubs and self.model:  # what saturates the drive distorts as friction does
             most = min(most, known.PEAKY * (known.linear_codes(self.model, self.overrides) or most))
         self.analyzer.order = replace(
             self.order,
