@@ -322,7 +322,7 @@ def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
 
 
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(i, marks=pytest.mark.long) for i in range(1, 8))]
+    "seed", [0, *(pytest.param(i, marks=pytest.mark.long) for i in range(1, 11))]
 )
 def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, seed):
     """Of a law without an integral, which such friction keeps away from the force asked for."""
