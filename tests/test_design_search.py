@@ -251,7 +251,7 @@ def test_bandwidth_over_the_set(name, tmp_path):
     held(plants, found, goal)
     assert found.worst["fS_Hz"] >= least
     if model == "laboratory" and not overrides:
-        assert settles(found.bank, bits, tmp_path) <= 0.14
+        assert settles(found.bank, bits, tmp_path) <= 0.16  # of the bandwidth that the set has
 
 
 def settles(bank, bits, folder):

@@ -215,8 +215,37 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
         assert "changed since: the model; kept: free, measure" in said[0]
         for step in ("check", "fit"):
             work.run(step)
-    assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
-    assert work.result("fit")["friction"][0]["declared"]
+        assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
+        assert work.result("fit")["friction"][0]["declared"]
+        # The mass does not show: a third to three times the model's, unless it is given.
+        lows, highs = mass_of(work)
+        assert lows < 6.0 * 0.7 / 2.9 and highs > 6.0 * 1.3 * 2.9
+        assert any("so its mass does not show" in line for line in work.summary()["holds"])
+        work = tuning(known, axis, tmp_path / "out", priors=("m_w=6",))
+        for step in ("check", "fit"):
+            work.run(step)
+        lows, highs = mass_of(work)
+        assert 0.5 * 6.0 < lows < highs < 1.5 * 6.0
+
+
+def mass_of(work):
+    """(kg, kg): the range that a law is designed for."""
+    over = next(text for text in work.result("fit")["over"] if text.startswith("m_w="))
+    return tuple(map(float, over.removeprefix("m_w=").split("..")))
+
+
+def test_a_friction_seen_at_the_motor_may_be_at_the_load(worn, press):
+    """A damper at the motor alone left friction of the load to the damping of the guide: a fit had
+    thirty times the true one, and a drive a quarter too fast."""
+    seen = rubbing.Rub(rubbing.MOVING, ("motor", "ground"), 40.0)
+    table = rubbing.Rub(rubbing.TABLE, ("workpiece", "ground"), 5.0)
+    model = worn / "model.toml"
+    found = {one.between[0]: one.newton for one in rubbing.at_both_ends(model, (seen, table))}
+    assert found == {"motor": 20.0, "load": 20.0, "workpiece": 5.0}
+    declared = rubbing.Rub("seals", ("load", "ground"), 40.0, True)
+    assert rubbing.at_both_ends(model, (declared, table)) == (declared, table)
+    one_body = rubbing.Rub(rubbing.MOVING, ("axis", "ground"), 40.0)
+    assert rubbing.at_both_ends(press / "model.toml", (one_body,)) == (one_body,)
 
 
 def measured(hidden, model, *words, **given):
@@ -525,6 +554,12 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
     (rub,) = work.result("fit")["friction"]
     assert (rub["name"], rub["declared"]) == ("seals", True)
     assert rub["newton"] == pytest.approx(40.0, rel=0.05)
+    # Dampings, which a response cannot tell from friction: half to twice what the model has.
+    given = linear.facts(worn / "model.toml")["parameters"]
+    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit")["together"])
+    assert low <= 0.5 and high == pytest.approx(2.0)
+    assert work.result("fit")["values"]["b_s"] == low * given["b_s"][0]
+    assert any(line.startswith("designed for b_s from") for line in said)
     measured = json.loads((tmp_path / "out/measure.json").read_text())
     for level in measured["result"].values():
         level["bias_N"] = 30.0

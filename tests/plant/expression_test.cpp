@@ -64,8 +64,8 @@ TEST(Expression, FollowsOverrides) {
 }
 
 TEST(Expression, WhatOnlyAnExpressionNamesIsUsed) {
-  for (const Parameter &p : make_model(model("\"m / tau\""))->parameters)
-    EXPECT_TRUE(p.used) << p.name;
+  const std::shared_ptr<const Model> made = make_model(model("\"m / tau\""));
+  for (const Parameter &p : made->parameters) EXPECT_TRUE(p.used) << p.name;
 }
 
 TEST(Expression, IsRefusedByName) {

@@ -50,7 +50,8 @@ def fitted_set(tuning):
     fitted = tuning.result("fit")
     ranges = plant_set.ranges_of(tuning.model, tuple(fitted["over"]), fitted["values"])
     modes = tuning.result("design").get("modes") or ({},)
-    return PlantSet(str(tuning.model), fitted["values"], ranges, tuple(modes))
+    together = tuple(fitted.get("together") or ({},))
+    return PlantSet(str(tuning.model), fitted["values"], ranges, tuple(modes), together)
 
 
 def firmware_of(tuning):

@@ -6,7 +6,7 @@ model lacks, to be added to it.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tomlkit
@@ -64,6 +64,26 @@ def of_workpiece(model: str | Path, rub: Rub) -> bool:
     """Whether a Rub is under the workpiece."""
     contact = contact_of(toml.read(linear.find_model(model)))
     return contact is not None and contact["between"][1] in rub.between
+
+
+def at_both_ends(model: str | Path, found: tuple[Rub, ...]) -> tuple[Rub, ...]:
+    """The Rubs for `damped`: a transmission between the drive's body and the one that presses lets
+    nobody see at which of the two a friction is, so a half of it is at either, unless the model
+    has friction at both."""
+    contact = contact_of(toml.read(linear.find_model(model)))
+    near = contact["between"][0] if contact else None
+    drive = linear.facts(model)["drive"]
+    moving = [rub for rub in found if not of_workpiece(model, rub)]
+    if near in (None, drive["body"]) or any(near in rub.between for rub in moving):
+        return found
+    split = []
+    for rub in found:
+        if rub in moving:
+            rub = replace(rub, newton=rub.newton / 2)
+            place = (near, str(drive["reaction"]))
+            split.append(replace(rub, name=f"{rub.name}_{near}", between=place))
+        split.append(rub)
+    return tuple(split)
 
 
 def _size(facts: dict, friction: dict) -> float:

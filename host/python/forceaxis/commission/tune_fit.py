@@ -1,5 +1,6 @@
 """The step of a tuning that finds the model's parameters, and its dry friction."""
 
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,9 @@ BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
 UNSURE = 0.2  # relative standard error of a mass that sines do not show
 SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
 AGAIN = 0.02  # by which what sines say changes: fitted again
+# What a design relies on of an axis that rubs: dampings within so many standard deviations of what
+# was known before, and the mass of a workpiece that does not slide within times and over so much.
+RELIED, UNWEIGHED = 1.0, 3.0
 DIFFER = 1e-4  # probability below which two amplitudes have two responses
 
 
@@ -39,19 +43,18 @@ def fit(tuning) -> tuple[dict, str]:
     (tuning.folder / MODEL).unlink(missing_ok=True)
     model, left_out = str(given), []
     if rubs:
-        path.write_text(rubbing.damped(given, rubs), encoding="utf-8")
+        dampers = rubbing.at_both_ends(given, rubs)
+        path.write_text(rubbing.damped(given, dampers), encoding="utf-8")
         model = str(path)
         every, names = names, _closed(tuning, names, rubs)
         left_out = [name for name in every if name not in names]
     else:
         names += _differing(tuning, names[1:], model)
     measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
-    own = [_own(tuning, name, rubs) for name in names] if rubs else []
+    own = [_own(tuning, name, dampers) for name in names] if rubs else []
     errors = [_error(name, rubs) for name in names] if rubs else []
-    before = known.priors(model, order.over, order.priors)
-    if rubs:
-        before = _loosened(model, before, order.priors)
-    before |= _workpiece(tuning, rubs, order.priors)
+    sheet = known.priors(model, order.over, order.priors)
+    before = sheet | _workpiece(tuning, rubs, order.priors)
     if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
         free = fit_response.read_response(tuning.folder / "free", model)
         measured.append(_rate(tuning, free))
@@ -65,15 +68,16 @@ def fit(tuning) -> tuple[dict, str]:
         found = joint_fit.joint(model, before, measured, order.over, **asked)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
+    relied = _relied(tuning, found, sheet) if rubs else []
     units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
     rows = {
         n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
-        for n, v in found.values.items()
+        for n, v in found.best.items()
     }
     named = plant_set.ranges_of(model, order.over)
     text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
     result = found.summary() | {"parameters": rows} | _friction(tuning, rubs)
-    result["left_out"] = left_out
+    result |= {"left_out": left_out, "relied": relied, "together": list(found.plants.together)}
     result["own"] = {n: one for n, one in zip(names, found.own, strict=False)} if rubs else {}
     return result, f"{text}, p = {found.p:.2g}"
 
@@ -90,18 +94,6 @@ def _explained(tuning, found) -> tuple[str, str]:
     names = " or ".join(one.text for one in tried[: residual.SHOWN])
     text = f"{found.text}; tried, the likeliest first: {names}; add the one that is there"
     return text, residual.lines_of(tried)
-
-
-def _loosened(model, before, priors) -> dict[str, Prior]:
-    """Priors with little known of dampings, in which what dampers lack of friction ends up."""
-    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
-    given = {text.partition("=")[0] for text in priors}
-    return {
-        n: Prior(p.value, max(p.spread, known.WORKPIECE))
-        if units.get(n) == "N s/m" and n not in given
-        else p
-        for n, p in before.items()
-    }
 
 
 def _rubs(tuning) -> tuple[rubbing.Rub, ...]:
@@ -208,22 +200,65 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
             found[stiffness] = Prior(
                 float(np.exp(weights @ values / weights.sum())), float(weights.sum() ** -0.5)
             )
-    if mass and shaken and shaken["mass_error"] < UNSURE:
+    if mass and _mass_shows(shaken):
         found[mass] = Prior(shaken["mass"], max(SHAKEN_ERROR, shaken["mass_error"]))
-    elif mass and mass not in given:
+    elif mass and mass not in given:  # see _relied()
         table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
         if not all(rub.declared for rub in table):
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, "
                 f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
-                "not show; add to the "
-                f"model what was found, with {mass} as it weighs",
+                f"not show; add to the model what was found, and give --prior {mass}=KG as it "
+                f"weighs: without, {UNWEIGHED:g} times less and more than the model has are taken",
                 rubbing.lines(rubs),
             )  # fmt: skip
-        value = linear.facts(tuning.given)["parameters"][mass][0]
-        found[mass] = Prior(value, known.MASS)
-        tuning.say(f"{mass} is taken as of the model, {value:g} kg: the workpiece does not slide")
+        found[mass] = Prior(linear.facts(tuning.given)["parameters"][mass][0], known.MASS)
     return {name: prior for name, prior in found.items() if name not in given}
+
+
+def _mass_shows(shaken: dict | None) -> bool:
+    """Whether sines have made a workpiece slide so much that its mass shows."""
+    return bool(shaken) and shaken["mass_error"] < UNSURE
+
+
+def _relied(tuning, found: joint_fit.Found, sheet: dict[str, Prior]) -> list[str]:
+    """Sets what a design may rely on of an axis that rubs, in the fit's `values` and `plants`:
+    lines that say so, one for each parameter that is not as fitted. sheet: what was known before.
+
+    Each response has a damper for the dry friction, which the design's plant has not, since it
+    slides. How much of what a response loses is friction, and how much damping, does not show. So
+    all dampings together are at the low and at the high end of what was known before, RELIED
+    standard deviations from it, or at what was fitted where that is less than the low end.
+    """
+    facts = linear.facts(found.model)["parameters"]
+    values, ranges, lines = dict(found.best), dict(found.plants.ranges), []
+    low, high = {}, {}
+    for name, prior in sheet.items():
+        if name in values and facts[name][1] == "N s/m" and name not in ranges:
+            ends = [prior.value * math.exp(s * RELIED * prior.spread) for s in (-1, 1)]
+            low[name], high[name] = min(ends[0], values[name]), ends[1]
+            lines.append(
+                f"{name} from {low[name]:.4g} to {high[name]:.4g} N s/m, {values[name]:.4g} were "
+                "fitted: damping cannot be told from dry friction"
+            )
+    _, mass = workpiece_names(tuning.given)
+    given = {text.partition("=")[0] for text in tuning.order.priors}
+    table = [rub for rub in _rubs(tuning) if rubbing.of_workpiece(tuning.given, rub)]
+    shaken = tuning.read(f"{tune_measure.SHAKEN}.json")
+    unseen = any(rub.newton > 0 for rub in table) and not _mass_shows(shaken)
+    if unseen and mass in ranges and mass not in given:
+        value, least, most = ranges[mass]
+        ranges[mass] = (value, least / UNWEIGHED, most * UNWEIGHED)
+        lines.append(
+            f"{mass} from {ranges[mass][1]:.4g} to {ranges[mass][2]:.4g} kg: the workpiece "
+            f"does not slide, so its mass does not show; --prior {mass}=KG narrows that"
+        )
+    found.values = values | low
+    together = (low, high) if low else ({},)
+    found.plants = replace(found.plants, overrides=found.values, ranges=ranges, together=together)
+    for line in lines:
+        tuning.say(f"designed for {line}")
+    return lines
 
 
 def _name(value: Any) -> str | None:
@@ -287,6 +322,7 @@ def holds(tuning) -> list[str]:
     ]
     fitted = (tuning.read("fit.json") or {}).get("result", {})
     rubs = fitted.get("friction")
+    lines += [f"designed for {line}" for line in fitted.get("relied", ())]
     if fitted.get("left_out"):
         lines.append(
             f"the play of the gear opens at {', '.join(fitted['left_out'])}: these responses were "

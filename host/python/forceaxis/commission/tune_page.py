@@ -49,7 +49,7 @@ def write(tuning, summary):
     names = [*(["free"] if (folder / "free").exists() else [])]
     names += [n for f in order.forces if (folder / (n := f"{f:g}N")).exists()]
     fitted = (tuning.read("fit.json") or {}).get("result") or {}
-    values, own = fitted.get("values") or {}, fitted.get("own") or {}
+    values, own = fitted.get("best") or {}, fitted.get("own") or {}
     touched = [f for f in order.forces if (folder / f"{contact.name(f)}.csv").exists()]
     parts = [
         f"<h1>Tuned: {html.escape(summary['axis'])}</h1>",

@@ -183,7 +183,8 @@ def design(tuning):
     order = tuning.order
     fitted = tuning.result("fit")
     asked = outcome.Order(
-        str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"], ms=order.ms,
+        str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"],
+        together=tuple(fitted.get("together") or ({},)), ms=order.ms,
         ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
         firmware=contact.firmware_of(tuning), states=tuning.states,
     )  # fmt: skip

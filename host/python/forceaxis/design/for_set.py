@@ -58,7 +58,7 @@ def plant_set(bench, order):
         limit = loop.limit().gain
         gain = PROBE_SHARE * loop.firmware_gain(limit) if limit else 1.0
         modes = visited(bench, Bank(min(max(gain, 1 / 256), 255.0), PROBE_RAD_PER_S), ())
-    return PlantSet(str(plant.model), plant.overrides, ranges, modes)
+    return PlantSet(str(plant.model), plant.overrides, ranges, modes, order.together)
 
 
 def visited(bench, bank, modes):
@@ -223,8 +223,10 @@ def contact_members(bench, plants, count, seed=1988):
 
 
 def random_members(plants, count, seed=1988):
-    """[{parameter: value}], without regard to modes."""
-    return [m.values for m in replace(plants, modes=({},)).random(count, seed)]
+    """[{parameter: value}], without regard to modes; `together` in turn."""
+    turns = len(plants.together)
+    drawn = replace(plants, modes=({},)).random(count, seed)
+    return [drawn[turns * i + i % turns].values for i in range(count)]
 
 
 def reassessed(outcome, bank):

@@ -23,6 +23,7 @@ class Order:
     text: str  # MODEL or EXPERIMENT
     over: tuple = ()
     overrides: dict = field(default_factory=dict)
+    together: tuple = ({},)  # as PlantSet has them
     modes: str = "visited"
     states: dict = field(default_factory=dict)  # {element: state} of all members
     ms: float = 2.0
@@ -77,6 +78,7 @@ class Outcome:
         return {
             "model": paths.display(Path(self.plants.model)),
             "over": {n: list(r) for n, r in self.ranges.items()},
+            "together": [one for one in self.plants.together if one],
             "modes": list(self.plants.modes),
             **working.summary(self.working),
             "friction_N": {

@@ -34,12 +34,14 @@ class Member:
 @dataclass(frozen=True)
 class PlantSet:
     """model: a path or stem; overrides: {parameter: value} of all members; ranges: {parameter:
-    (nominal, low, high)}, SI; modes: the modes each choice of values is taken in."""
+    (nominal, low, high)}, SI; together: {parameter: SI value} that change together; modes: each
+    choice of values in the ranges is taken with each of `together` and in each mode."""
 
     model: str
     overrides: dict = field(default_factory=dict)
     ranges: dict = field(default_factory=dict)
     modes: tuple = ({},)
+    together: tuple = ({},)
 
     def nominal(self):
         return self._in_modes({name: r[0] for name, r in self.ranges.items()})
@@ -59,7 +61,9 @@ class PlantSet:
         return [member for values in chosen for member in self._in_modes(values)]
 
     def _in_modes(self, values):
-        return [Member(values, dict(modes)) for modes in self.modes]
+        return [
+            Member(values | other, dict(modes)) for other in self.together for modes in self.modes
+        ]
 
     def loop(self, member, timing="zoh", law="p", **arguments):
         """loops.force_loop around a member."""
