@@ -466,6 +466,20 @@ def test_a_design_about_measured_responses_frees_their_friction(press, rubbed, t
 
 
 @pytest.mark.long
+def test_a_friction_that_the_model_has_keeps_its_place(rubbed, press, tmp_path):
+    """12 N where the model has 3."""
+    folder = rubbing_press(press, tmp_path / "declared", seals=3.0)
+    model = folder / "model.toml"
+    found = rubbing.rubs(model, 12.0, 0.0)
+    assert [(rub.name, rub.newton) for rub in found] == [("seals", 12.0)]
+    done = identified(model, rubbed / "60N", "--fit", "k_w=6e5", "--fit", "m_w=5", "--json")
+    (one,) = json.loads(done.stdout)["friction"]["freed"]
+    assert one["name"] == "seals" and one["declared"]
+    assert one["newton"] == pytest.approx(12.0, rel=0.05)
+    assert json.loads(done.stdout)["friction"]["lines"] == ""
+
+
+@pytest.mark.long
 def test_a_response_without_its_file_has_a_damper_but_no_newtons(press, rubbed, tmp_path):
     shutil.copytree(rubbed / "free", tmp_path / "free")
     (tmp_path / "free/result.json").unlink()

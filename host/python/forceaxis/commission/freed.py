@@ -173,8 +173,8 @@ def _with(
         if rub in table and not about.slides:
             stuck[rub.damping] = STUCK
         else:
-            free[rub.damping] = _begin(measured, about.table_N if rub in table else about.moving_N,
-                                       about.speed)  # fmt: skip
+            whole = about.table_N if rub in table else about.moving_N
+            free[rub.damping] = _begin(measured, rub.newton * (whole or 0.0), about.speed)
     model = str(file)
     left = linear.facts(model)["parameters"]  # those of a friction are gone with it
     held = {name: value for name, value in measured.overrides.items() if name in left}
@@ -191,7 +191,8 @@ def _with(
     values = dict(zip(found.names, found.values.tolist(), strict=True))
     newtons = {}
     for rub in rubs:
-        known_N = about.table_N if rub in table else (None if about.least else about.moving_N)
+        whole = about.table_N if rub in table else (None if about.least else about.moving_N)
+        known_N = rub.newton * (whole or 0.0)  # of several that the model has, its share
         if not known_N and about.speed and rub.damping in values:
             known_N = values[rub.damping] * about.speed / friction.damping(1.0, 1.0)
         newtons[rub.name] = known_N or None
@@ -250,6 +251,7 @@ def joint(
         rub for rub in rubbing.rubs(model, max(one.moving_N or 0.0 for one in about), 0.0)
         if rub.newton > 0
     )  # fmt: skip
+    rubs = rubbing.at_both_ends(model, rubs)
     if not worst.table_N and rubs:
         file = folder / "slides.toml"
         file.write_text(rubbing.damped(model, rubs), encoding="utf-8")
