@@ -47,6 +47,7 @@
 
 #include "firmware/port/host/firmware.hpp"
 #include "tests/wire/contact_scene.hpp"
+#include "tests/wire/drawn_press.hpp"
 #include "tests/wire/drive_record.hpp"
 #include "tests/wire/press_oracle.hpp"
 
@@ -572,8 +573,6 @@ class Flood {
     }
   }
 
-  double Share() { return Below(1001) / 1000.0; }
-
   // Of a disabled axis: the part, the law, and what bounds it.
   void SetUp() {
     Send(0, {1, kNode});
@@ -585,56 +584,22 @@ class Flood {
     WriteObject(AXIS_OBJ_CONTROLWORD, 0x80);
     WriteObject(AXIS_OBJ_CONTROLWORD, 0x00);
     Tick();
-    scene_.Take({.speed_of_code = 0.005 + 0.03 * Share(),
-                 .follows = 0.05 + 0.9 * Share(),
-                 .stiffness = 0.1 + 2.0 * Share(),
-                 .yields = 0.05 * Share(),
-                 .spring = 0.002 + 0.05 * Share(),
-                 .damping = 0.3 * Share()});
+    scene_.Take(drawn_.Shape());
     for (uint16_t object :
          {AXIS_OBJ_QUICK_STOP_OPTION, AXIS_OBJ_SHUTDOWN_OPTION, AXIS_OBJ_DISABLE_OPERATION_OPTION,
           AXIS_OBJ_FAULT_REACTION_OPTION, AXIS_OBJ_FIRST_MOTION_TEST}) {
       WriteObject(object, 0);
     }
-    static constexpr int losses[] = {1, 1, 2}, latencies[] = {0, 1}, shifts[] = {6, 6, 0, 3, 12};
-    static constexpr int dwells[] = {300, 300, 0, 20}, caps[] = {0, 0, 40, 300, 2048};
-    static constexpr int codes[] = {2048, 2048, 700, 90}, speeds[] = {3000, 3000, 15000, 60000};
-    static constexpr int touches[] = {0, 3000, 600}, gains[] = {256, 5 * 256, 15 * 256};
-    static constexpr int slopes[] = {10000, 1000000}, limits[] = {1000, 1000, 400};
-    static constexpr int positive[] = {65535, 300}, largest[] = {0, 0, 0, 200 * 256};
-    static constexpr int small[] = {512, 60}, parts[] = {500, 1000}, springs[] = {64, 512};
-    const struct {
-      uint16_t object;
-      int32_t value;
-    } set[] = {
-        {AXIS_OBJ_ABORT_CONNECTION_OPTION, Pick(losses)},
-        {AXIS_OBJ_POSITION_GAIN, 5 * 256},
-        {AXIS_OBJ_FEED, 0},
-        {AXIS_OBJ_ADC_BITS, 8},
-        {AXIS_OBJ_FORCE_ZERO_CODE, 0},
-        {AXIS_OBJ_FORCE_SIGN, 1},
-        {AXIS_OBJ_LATENCY_TICKS, Pick(latencies)},
-        {AXIS_OBJ_BUMP_DECAY_SHIFT, Pick(shifts)},
-        {AXIS_OBJ_CONTACT_LOSS_DWELL, Pick(dwells)},
-        {AXIS_OBJ_CONTACT_LOSS_CAP, Pick(caps)},
-        {AXIS_OBJ_OUTPUT_LIMIT, Pick(codes)},
-        {AXIS_OBJ_APPROACH_VELOCITY_MAX, Pick(speeds)},
-        {AXIS_OBJ_TOUCH_VELOCITY_MAX, Pick(touches)},
-        {AXIS_OBJ_FORCE_GAIN, Pick(gains)},
-        {AXIS_OBJ_FORCE_SLOPE, Pick(slopes)},
-        {AXIS_OBJ_FORCE_LIMIT, Pick(limits)},
-        {AXIS_OBJ_FORCE_LIMIT_POSITIVE, Pick(positive)},
-        {AXIS_OBJ_FORCE_MAX, Pick(largest)},
-        {AXIS_OBJ_CERTIFICATE_REQUIRED, OneIn(4) ? 1 : 0},
-        {AXIS_OBJ_UNCERTIFIED_OUTPUT, Pick(small)},
-        {AXIS_OBJ_UNCERTIFIED_FORCE, Pick(parts)},
-        {AXIS_OBJ_POSITION_MIN, INT32_MIN},
-        {AXIS_OBJ_POSITION_MAX, OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX},
-        {AXIS_OBJ_POSITION_MIN, OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN},
-        {AXIS_OBJ_STIFFNESS, Pick(springs)},
-        {AXIS_OBJ_DAMPING, Pick(springs)},
-    };
-    for (const auto &one : set) WriteObject(one.object, one.value);
+    static constexpr int losses[] = {1, 1, 2};
+    const int loss = Pick(losses);
+    const auto law = drawn_.Law(scene_.Encoder());
+    WriteObject(AXIS_OBJ_ABORT_CONNECTION_OPTION, loss);
+    WriteObject(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+    WriteObject(AXIS_OBJ_FEED, 0);
+    WriteObject(AXIS_OBJ_ADC_BITS, 8);
+    WriteObject(AXIS_OBJ_FORCE_ZERO_CODE, 0);
+    WriteObject(AXIS_OBJ_FORCE_SIGN, 1);
+    for (const auto &one : law) WriteObject(one.object, one.value);
     // What others left to watch an RPDO or a node that this master does not send.
     if (!OneIn(5)) {
       for (uint16_t i = 0; i < 4; ++i) Write(static_cast<uint16_t>(0x1400 + i), 5, 0, 2);
@@ -643,14 +608,12 @@ class Flood {
     // Half of the masters are supervised; this one may forget to say that it is there.
     beats_ = OneIn(2) ? 0 : 20 + Below(60);
     Write(0x1016, 1, beats_ == 0 ? 0 : 10u << 16 | beats_, 4);
-    static constexpr int modes[] = {4, 4, 10, 10, -1, -6, -7, -8};
-    WriteObject(AXIS_OBJ_MODES_OF_OPERATION, Pick(modes));
+    WriteObject(AXIS_OBJ_MODES_OF_OPERATION, drawn_.Mode());
   }
 
   // What the master wants of the force modes.
   void Ask() {
-    static constexpr int forces[] = {600, 600, 600, 200, 1500, 0, -100};
-    const int force = OneIn(20) ? Pick(forces) : 600;
+    const int force = drawn_.Force();
     if (Read(AXIS_OBJ_MODES_OF_OPERATION) < 0) {
       WriteObject(AXIS_OBJ_FORCE_SETPOINT, force / 40 * 256);
       WriteObject(AXIS_OBJ_TARGET_POSITION, scene_.Encoder() + force / 10);
@@ -917,6 +880,11 @@ class Flood {
   bool verified_ = false;
   uint8_t counter_ = 0;
   uint16_t server_ = 0;
+  struct Draw {
+    Flood *flood;
+    uint32_t operator()(uint32_t n) const { return flood->Below(n); }
+  };
+  DrawnPress<Draw> drawn_{Draw{this}};
   ContactScene scene_;
   PressOracle rules_;
   long strikes_ = 0;

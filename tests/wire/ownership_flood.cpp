@@ -28,6 +28,7 @@
 #include "firmware/port/host/firmware.hpp"
 #include "tests/unit/frames.hpp"
 #include "tests/wire/contact_scene.hpp"
+#include "tests/wire/drawn_press.hpp"
 #include "tests/wire/press_oracle.hpp"
 
 namespace {
@@ -215,44 +216,13 @@ class Flood {
     nmt_ = kOperational;
   }
 
-  template <size_t N>
-  int Pick(const int (&of)[N]) {
-    return of[Below(N)];
-  }
-
   // Of a disabled axis: the part, the law, and what bounds it.
   void DrawLaw() {
-    scene_.Take({.speed_of_code = 0.005 + 0.03 * Share(),
-                 .follows = 0.05 + 0.9 * Share(),
-                 .stiffness = 0.1 + 2.0 * Share(),
-                 .yields = 0.05 * Share(),
-                 .spring = 0.002 + 0.05 * Share(),
-                 .damping = 0.3 * Share()});
-    Set(AXIS_OBJ_LATENCY_TICKS, static_cast<int>(Below(2)));
-    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, Pick({6, 6, 0, 3, 12}));
-    Set(AXIS_OBJ_CONTACT_LOSS_DWELL, Pick({300, 300, 0, 20}));
-    Set(AXIS_OBJ_CONTACT_LOSS_CAP, Pick({0, 0, 40, 300, 2048}));
-    Set(AXIS_OBJ_OUTPUT_LIMIT, Pick({2048, 2048, 700, 90}));
-    Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, Pick({3000, 3000, 15000, 60000}));
-    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, Pick({0, 3000, 600}));
-    Set(AXIS_OBJ_FORCE_GAIN, Pick({256, 5 * 256, 15 * 256}));
-    Set(AXIS_OBJ_FORCE_SLOPE, Pick({10000, 1000000}));
-    Set(AXIS_OBJ_FORCE_LIMIT, Pick({1000, 1000, 400}));
-    Set(AXIS_OBJ_FORCE_LIMIT_POSITIVE, Pick({65535, 300}));
-    Set(AXIS_OBJ_FORCE_MAX, Pick({0, 0, 0, 200 * 256}));
-    Set(AXIS_OBJ_CERTIFICATE_REQUIRED, OneIn(4) ? 1 : 0);
-    Set(AXIS_OBJ_UNCERTIFIED_OUTPUT, Pick({512, 60}));
-    Set(AXIS_OBJ_UNCERTIFIED_FORCE, Pick({500, 1000}));
-    Set(AXIS_OBJ_POSITION_MIN, INT32_MIN);
-    Set(AXIS_OBJ_POSITION_MAX, OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX);
-    Set(AXIS_OBJ_POSITION_MIN, OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN);
+    scene_.Take(drawn_.Shape());
+    for (const auto &one : drawn_.Law(scene_.Encoder())) Set(one.object, one.value);
     switch_pos_ = OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX;
     switch_neg_ = OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN;
-    Set(AXIS_OBJ_STIFFNESS, Pick({64, 512}));
-    Set(AXIS_OBJ_DAMPING, Pick({64, 512}));
   }
-
-  double Share() { return Below(1001) / 1000.0; }
 
   void Frame(const ::Frame &frame) {
     can_frame_t f{};
@@ -426,8 +396,7 @@ class Flood {
     Command(0x00);
     Tick();
     if (const State state = Now(); state == kOff || state == kReady) DrawLaw();
-    static constexpr int kModes[] = {4, 4, 10, 10, -1, -6, -7, -8};
-    const int mode = Pick(kModes);
+    const int mode = drawn_.Mode();
     Write(oracle_.owner, AXIS_OBJ_MODES_OF_OPERATION, mode, oracle_.Other(oracle_.owner));
     Command(0x06);
     Command(0x07);
@@ -449,8 +418,7 @@ class Flood {
 
   // What the owner wants of a force mode.
   void Ask(int mode) {
-    static constexpr int kForces[] = {600, 600, 600, 200, 1500, 0, -100};
-    const int force = OneIn(20) ? Pick(kForces) : 600;
+    const int force = drawn_.Force();
     if (mode >= 0) {
       Write(oracle_.owner, AXIS_OBJ_TARGET_FORCE, force, oracle_.Other(oracle_.owner));
     } else {
@@ -570,6 +538,11 @@ class Flood {
   axis_outputs_t outputs_{};
   Oracle oracle_;
   PressOracle rules_;
+  struct Draw {
+    Flood *flood;
+    uint32_t operator()(uint32_t n) const { return flood->Below(n); }
+  };
+  DrawnPress<Draw> drawn_{Draw{this}};
   ContactScene scene_;
   bool must_fault_ = false;
   int32_t switch_pos_ = INT32_MAX, switch_neg_ = INT32_MIN;
