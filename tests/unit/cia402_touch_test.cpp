@@ -291,6 +291,31 @@ TEST_F(Touch, ABiasTowardTheLostContactIsBoundedAgainstTheSetPointToo) {
   }
 }
 
+// A code that held the axis before the force law goes on where the set-point does not press, and
+// falls as well once the axis is faster than the bound.
+TEST_F(Touch, ACodeThatHoldsTheAxisGoesOnUntilItIsTooFast) {
+  constexpr int kOpenLoop = -2;
+  for (const int sign : {1, -1}) {
+    Begin(kOpenLoop);
+    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, 3000);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, -sign * 300);
+    At(0, 0, 10);
+    ASSERT_EQ(outputs_.dac_code, -sign * 300);
+    Set(AXIS_OBJ_FORCE_SETPOINT, sign * 30 * 256);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kForceCounts);
+    At(0, 0, 20);
+    ASSERT_EQ(Mode(), kForceCounts);
+    EXPECT_LT(outputs_.dac_code * sign, -290);
+    for (int i = 1; i < 100; ++i) {
+      At(-10 * i * sign, 0);
+      if (i > 45) {
+        ASSERT_GE(outputs_.dac_code * sign, -2) << sign << " " << i;
+      }
+    }
+  }
+}
+
 // A law that asks for less is its own, and away from the workpiece it is as fast as it likes.
 TEST_F(Drive, ALawThatIsSlowerIsNotChanged) {
   for (const int speed : {0, 3000}) {
