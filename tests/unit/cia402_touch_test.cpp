@@ -316,6 +316,27 @@ TEST_F(Touch, ACodeThatHoldsTheAxisGoesOnUntilItIsTooFast) {
   }
 }
 
+// Where the set-point presses nothing of it goes on: the code rises from 0, by 5 in two ticks:
+// a quarter of position_gain for each of the 4 counts that an axis at a stand is behind.
+TEST_F(Touch, AnApproachBeginsWithoutTheCodeBeforeIt) {
+  constexpr int kOpenLoop = -2;
+  for (const int sign : {1, -1}) {
+    Begin(kOpenLoop);
+    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, 3000);
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, sign * 300);
+    At(0, 0, 10);
+    ASSERT_EQ(outputs_.dac_code, sign * 300);
+    Set(AXIS_OBJ_FORCE_SETPOINT, sign * 30 * 256);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kForceCounts);
+    int ticks = 0;
+    while (Read(AXIS_OBJ_ACTIVE_MODE) != AXIS_MODE_FORCE && ++ticks < 20) At(0, 0);
+    EXPECT_GE(outputs_.dac_code * sign, 0);
+    EXPECT_LE(outputs_.dac_code * sign, 5);
+    At(0, 0, 4);
+    EXPECT_LE(outputs_.dac_code * sign, 15);
+  }
+}
+
 // A law that asks for less is its own, and away from the workpiece it is as fast as it likes.
 TEST_F(Drive, ALawThatIsSlowerIsNotChanged) {
   for (const int speed : {0, 3000}) {
