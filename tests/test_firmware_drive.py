@@ -52,6 +52,25 @@ RANGES = {
     "home_offset": [0, 1234, -2147483648],
     "polarity": [0, 0, 64, 128, 192],
 }
+# Of a master that presses, and what it wants of the force modes.
+PRESSING = {
+    "controlword": [0x00],
+    "polarity": [0],
+    "force_scale": [2500000],
+    "rated_force": [100000],
+    "force_slope": [10000],
+    "approach_velocity_max": [3000],
+    "position_limit_min": [-2147483648],
+    "position_limit_max": [2147483647],
+    "following_error_window": [0xFFFFFFFF],
+    "stiffness": [64, 512],
+    "damping": [64, 512],
+    "contact_loss_dwell": [0, 20, 300],
+    "contact_loss_cap": [0, 40, 2048],
+    "modes_of_operation": [4, 10, -1, -6, -7, -8],
+}
+PHASE_TICKS = 250
+FORCE = BY_NAME["active_mode"].enum.index("force")
 ONES_OF = ("drive_",)
 
 
@@ -107,6 +126,23 @@ class Master:
         assert len(results) == 1, f"{name} {value}: {results}"
 
 
+def press(master, rng, tick, is_on, position):
+    """What a master that presses writes before a tick: all in the first one of its phase, then what
+    it wants, and the way there where the axis is off."""
+    if tick % PHASE_TICKS == 0:
+        for name, values in PRESSING.items():
+            master.write(name, rng.choice(values))
+    if tick % 16 != PHASE_TICKS % 16:
+        return
+    for command in () if is_on else (0x80, 0x00, 0x06, 0x0F):
+        master.write("controlword", command)
+    force = rng.choice([600] * 12 + [200, 0, -100])
+    master.write("target_force", force)
+    master.write("force_setpoint", force // 40 * 256)
+    master.write("target_position", int(position) + force // 10)
+    master.write("target_velocity", 5 * force)
+
+
 def more(*target_and_ticks):
     return pytest.param(*target_and_ticks, marks=pytest.mark.long)
 
@@ -128,20 +164,25 @@ def test_targets_run_the_drive_as_the_host_does(built, target, ticks, tmp_path):
     worst = {}
     whole = 0
     inputs = Inputs(0, (0, 0), 1, 1)
-    position, speed, wall = 0.0, 0.0, 3000.0
+    position, speed, wall, law = 0.0, 0.0, 3000.0, 0
     for tick in range(ticks):
-        if rng.random() < 0.03:
+        # In every second phase the master presses, and the rest is rare.
+        presses = tick // PHASE_TICKS % 2 == 1
+        often = 0.02 if presses else 1.0
+        if presses:
+            press(master, rng, tick, host.read(BY_NAME["active_mode"].number) != 0, position)
+        if rng.random() < 0.03 * often:
             master.write("modes_of_operation", rng.choice(MODES))
-        if rng.random() < 0.2:
+        if rng.random() < 0.2 * often:
             master.write("controlword", rng.choice(COMMANDS))
-        if rng.random() < 0.03:
+        if rng.random() < 0.03 * often:
             for command in (0x00, 0x80, 0x06, 0x0F):
                 master.write("controlword", command)
-        if rng.random() < 0.2:
+        if rng.random() < 0.2 * often:
             name = rng.choice(list(RANGES))
             master.write(name, rng.choice(RANGES[name]))
         if rng.random() < 0.01:
-            wall = position + rng.randint(-50, 2000)
+            wall = position + (rng.choice([-40, -10, 10]) if presses else rng.randint(-50, 2000))
         code = int.from_bytes(bytes(host.outputs)[:2], "little", signed=True)
         speed += 0.2 * (code / 50.0 - speed)
         position += speed
@@ -161,6 +202,7 @@ def test_targets_run_the_drive_as_the_host_does(built, target, ticks, tmp_path):
         mode = host.read(BY_NAME["modes_of_operation_display"].number) if state == 4 else None
         worst[mode] = max(worst.get(mode, 0), counted)
         whole = max(whole, total)
+        law += host.read(BY_NAME["active_mode"].number) == FORCE
         if tick % 16 == 0:
             for signal in signals:
                 assert chip.read(signal.number) == host.read(signal.number), (replay, signal.name)
@@ -169,6 +211,7 @@ def test_targets_run_the_drive_as_the_host_does(built, target, ticks, tmp_path):
         print(f"  {'not enabled' if mode is None else f'mode {mode}':12} {worst[mode]}")
     print(f"  fw_tick without buses {whole}")
     assert set(MODES) <= set(worst)
+    assert law > ticks / 3, "the force law is on in a third of the ticks"
     if target == CORTEX_M4:
         assert max(worst.values()) <= INSTRUCTIONS_MAX
         assert whole <= TICK_MAX

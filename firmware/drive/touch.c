@@ -13,9 +13,8 @@ enum { JUDGED_TICKS = 4 };
 #define WAY_MAX_CNT INT32_C(8192)
 
 void touch_start(touch_t *touch) {
-  touch->cap_q16 = 0;
-  touch->cap_code = 0;
   touch->bounded_cnt = 0;
+  touch->begun = 0;
   touch->setpoint = 0;
   touch->demand = 0;
   touch->slot_tick = 0;
@@ -33,36 +32,51 @@ void touch_derive(touch_t *touch, const drive_params_t *params) {
   touch->speed_q8 = (speed != 0 && speed_q8 == 0) ? 1 : speed_q8;
 }
 
-static inline int32_t along(int32_t x, bool negative) { return negative ? -x : x; }
+/* A force law begins without a code where it presses; on the other side the one that has held the
+ * axis so far may go on. */
+static void begin_bound(touch_t *touch, const axis_t *axis) {
+  const int16_t code = axis->signals.dac_code;
+  const bool down = axis->params.force_setpoint < 0;
+  touch->codes.most = (down && code > 0) ? code : 0;
+  touch->codes.least = (!down && code < 0) ? code : 0;
+  touch->most_q16 = fx_scale(touch->codes.most, 16);
+  touch->least_q16 = fx_scale(touch->codes.least, 16);
+  touch->begun = 1;
+}
 
-/* Every second tick: cap' = cap + k_p / 4 (2 v_max - dx), in 1/65536 code. A quarter, so that it
- * does not overshoot where the position law does not oscillate. */
+/* k_p / 4 (2 v_max - dx), in 1/65536 code. A quarter, so that it does not overshoot where the
+ * position law does not oscillate. */
+static int32_t change_q16(const axis_t *axis, int32_t slack_q8) {
+  return fx_floor_shift(
+      (int32_t)axis->params.position_gain * fx_clamp(slack_q8, -INT16_MAX, INT16_MAX), 2);
+}
+
+/* Every second tick, for each direction: cap' = cap + k_p / 4 (2 v_max - dx). */
 static void move_bound(touch_t *touch, const axis_t *axis) {
-  const bool negative = axis->params.force_setpoint < 0;
   const int32_t position = axis->signals.position;
   const int32_t way_cnt =
       fx_clamp(fx_diff_wrap(position, touch->bounded_cnt), -WAY_MAX_CNT, WAY_MAX_CNT);
   touch->bounded_cnt = position;
-  const int32_t slack_q8 = touch->speed_q8 - along(fx_scale(way_cnt, 8), negative);
-  const int32_t change_q16 = fx_floor_shift(
-      (int32_t)axis->params.position_gain * fx_clamp(slack_q8, -INT16_MAX, INT16_MAX), 2);
-  const int32_t code = along(axis->signals.dac_code, negative);
-  touch->cap_q16 =
-      fx_clamp(touch->cap_q16 + change_q16, 0, fx_scale((code > 0) ? code : 0, 16) + LEAD_Q16);
-  touch->cap_code = (int16_t)fx_round_q16(touch->cap_q16);
+  const int32_t way_q8 = fx_scale(way_cnt, 8);
+  const int32_t code = axis->signals.dac_code;
+  touch->most_q16 = fx_clamp(touch->most_q16 + change_q16(axis, touch->speed_q8 - way_q8), 0,
+                             fx_scale((code > 0) ? code : 0, 16) + LEAD_Q16);
+  touch->least_q16 = fx_clamp(touch->least_q16 - change_q16(axis, touch->speed_q8 + way_q8),
+                              fx_scale((code < 0) ? code : 0, 16) - LEAD_Q16, 0);
+  touch->codes.most = (int16_t)fx_round_q16(touch->most_q16);
+  touch->codes.least = (int16_t)-fx_round_q16(-touch->least_q16);
 }
 
 void touch_bound(touch_t *touch, const drive_signals_t *signals, axis_t *axis) {
+  if (touch->begun == 0) {
+    begin_bound(touch, axis);
+  }
   /* Not in the ticks that are judged. */
   if ((axis->signals.tick_count & 1) == 0) {
     move_bound(touch, axis);
   }
   axis->bounded = AXIS_BOUNDED_TICKS;
-  if (axis->params.force_setpoint < 0) {
-    axis->free_codes.least = (int16_t)-touch->cap_code;
-  } else {
-    axis->free_codes.most = touch->cap_code;
-  }
+  axis->free_codes = touch->codes;
   axis->bumpless_contact = (uint8_t)(signals->contact == 0);
 }
 

@@ -4,13 +4,14 @@
 /* Protections of motion around the contact, while a mode controls force. Each is off at its
  * default.
  *
- *   touch_velocity_max   Out of contact a force law presses with at most a code that rises by a
+ *   touch_velocity_max   Out of contact no code drives the axis with more than what rises by a
  *                        quarter of position_gain for each count that the axis is behind this
  *                        speed and falls as much for each that it is ahead. So the mean speed
  *                        is held whatever the amplifier makes of a code; the laboratory axis
  *                        overshoots by a tenth. Without a position_gain the axis stays where it
- *                        is. Both directions are bounded, because the workpiece may be on
- *                        either side. Contact is taken over without a bump.
+ *                        is. Each direction has its bound, because the workpiece may be on
+ *                        either side, and the bias of a bump may drive where the set-point does
+ *                        not. Contact is taken over without a bump.
  *   contact_travel_max   Counts in the direction of pressing, which is the sign of the reading
  *                        at the first contact since force control began: contact_travel.
  *   approach_timeout     Time and counts out of contact with a demand, which in modes 4 and 10
@@ -37,8 +38,9 @@ enum { TOUCH_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, TOUCH_SETTLING_TICKS = 1500 }
 
 typedef struct {
   int32_t speed_q8;       /* touch_velocity_max, count in two ticks */
-  int32_t cap_q16;        /* largest code that presses out of contact */
-  int32_t bounded_cnt;    /* where the axis was when that was made */
+  int32_t most_q16;       /* largest code out of contact */
+  int32_t least_q16;      /* and the smallest */
+  int32_t bounded_cnt;    /* where the axis was when they were made */
   int32_t setpoint;       /* of the coming tick, 1/256 count; without a force mode 0 */
   int32_t demand;         /* from which it follows, in any unit */
   int32_t steady_demand;  /* of the ripple's slot */
@@ -47,13 +49,14 @@ typedef struct {
   uint32_t approach_tick; /* for how long it has been under way */
   int32_t low;            /* reading, in the ripple's slot */
   int32_t high;
-  int16_t cap_code;
+  axis_codes_t codes;     /* the two, rounded */
   uint16_t settling_tick; /* until a limit cycle is judged again */
   uint8_t slot_tick;
   uint8_t slots;      /* of too much ripple, one after the other */
   uint8_t steady;     /* 1: the demand has been the same throughout the slot */
   int8_t approaching; /* sign of the demand of the approach under way, 0 without one */
   int8_t pressing;    /* sign of the reading at the first contact, 0 before it */
+  uint8_t begun;      /* 1: the force law has these codes */
   uint8_t finding;    /* AXIS_FAULT_ to be answered */
 } touch_t;
 

@@ -16,7 +16,7 @@ from cortex_m4 import (
     Inputs,
 )
 from forceaxis.objects import BY_NAME
-from tick_fuzz import Fuzz
+from pressing_fuzz import PressingFuzz
 from tick_profile import (
     CAN_MAILBOXES,
     CYCLES_PER_INSTRUCTION,
@@ -96,14 +96,18 @@ class Pair:
 
 def test_the_chip_sends_what_the_host_sends():
     pair = Pair()
-    fuzz, inputs, frames = Fuzz(BY_NAME, 301), Inputs(0, (0, 0), 1, 1), 0
+    fuzz, inputs = PressingFuzz(BY_NAME, 301), Inputs(0, (0, 0), 1, 1)
+    frames = law = 0
+    active, force = BY_NAME["active_mode"].number, BY_NAME["active_mode"].enum.index("force")
     for tick in range(SAME_TICKS):
         fuzz.step(pair, inputs)
         pair.tick(bytes(inputs))
+        law += pair.host.read(active) == force
         # A bus that is busy at times fills the output queue.
         for _ in range(CAN_MAILBOXES if tick % 500 < 400 else 0):
             frames += pair.transmit() is not None
     assert frames > SAME_TICKS // 4
+    assert law > SAME_TICKS // 3
 
 
 def test_a_late_main_loop_loses_no_time():

@@ -305,12 +305,12 @@ def commands() -> dict[str, dict[str, str]]:
 
 @functools.cache
 def link_command(program: str) -> tuple[str, ...]:
-    """The command that links a program of the unit tests, up to its output."""
-    asked = ["ninja", "-C", BUILD, "-t", "commands", "-s", f"tests/unit/{program}"]
+    """The command that links a program of the build, up to its output."""
+    asked = ["ninja", "-C", BUILD, "-t", "commands", "-s", program]
     done = subprocess.run(asked, capture_output=True, text=True, check=False)
-    lines = [x for x in done.stdout.splitlines() if f"-o tests/unit/{program}" in x]
+    lines = [x for x in done.stdout.splitlines() if f"-o {program}" in x]
     if not lines:
-        raise Unfit(f"tests/unit/{program}: ninja does not know how it is linked")
+        raise Unfit(f"{program}: ninja does not know how it is linked")
     command = lines[-1].removeprefix(": && ").split(" && ")[0]
     return tuple(shlex.split(command))
 
@@ -325,9 +325,9 @@ def compile_to(file: str, source: Path, target: Path) -> bool:
     return subprocess.run(command, cwd=BUILD, capture_output=True, check=False).returncode == 0
 
 
-def link(program: str, mutant: Path, folder: Path) -> Path:
-    """A program of the unit tests with this object in place of the library's."""
-    words = list(link_command(program))
+def link(program: str, mutant: Path, folder: Path, kind: str = "tests/unit") -> Path:
+    """A program of the tests with this object in place of the library's."""
+    words = list(link_command(f"{kind}/{program}"))
     executable = folder / program
     at = words.index("-o")
     words[at : at + 2] = [str(mutant), "-o", str(executable)]

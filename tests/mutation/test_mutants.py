@@ -1,6 +1,7 @@
-"""The lines of campaign.toml: every small fault on them is found by a unit test; and the script
-that makes the faults makes what it says."""
+"""The lines of campaign.toml: every small fault on them is found by a unit test; those of
+flood_faults.toml: by both floods; and the scripts that make the faults make what they say."""
 
+import flood_mutants
 import mutants
 import pytest
 
@@ -81,3 +82,18 @@ def test_no_mutant_of_the_campaign_survives():
         if outcome.what == "survived"
     ]
     assert not survivors
+
+
+def test_every_fault_for_the_floods_has_its_line_in_the_tree():
+    faults = flood_mutants.faults()
+    for fault in faults:
+        assert fault.becomes in fault.source() and fault.text != fault.becomes
+    for rule in ("force_max", "touch_velocity_max", "approach_velocity_max", "contact_loss_cap"):
+        assert any(fault.rule == rule or fault.rule.startswith(f"{rule},") for fault in faults)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", flood_mutants.faults(), ids=lambda fault: fault.rule)
+def test_both_floods_find_every_fault_within_their_default_runs(fault):
+    said = flood_mutants.found(fault)
+    assert len(said) == 2 and None not in said.values(), said

@@ -100,6 +100,13 @@ class Drive : public DriveFixture {
   static constexpr int kHalt = 0x100;
   static constexpr int kReached = 0x400, kBit12 = 0x1000, kBit13 = 0x2000, kLimit = 0x800;
 
+  // In profile velocity, at 10 counts a tick.
+  void EnableAtSpeed() {
+    Enable(kPv);
+    Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
+    Tick(200);
+  }
+
   void MoveTo(int32_t target, int command = kNew) {
     Set(AXIS_OBJ_TARGET_POSITION, target);
     Control(command);

@@ -76,9 +76,7 @@ TEST_F(Drive, DisableOperationAndShutdownSlowDownIfAsked) {
       PowerUp();
       Set(AXIS_OBJ_SHUTDOWN_OPTION, option);
       Set(AXIS_OBJ_DISABLE_OPERATION_OPTION, option);
-      Enable(kPv);
-      Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-      Tick(200);
+      EnableAtSpeed();
       Control(command);
       const int after =
           command == 7 ? AXIS_DRIVE_STATE_SWITCHED_ON : AXIS_DRIVE_STATE_READY_TO_SWITCH_ON;
@@ -100,9 +98,7 @@ TEST_F(Drive, DisableOperationAndShutdownSlowDownIfAsked) {
 }
 
 TEST_F(Drive, SlowingDownCanBeCalledOff) {
-  Enable(kPv);
-  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-  Tick(200);
+  EnableAtSpeed();
   Control(0x07);
   Tick(50);
   Control(kOperate);
@@ -127,9 +123,7 @@ TEST_F(Drive, AnAxisThatContinuesKeepsItsTarget) {
 TEST_F(Drive, AFaultReactionEnds) {
   Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
-  Enable(kPv);
-  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-  Tick(200);
+  EnableAtSpeed();
   cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
   EXPECT_EQ(dictionary_check(&fw_.objects, FW_SOURCE_LOCAL, AXIS_OBJ_MODE, AXIS_MODE_POSITION),
             FW_ERROR_STATE);
@@ -149,9 +143,7 @@ TEST_F(Drive, EveryQuickStopHasItsWholeTime) {
   Set(AXIS_OBJ_QUICK_STOP_OPTION, 1);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);  // 15000 count/s would take 375 s
   for (int stop = 0; stop < 2; ++stop) {
-    Enable(kPv);
-    Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-    Tick(200);
+    EnableAtSpeed();
     Control(0x02);
     Tick(14000);
     ASSERT_EQ(State(), AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) << "stop " << stop;
@@ -167,9 +159,7 @@ TEST_F(Drive, EveryQuickStopHasItsWholeTime) {
 TEST_F(Drive, AQuickStopThatIsResumedDoesNotShortenTheNext) {
   Set(AXIS_OBJ_QUICK_STOP_OPTION, 5);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
-  Enable(kPv);
-  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-  Tick(200);
+  EnableAtSpeed();
   Control(0x02);
   Tick(14000);
   Control(kOperate);
@@ -329,9 +319,7 @@ TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {
   for (const int option : {0, 1, 2}) {
     PowerUp();
     Set(AXIS_OBJ_FAULT_REACTION_OPTION, option);
-    Enable(kPv);
-    Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-    Tick(200);
+    EnableAtSpeed();
     cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
     EXPECT_EQ(Read(AXIS_OBJ_ERROR_CODE), 0x8130);
     if (option != 0) {
@@ -358,9 +346,7 @@ TEST_F(Drive, TheFaultReactionTakesItsRampAndThenLatches) {
 TEST_F(Drive, NativeModeDisabledEndsAFaultReactionInItsFault) {
   Set(AXIS_OBJ_FAULT_REACTION_OPTION, 1);
   Set(AXIS_OBJ_TRAJECTORY_DECELERATION, 40);
-  Enable(kPv);
-  Set(AXIS_OBJ_TARGET_VELOCITY, 15000);
-  Tick(200);
+  EnableAtSpeed();
   cia402_owner_lost(&fw_.drive, &fw_.axis, AXIS_FAULT_HEARTBEAT_LOST);
   Tick(10);
   ASSERT_EQ(State(), AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);

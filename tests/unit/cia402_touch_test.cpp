@@ -264,6 +264,79 @@ TEST_F(Drive, ALostContactIsBoundedInItsTick) {
   EXPECT_EQ(Read(AXIS_OBJ_CONTACT), 0);
 }
 
+// What a change of the gain left of the code of a contact drives the axis no faster toward the
+// workpiece that is lost, also where the set-point presses the other way by now. Some 390 codes
+// fall to none within 390 * 4 / 5 counts ahead of the bound, here of 8 a tick.
+TEST_F(Touch, ABiasTowardTheLostContactIsBoundedAgainstTheSetPointToo) {
+  for (const int sign : {1, -1}) {
+    Begin(kForceCounts, sign);
+    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, 3000);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 0);
+    Set(AXIS_OBJ_FORCE_SETPOINT, sign * 100 * 256);
+    At(0, 0, 4);
+    At(0, kContact, 100);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
+    Set(AXIS_OBJ_FORCE_GAIN, 256);
+    At(0, kContact);
+    ASSERT_GT(outputs_.dac_code * sign, 300);
+    Set(AXIS_OBJ_FORCE_SETPOINT, -sign * 256);
+    At(0, kContact);
+    ASSERT_GT(outputs_.dac_code * sign, 300);
+    for (int i = 1; i < 300; ++i) {
+      At(10 * i * sign, 0);
+      if (i > 45) {
+        ASSERT_LE(outputs_.dac_code * sign, 2) << sign << " " << i;
+      }
+    }
+  }
+}
+
+// A code that held the axis before the force law goes on where the set-point does not press, and
+// falls as well once the axis is faster than the bound.
+TEST_F(Touch, ACodeThatHoldsTheAxisGoesOnUntilItIsTooFast) {
+  constexpr int kOpenLoop = -2;
+  for (const int sign : {1, -1}) {
+    Begin(kOpenLoop);
+    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, 3000);
+    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, 12);
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, -sign * 300);
+    At(0, 0, 10);
+    ASSERT_EQ(outputs_.dac_code, -sign * 300);
+    Set(AXIS_OBJ_FORCE_SETPOINT, sign * 30 * 256);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kForceCounts);
+    At(0, 0, 20);
+    ASSERT_EQ(Mode(), kForceCounts);
+    EXPECT_LT(outputs_.dac_code * sign, -290);
+    for (int i = 1; i < 100; ++i) {
+      At(-10 * i * sign, 0);
+      if (i > 45) {
+        ASSERT_GE(outputs_.dac_code * sign, -2) << sign << " " << i;
+      }
+    }
+  }
+}
+
+// Where the set-point presses nothing of it goes on: the code rises from 0, by 5 in two ticks:
+// a quarter of position_gain for each of the 4 counts that an axis at a stand is behind.
+TEST_F(Touch, AnApproachBeginsWithoutTheCodeBeforeIt) {
+  constexpr int kOpenLoop = -2;
+  for (const int sign : {1, -1}) {
+    Begin(kOpenLoop);
+    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, 3000);
+    Set(AXIS_OBJ_OPEN_LOOP_CODE, sign * 300);
+    At(0, 0, 10);
+    ASSERT_EQ(outputs_.dac_code, sign * 300);
+    Set(AXIS_OBJ_FORCE_SETPOINT, sign * 30 * 256);
+    Set(AXIS_OBJ_MODES_OF_OPERATION, kForceCounts);
+    int ticks = 0;
+    while (Read(AXIS_OBJ_ACTIVE_MODE) != AXIS_MODE_FORCE && ++ticks < 20) At(0, 0);
+    EXPECT_GE(outputs_.dac_code * sign, 0);
+    EXPECT_LE(outputs_.dac_code * sign, 5);
+    At(0, 0, 4);
+    EXPECT_LE(outputs_.dac_code * sign, 15);
+  }
+}
+
 // A law that asks for less is its own, and away from the workpiece it is as fast as it likes.
 TEST_F(Drive, ALawThatIsSlowerIsNotChanged) {
   for (const int speed : {0, 3000}) {

@@ -16,6 +16,7 @@ class CodeOracle {
  public:
   // Parameters as they stand in the tick; those of 43b2af7's object table.
   struct Bounds {
+    Bounds() = default;
     explicit Bounds(const fw_t &fw) {
       const auto read = [&fw](std::uint16_t object) {
         std::int32_t value = 0;
@@ -34,9 +35,17 @@ class CodeOracle {
       loss_dwell_ms = read(AXIS_OBJ_CONTACT_LOSS_DWELL);
     }
 
-    std::int32_t adc_bits, zero_code, sign, tare_q8, contact_q8, output_limit, position_min,
-        position_max, loss_cap, loss_dwell_ms;
+    std::int32_t adc_bits = 8, zero_code = 0, sign = 1, tare_q8 = 0, contact_q8 = 0;
+    std::int32_t output_limit = 0, position_min = 0, position_max = 0;
+    std::int32_t loss_cap = 0, loss_dwell_ms = 0;
+    bool operator==(const Bounds &) const = default;
   };
+
+  // The force in 1/256 count of a reading of 16 bits.
+  static std::int32_t Reading(const Bounds &bounds, const axis_inputs_t &in) {
+    const int step = 1 << (16 - bounds.adc_bits);
+    return bounds.sign * (in.adc_code[0] - bounds.zero_code) * step - bounds.tare_q8;
+  }
 
   // What is wrong with the outputs of a tick, or "". `presses`: mode 4 or 10 is in force in this
   // tick, enabled, neither being left nor stopped with a ramp. `uncertified`: the largest code of a
@@ -70,11 +79,6 @@ class CodeOracle {
 
  private:
   static constexpr std::int64_t kNever = -1;
-
-  static std::int32_t Reading(const Bounds &bounds, const axis_inputs_t &in) {
-    const int step = 1 << (16 - bounds.adc_bits);
-    return bounds.sign * (in.adc_code[0] - bounds.zero_code) * step - bounds.tare_q8;
-  }
 
   std::string Wrong(const Bounds &bounds, const axis_inputs_t &in, const axis_outputs_t &out,
                     bool presses, bool touches, std::int32_t uncertified, std::int32_t test_code) {

@@ -4,14 +4,22 @@
 //
 // Frames are made as clients make them (configuration, mapping sequences, segmented transfers, NMT,
 // SYNC, heartbeats, PDOs) and then, now and then, broken: bits flipped, bytes cut, remote, any
-// identifier. Time passes between them, output is taken late or not at all for a while.
+// identifier. Time passes between them, output is taken late or not at all for a while. For most of
+// that time a plausible master presses: it sets the axis up, enables it, is supervised by a
+// heartbeat, and presses on a part that is struck away and comes back (contact_scene.hpp), in every
+// force mode, until it falls silent or the others' frames stop it.
+//
+// What the axis may do in a tick is judged here by press_oracle.hpp, as in ownership_flood: the
+// first difference ends the run with status 1. Owners and stops are the model's. The counts go to
+// the standard error output.
 //
 // The log is one record of 16 bytes each, little-endian: kind u8, a u8, b u16, c u32, d u64.
 //   1 frame in     a length (bit 7: remote), b identifier, d data
 //   2 tick done    a contact 1, force saturated 2, limit cycle 4, force is controlled 8,
 //                  calibration expired 16, the force law is restricted 32, gain halvings from bit 6
-//                  on; c error code, fault (also one that is to be latched) in bits 16 to 23,
-//                  active mode in 24 to 31
+//                  on; b bit 0, the amplifier is on; bit 1, by the options the loss of the owner
+//                  switches it off at once; bit 2, so does a controlword; c error code, fault (also
+//                  one that is to be latched) in bits 16 to 23, active mode in 24 to 31
 //   3 frame out    as 1
 //   4 no more frames out (not repeated while nothing has changed)
 //   5 state        a NMT, b SYNC count, c error register, history count, owner; d lost frames.
@@ -33,10 +41,15 @@
 #include <cstdlib>
 #include <cstring>
 #include <random>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
+#include "tests/wire/contact_scene.hpp"
+#include "tests/wire/drawn_press.hpp"
 #include "tests/wire/drive_record.hpp"
+#include "tests/wire/press_oracle.hpp"
 
 namespace {
 
@@ -91,6 +104,7 @@ class Flood {
     }
     Dump();
     Flush();
+    std::fprintf(stderr, "%s; %ld strikes\n", rules_.counts().text().c_str(), strikes_);
   }
 
  private:
@@ -199,8 +213,32 @@ class Flood {
     told_empty_ = true;
   }
 
+  // Bits 1 and 2 of a tick.
+  uint16_t SwitchedOff() const {
+    const int lost = Read(AXIS_OBJ_ABORT_CONNECTION_OPTION);
+    const bool by_loss = lost == 2 || (lost == 1 && Read(AXIS_OBJ_FAULT_REACTION_OPTION) == 0);
+    // Not while it slows down, as an option asked for it by then.
+    const int state = Read(AXIS_OBJ_DRIVE_STATE);
+    const bool slows = state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE ||
+                       state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE || fw_.drive.leaving != 0;
+    const bool by_word = !slows && Read(AXIS_OBJ_QUICK_STOP_OPTION) == 0 &&
+                         Read(AXIS_OBJ_SHUTDOWN_OPTION) == 0 &&
+                         Read(AXIS_OBJ_DISABLE_OPERATION_OPTION) == 0;
+    return static_cast<uint16_t>(by_loss << 1 | by_word << 2);
+  }
+
   void Tick() {
+    inputs_.encoder_cnt = scene_.Encoder();
+    inputs_.adc_code[0] = scene_.Reading();
+    const uint16_t switched_off = SwitchedOff();
+    rules_.Before(fw_);
     fw_tick(&fw_, &inputs_, &outputs_);
+    const std::string wrong = rules_.After(fw_, inputs_, outputs_);
+    if (!wrong.empty()) {
+      std::fprintf(stderr, "tick %ld: %s\n", rules_.counts().ticks, wrong.c_str());
+      std::exit(1);
+    }
+    scene_.Step(outputs_.dac_code, outputs_.amp_enable != 0);
     LogValues();
     const uint8_t fault = fw_.axis.signals.fault;
     Log(kTick,
@@ -208,7 +246,7 @@ class Flood {
                              Read(AXIS_OBJ_LIMIT_CYCLE) << 2 | fw_.drive.controlled << 3 |
                              Read(AXIS_OBJ_CALIBRATION_EXPIRED) << 4 | fw_.drive.restricted << 5 |
                              Read(AXIS_OBJ_GAIN_HALVINGS) << 6),
-        0,
+        static_cast<uint16_t>(switched_off | outputs_.amp_enable),
         static_cast<uint32_t>(Read(AXIS_OBJ_ERROR_CODE) |
                               (fault != AXIS_FAULT_NONE ? fault : fw_.drive.fault) << 16) |
             static_cast<uint32_t>(Read(AXIS_OBJ_ACTIVE_MODE)) << 24);
@@ -230,17 +268,22 @@ class Flood {
     return request && (is_command(index) || is_command(mapped) || mapped == 0x2309);
   }
 
-  void Send(can_frame_t frame) {
+  void Break(can_frame_t &frame) {
     if (OneIn(40)) frame.data[Below(8)] ^= static_cast<uint8_t>(1u << Below(8));
     if (OneIn(150)) frame.length = static_cast<uint8_t>(Below(9));
     if (OneIn(300)) frame.remote = 1;
     if (OneIn(400)) frame.id = static_cast<uint16_t>(Below(0x800));
+  }
+
+  void Send(can_frame_t frame) {
+    if (!whole_) Break(frame);
     for (int i = frame.length; i < 8; ++i) frame.data[i] = 0;
     if (IsHidden(frame)) return;
     NoteStored();
     const DriveBefore before(fw_);
     fw_can_receive(&fw_, &frame);
     LogDrive(before);
+    if (Read(AXIS_OBJ_DRIVE_STATE) != AXIS_DRIVE_STATE_OPERATION_ENABLED) rules_.Leave();
     uint8_t refused = 0;
     for (unsigned i = 0; i < 4; ++i) {
       if ((fw_.canopen.rpdo[i].reported & PDO_REPORTED_REFUSED) != 0) refused |= uint8_t(1u << i);
@@ -506,16 +549,140 @@ class Flood {
     server_ = 0;
   }
 
-  // The way to an axis that is active, so that time-outs and resets find one.
+  void WriteObject(uint16_t object, int32_t value) {
+    for (const axis_address_t &at : axis_addresses) {
+      if (at.what != AXIS_ADDRESS_OBJECT || at.value != object) continue;
+      Write(at.index, at.sub, static_cast<uint32_t>(value), value_bytes(axis_objects[object].type));
+      return;
+    }
+  }
+
+  // The way to an axis that is active in any mode, so that time-outs and resets find one.
   void Enable() {
     server_ = kServers[0];
-    static constexpr uint32_t modes[] = {1, 3, 4, 8, 10};
-    Write(0x6060, 0, Pick(modes), 1);
-    for (uint32_t word : {0x80u, 0x00u, 0x06u, 0x07u, 0x0Fu}) {
-      Write(0x6040, 0, word, 2);
+    static constexpr int modes[] = {1, 3, 4, 8, 10};
+    WriteObject(AXIS_OBJ_MODES_OF_OPERATION, Pick(modes));
+    SwitchOn();
+    server_ = 0;
+  }
+
+  void SwitchOn() {
+    for (int word : {0x80, 0x00, 0x06, 0x07, 0x0F}) {
+      WriteObject(AXIS_OBJ_CONTROLWORD, word);
       Tick();
     }
-    server_ = 0;
+  }
+
+  // Of a disabled axis: the part, the law, and what bounds it.
+  void SetUp() {
+    Send(0, {1, kNode});
+    if (OneIn(4)) Send(0, {128, kNode});
+    for (const int at : {Read(AXIS_OBJ_COMMAND_SOURCE), 0}) {
+      server_ = kServers[at];
+      WriteObject(AXIS_OBJ_COMMAND_SOURCE, 0);
+    }
+    WriteObject(AXIS_OBJ_CONTROLWORD, 0x80);
+    WriteObject(AXIS_OBJ_CONTROLWORD, 0x00);
+    Tick();
+    scene_.Take(drawn_.Shape());
+    for (uint16_t object :
+         {AXIS_OBJ_QUICK_STOP_OPTION, AXIS_OBJ_SHUTDOWN_OPTION, AXIS_OBJ_DISABLE_OPERATION_OPTION,
+          AXIS_OBJ_FAULT_REACTION_OPTION, AXIS_OBJ_FIRST_MOTION_TEST}) {
+      WriteObject(object, 0);
+    }
+    static constexpr int losses[] = {1, 1, 2};
+    const int loss = Pick(losses);
+    const auto law = drawn_.Law(scene_.Encoder());
+    WriteObject(AXIS_OBJ_ABORT_CONNECTION_OPTION, loss);
+    WriteObject(AXIS_OBJ_POSITION_GAIN, 5 * 256);
+    WriteObject(AXIS_OBJ_FEED, 0);
+    WriteObject(AXIS_OBJ_ADC_BITS, 8);
+    WriteObject(AXIS_OBJ_FORCE_ZERO_CODE, 0);
+    WriteObject(AXIS_OBJ_FORCE_SIGN, 1);
+    for (const auto &one : law) WriteObject(one.object, one.value);
+    // What others left to watch an RPDO or a node that this master does not send.
+    if (!OneIn(5)) {
+      for (uint16_t i = 0; i < 4; ++i) Write(static_cast<uint16_t>(0x1400 + i), 5, 0, 2);
+      for (uint8_t i = 2; i <= 4; ++i) Write(0x1016, i, 0, 4);
+    }
+    // Half of the masters are supervised; this one may forget to say that it is there.
+    beats_ = OneIn(2) ? 0 : 20 + Below(60);
+    Write(0x1016, 1, beats_ == 0 ? 0 : 10u << 16 | beats_, 4);
+    WriteObject(AXIS_OBJ_MODES_OF_OPERATION, drawn_.Mode());
+  }
+
+  // What the master wants of the force modes.
+  void Ask() {
+    const int force = drawn_.Force();
+    if (Read(AXIS_OBJ_MODES_OF_OPERATION) < 0) {
+      WriteObject(AXIS_OBJ_FORCE_SETPOINT, force / 40 * 256);
+      WriteObject(AXIS_OBJ_TARGET_POSITION, scene_.Encoder() + force / 10);
+      WriteObject(AXIS_OBJ_TARGET_VELOCITY, 5 * force);
+    } else {
+      WriteObject(AXIS_OBJ_TARGET_FORCE, force);
+    }
+  }
+
+  bool IsEnabled() const {
+    return Read(AXIS_OBJ_DRIVE_STATE) == AXIS_DRIVE_STATE_OPERATION_ENABLED;
+  }
+
+  // A master that sets the axis up, enables it and presses for some ticks. Now and then others send
+  // what they like, unless it is quiet, so that what nobody goes on with is over.
+  void Press(uint32_t ticks) {
+    const bool quiet = OneIn(2);
+    pressing_ = true;
+    whole_ = !OneIn(4);
+    SetUp();
+    if (quiet && ticks > 7500) {
+      // A gateway begins what it never ends.
+      EnableServers();
+      server_ = kServers[1 + Below(2)];
+      Request(0x40, 0x100A, 0, 0);
+    }
+    bool silent = false;
+    uint32_t stopped = 100;  // for so long it has not been enabled
+    for (; ticks > 0; --ticks) {
+      if (stopped >= 8 && OneIn(5)) {
+        server_ = kServers[0];
+        if (stopped % 8 == 0) Send(0, {1, kNode});
+        if (stopped > 100) {
+          Send(0, {129, kNode});
+          Tick();
+          Tick();
+          SetUp();
+        }
+        SwitchOn();
+        Ask();
+        silent = false;
+      }
+      if (beats_ != 0 && !silent && ticks % 16 == 0) Send(0x70A, {5});
+      if (ticks % 64 == 0 && !OneIn(20)) {
+        server_ = kServers[0];
+        Ask();
+      }
+      if (OneIn(60)) {
+        ++strikes_;
+        scene_.Strike((OneIn(3) ? -1 : 1) * static_cast<double>(1 + Below(60)));
+      }
+      if (OneIn(500)) scene_.Move(OneIn(2) ? 100.0 : -100.0);
+      if (OneIn(2000)) silent = true;
+      if (OneIn(4000)) Send(0x700 + kNode, {5});  // another node of its id
+      if (OneIn(1500)) (OneIn(2) ? inputs_.sensor_valid : inputs_.din) = 0;
+      server_ = 0;
+      if (!quiet && OneIn(40)) {
+        const bool whole = std::exchange(whole_, false);
+        Step();
+        whole_ = whole;
+      }
+      Tick();
+      inputs_.sensor_valid = 1;
+      inputs_.din = AXIS_DIN_ENABLE;
+      if (!lazy_) Drain();
+      stopped = IsEnabled() ? 0 : stopped + 1;
+    }
+    whole_ = false;
+    pressing_ = false;
   }
 
   void Nmt() {
@@ -579,7 +746,10 @@ class Flood {
 
   void Ticks() { Ticks(OneIn(2000) ? 8000 : OneIn(120) ? Below(400) : 1 + Below(3)); }
 
+  // What takes long is spent with pressing.
+
   void Ticks(uint32_t ticks) {
+    if (ticks > 100 && !pressing_) return Press(ticks);
     for (uint32_t i = 0; i < ticks; ++i) {
       Tick();
       if (!lazy_) Drain();
@@ -664,8 +834,10 @@ class Flood {
       std::vector<uint8_t> data(8);
       for (uint8_t &byte : data) byte = static_cast<uint8_t>(Below(256));
       Request(data[0], static_cast<uint16_t>(random_()), data[1], static_cast<uint32_t>(random_()));
-    } else if (choice < 983) {
+    } else if (choice < 982) {
       Enable();
+    } else if (choice < 983) {
+      if (!pressing_) Press(100 + Below(800));
     } else if (choice < 985) {
       EnableServers();
     } else if (choice < 990) {
@@ -708,6 +880,17 @@ class Flood {
   bool verified_ = false;
   uint8_t counter_ = 0;
   uint16_t server_ = 0;
+  struct Draw {
+    Flood *flood;
+    uint32_t operator()(uint32_t n) const { return flood->Below(n); }
+  };
+  DrawnPress<Draw> drawn_{Draw{this}};
+  ContactScene scene_;
+  PressOracle rules_;
+  long strikes_ = 0;
+  bool pressing_ = false;  // in Press()
+  bool whole_ = false;     // no frame is broken
+  uint32_t beats_ = 0;     // ms within which the master must be heard
   bool lazy_ = false;
   bool told_empty_ = false;
   uint64_t sent_ = 0;

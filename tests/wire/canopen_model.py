@@ -28,6 +28,8 @@ from forceaxis.objects import OBJECTS, OBJECTS_HASH
     DRIVE,
 ) = range(1, 14)
 RECORD = struct.Struct("<BBHIQ")
+# What may change the node's state; the other records only tell what it cannot know, or what it did.
+MOVES = {FRAME_IN, TICK, LOST, BUS, REPLACED}
 
 BYTES = {"u8": 1, "i8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 AT = {(o.index, o.sub): o for o in OBJECTS if o.index > 0}
@@ -54,6 +56,10 @@ NEVER = 1 << 60
 LSS_REQUEST, LSS_ANSWER = 0x7E5, 0x7E4
 KBIT_S = (1000, 800, 500, 250, 125, None, 50, 20, 10)
 
+# Of a tick's record: the amplifier is on; by the options of the axis the loss of its owner switches
+# it off at once, and so does a controlword.
+AMPLIFIER_ON, LOSS_ACTS, WORD_ACTS = 1, 2, 4
+
 ROOM = 16
 KEEP_NMT, KEEP_EMCY, KEEP_PDO, KEEP_SDO = 0, 1, 2, 6
 
@@ -66,6 +72,11 @@ def is_stop(at, value):
     if at == (0x6040, 0):
         return bool(value & 0x100) or (not value & 0x80 and value & 0x0F != 0x0F)
     return at == (0x2001, 0) and value == 0
+
+
+def lowers(at, value):
+    """A controlword that switches off: shutdown, disable operation or voltage, quick stop."""
+    return at == (0x6040, 0) and not value & 0x180 and value & 0x0F != 0x0F
 
 
 class Mismatch(AssertionError):
@@ -156,6 +167,9 @@ class Node:
         self.moves = False  # the drive is powered, or its axis active, before the frame
         self.stopped_by = 0  # the frame stops it, on behalf of this source and one; reported once
         self.unsupervised = False  # the frame enables it for a master that is not supervised
+        self.must_stop = (
+            0  # what switches the amplifier off by the next tick, as bits of its record
+        )
         self.changed = (
             False  # the frame gave a stored parameter outside communication another value
         )
@@ -298,12 +312,17 @@ class Node:
         if self.owner:
             self.own(0)
 
+    def lose_owner(self):
+        """Whoever owns the axis is lost with the bus."""
+        self.must_stop = LOSS_ACTS
+        self.lose_clients()
+
     def command(self, length, data):
         if length != 2 or (data >> 8) & 0xFF not in (0, self.node_id):
             return
         what = data & 0xFF
         if what in (2, 129, 130):
-            self.lose_clients()
+            self.lose_owner()
         if what in (1, 2, 128):
             self.enter({1: OPERATIONAL, 2: STOPPED, 128: PRE_OPERATIONAL}[what])
         elif what in (129, 130):
@@ -338,6 +357,7 @@ class Node:
         )
 
     def receive(self, length, can_id, data):
+        self.must_stop = 0  # what follows may enable the axis again
         if self.changed:
             self.configuration_changed()
         if length > 8 or self.silence_ticks:  # remote frames have bit 7 set
@@ -919,6 +939,8 @@ class Node:
                 raise Abort(0x08000021)
             self.own(value)
         elif server != self.owner and is_stop(at, value):
+            if lowers(at, value):
+                self.must_stop = WORD_ACTS
             self.report_drive(True)
         elif server != self.owner:
             raise Abort(0x08000021)
@@ -948,6 +970,8 @@ class Node:
             # Accepted or refused by the axis or the drive.
             if self.fed:
                 self.silence = 0
+            if lowers(at, value):
+                self.must_stop = WORD_ACTS
             self.report_drive(at == (0x6040, 0))
             refusals = [self.frame(0x80, o.index, o.sub, code) for code in (0x06090030, 0x08000022)]
             self.answer(server, *(choice for f in (done, *refusals) for choice in exactly(f)))
@@ -1129,12 +1153,17 @@ class Node:
         if self.halvings > halvings:
             self.emergency(0xFF17, self.halvings)
 
-    def tick(self, contact, seen):
+    def tick(self, contact, drive, seen):
         code, fault, active = seen & 0xFFFF, seen >> 16 & 0xFF, seen >> 24
         was_active, self.active = self.active, active
         if self.duplicate and not code and self.reset != 129:
             raise Mismatch("no fault, expected one: another node has the node's identifiers")
+        if drive & AMPLIFIER_ON and (self.duplicate or drive & self.must_stop):
+            raise Mismatch(
+                "the amplifier is on, expected off: the axis was stopped before the tick"
+            )
         self.duplicate = False
+        self.must_stop = 0
         if self.owner:
             self.silence += 1
             if self.silence > ticks_of_ms(self.watchdog):
@@ -1209,6 +1238,8 @@ class Node:
                 i = timer - DEADLINE
                 self.unwatched[i] = True
                 if active:
+                    if self.owner == 0:  # another one's master sends no PDOs
+                        self.must_stop = LOSS_ACTS
                     self.brought[i] = None
                     if not self.late[i]:
                         self.late[i] = True
@@ -1222,7 +1253,7 @@ class Node:
                 missed = True
                 self.communication_error()
         if missed:
-            self.lose_clients()
+            self.lose_owner()
         self.next = min(self.timers)
 
     # Reports of the port.
@@ -1236,7 +1267,7 @@ class Node:
         self.ring.clear()
         self.closed = True
         self.update_register()
-        self.lose_clients()
+        self.lose_owner()
         self.communication_error()
 
     def told_bus(self, state):
@@ -1287,22 +1318,23 @@ def check(log, node):
     for number, (kind, a, b, c, d) in enumerate(RECORD.iter_unpack(log)):
         counts[kind] += 1
         try:
+            if kind == VALUE:
+                node.values[a] = d
+                continue
             if kind == STATE:
                 seen = (a, b, c, d)
-            elif kind in (FRAME_IN, TICK, LOST, BUS, REPLACED) and seen != pending_state:
+            elif kind in MOVES and seen != pending_state:
                 raise Mismatch(f"state {seen}, expected {pending_state} before this record")
             if kind == FRAME_IN:
                 node.receive(a, b, d)
             elif kind == TICK:
-                node.tick(a, c)
+                node.tick(a, b, c)
             elif kind == FRAME_OUT:
                 node.sent_frame(a, b, d)
             elif kind == NO_MORE:
                 if node.ring:
                     raise Mismatch(f"sent no more, expected {[hex(f[0]) for f in node.ring]}")
                 node.overrun_told = False
-            elif kind == VALUE:
-                node.values[a] = d
             elif kind == REFUSED:
                 node.refused, node.fed = a & 15, a & 16 != 0
             elif kind == DRIVE:
@@ -1321,7 +1353,7 @@ def check(log, node):
                 value = node.value_of(o) & 0xFFFFFFFF
                 if value != c:
                     raise Mismatch(f"{o.name} is {c:#x}, expected {value:#x}")
-            if kind != STATE:
+            if kind in MOVES:
                 pending_state = node.state()
         except Mismatch as mismatch:
             raise Mismatch(

@@ -12,10 +12,9 @@
 // The oracle is written from the rules in DESIGN.md, docs/ and the meanings in axis_objects.toml,
 // not from the firmware. It knows the answer to each write, the owner after each tick, whether the
 // axis is held or halted, that the amplifier is on only for an owner who enabled it and off in the
-// first tick after a stop, that a fault is off in its own tick and one between two ticks in the
-// next, and what code, demanded force and speed of approach are at most (code_oracle.hpp has the
-// code). The first difference ends the run with status 1. The last line has the counts and a hash
-// of all outputs.
+// first tick after a stop and after a fault between two ticks; what the axis may do in a tick is
+// judged by press_oracle.hpp, as in canopen_flood. The first difference ends the run with status 1.
+// The last line has the counts and a hash of all outputs.
 
 #include <algorithm>
 #include <array>
@@ -24,13 +23,13 @@
 #include <cstdlib>
 #include <random>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "firmware/port/host/firmware.hpp"
-#include "tests/unit/code_oracle.hpp"
 #include "tests/unit/frames.hpp"
 #include "tests/wire/contact_scene.hpp"
+#include "tests/wire/drawn_press.hpp"
+#include "tests/wire/press_oracle.hpp"
 
 namespace {
 
@@ -170,14 +169,9 @@ class Flood {
       }
       if (OneIn(150)) Press();
     }
-    std::printf(
-        "%llu ticks, %llu of them on, %llu with the force law, %llu with a code; %llu contacts "
-        "lost, "
-        "%llu strikes, %llu ticks judged after a loss; %llu writes, %llu of them refused; hash "
-        "%016llx\n",
-        Long(ticks_), Long(on_), Long(law_), Long(coded_), Long(lost_), Long(strikes_),
-        Long(static_cast<uint64_t>(codes_.judged_after_loss())), Long(writes_), Long(refused_),
-        Long(hash_));
+    std::printf("%s; %llu strikes; %llu writes, %llu of them refused; hash %016llx\n",
+                rules_.counts().text().c_str(), Long(strikes_), Long(writes_), Long(refused_),
+                Long(hash_));
   }
 
  private:
@@ -196,8 +190,11 @@ class Flood {
   }
 
   [[noreturn]] void Fail(const char *what, int64_t got, int64_t expected) const {
-    std::printf("tick %llu: %s is %lld, expected %lld\n", Long(ticks_), what,
-                static_cast<long long>(got), static_cast<long long>(expected));
+    Fail(std::string(what) + " is " + std::to_string(got) + ", expected " +
+         std::to_string(expected));
+  }
+  [[noreturn]] void Fail(const std::string &what) const {
+    std::printf("tick %llu: %s\n", Long(ticks_), what.c_str());
     std::exit(1);
   }
 
@@ -219,44 +216,13 @@ class Flood {
     nmt_ = kOperational;
   }
 
-  template <size_t N>
-  int Pick(const int (&of)[N]) {
-    return of[Below(N)];
-  }
-
   // Of a disabled axis: the part, the law, and what bounds it.
   void DrawLaw() {
-    scene_.Take({.speed_of_code = 0.005 + 0.03 * Share(),
-                 .follows = 0.05 + 0.9 * Share(),
-                 .stiffness = 0.1 + 2.0 * Share(),
-                 .yields = 0.05 * Share(),
-                 .spring = 0.002 + 0.05 * Share(),
-                 .damping = 0.3 * Share()});
-    Set(AXIS_OBJ_LATENCY_TICKS, static_cast<int>(Below(2)));
-    Set(AXIS_OBJ_BUMP_DECAY_SHIFT, Pick({6, 6, 0, 3, 12}));
-    Set(AXIS_OBJ_CONTACT_LOSS_DWELL, Pick({300, 300, 0, 20}));
-    Set(AXIS_OBJ_CONTACT_LOSS_CAP, Pick({0, 0, 40, 300, 2048}));
-    Set(AXIS_OBJ_OUTPUT_LIMIT, Pick({2048, 2048, 700, 90}));
-    Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, Pick({3000, 3000, 15000, 60000}));
-    Set(AXIS_OBJ_TOUCH_VELOCITY_MAX, Pick({0, 3000}));
-    Set(AXIS_OBJ_FORCE_GAIN, Pick({256, 5 * 256, 15 * 256}));
-    Set(AXIS_OBJ_FORCE_SLOPE, Pick({10000, 1000000}));
-    Set(AXIS_OBJ_FORCE_LIMIT, Pick({1000, 1000, 400}));
-    Set(AXIS_OBJ_FORCE_LIMIT_POSITIVE, Pick({65535, 300}));
-    Set(AXIS_OBJ_FORCE_MAX, Pick({0, 0, 0, 200 * 256}));
-    Set(AXIS_OBJ_CERTIFICATE_REQUIRED, OneIn(4) ? 1 : 0);
-    Set(AXIS_OBJ_UNCERTIFIED_OUTPUT, Pick({512, 60}));
-    Set(AXIS_OBJ_UNCERTIFIED_FORCE, Pick({500, 1000}));
-    Set(AXIS_OBJ_POSITION_MIN, INT32_MIN);
-    Set(AXIS_OBJ_POSITION_MAX, OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX);
-    Set(AXIS_OBJ_POSITION_MIN, OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN);
+    scene_.Take(drawn_.Shape());
+    for (const auto &one : drawn_.Law(scene_.Encoder())) Set(one.object, one.value);
     switch_pos_ = OneIn(3) ? scene_.Encoder() + 150 : INT32_MAX;
     switch_neg_ = OneIn(3) ? scene_.Encoder() - 150 : INT32_MIN;
-    Set(AXIS_OBJ_STIFFNESS, Pick({64, 512}));
-    Set(AXIS_OBJ_DAMPING, Pick({64, 512}));
   }
-
-  double Share() { return Below(1001) / 1000.0; }
 
   void Frame(const ::Frame &frame) {
     can_frame_t f{};
@@ -328,7 +294,7 @@ class Flood {
       const int refusal = fw_object_write(&fw_, static_cast<uint8_t>(source), object, value);
       got = refusal == FW_OK ? kDone : refusal == FW_ERROR_LOCKED ? kLocked : kNotNow;
     }
-    if (Now() != kEnabled) codes_.Leave();
+    if (Now() != kEnabled) rules_.Leave();
     ++writes_;
     refused_ += got != kDone;
     if (expected == kEither && (got == kDone || got == kNotNow)) {
@@ -399,7 +365,7 @@ class Flood {
           (void)oracle_.Controlword(kCanopen, word, state, false);
           Frame(
               {0x200 + kNode, {static_cast<uint8_t>(word), static_cast<uint8_t>(word >> 8), 0xFE}});
-          if (Now() != kEnabled) codes_.Leave();
+          if (Now() != kEnabled) rules_.Leave();
         }
         break;
       default: {
@@ -430,8 +396,7 @@ class Flood {
     Command(0x00);
     Tick();
     if (const State state = Now(); state == kOff || state == kReady) DrawLaw();
-    static constexpr int kModes[] = {4, 4, 10, 10, -1, -6, -7, -8};
-    const int mode = Pick(kModes);
+    const int mode = drawn_.Mode();
     Write(oracle_.owner, AXIS_OBJ_MODES_OF_OPERATION, mode, oracle_.Other(oracle_.owner));
     Command(0x06);
     Command(0x07);
@@ -453,8 +418,7 @@ class Flood {
 
   // What the owner wants of a force mode.
   void Ask(int mode) {
-    static constexpr int kForces[] = {600, 600, 600, 200, 1500, 0, -100};
-    const int force = OneIn(20) ? Pick(kForces) : 600;
+    const int force = drawn_.Force();
     if (mode >= 0) {
       Write(oracle_.owner, AXIS_OBJ_TARGET_FORCE, force, oracle_.Other(oracle_.owner));
     } else {
@@ -529,69 +493,23 @@ class Flood {
     const int ends = (inputs_.encoder_cnt >= switch_pos_ ? AXIS_DIN_LIMIT_POS : 0) |
                      (inputs_.encoder_cnt <= switch_neg_ ? AXIS_DIN_LIMIT_NEG : 0);
     inputs_.din = static_cast<uint8_t>((inputs_.din & AXIS_DIN_ENABLE) | ends);
-    const CodeOracle::Bounds bounds(fw_);
-    const int mode = Read(AXIS_OBJ_MODES_OF_OPERATION_DISPLAY);
-    if (std::exchange(mode_before_, mode) != mode) codes_.Leave();
-    const bool goes = Now() == kEnabled && Read(AXIS_OBJ_MODES_OF_OPERATION) == mode;
-    const bool presses = goes && (mode == 4 || mode == 10);
-    const bool was_on = outputs_.amp_enable != 0;
-    const bool law_was_on = Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_FORCE;
-    const bool touched = Read(AXIS_OBJ_CONTACT) != 0;
-    const int uncertified =
-        Read(AXIS_OBJ_CERTIFICATE_REQUIRED) != 0 ? Read(AXIS_OBJ_UNCERTIFIED_OUTPUT) : -1;
+    rules_.Before(fw_);
     fw_tick(&fw_, &inputs_, &outputs_);
     ++ticks_;
-    const bool law_is_on = Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_FORCE;
-    on_ += outputs_.amp_enable != 0;
-    law_ += law_is_on;
-    coded_ += outputs_.dac_code != 0;
-    lost_ += law_was_on && touched && Read(AXIS_OBJ_CONTACT) == 0;
     for (uint64_t value : {static_cast<uint64_t>(static_cast<uint16_t>(outputs_.dac_code)),
                            uint64_t{outputs_.amp_enable}, uint64_t{fw_.device.command_source},
                            uint64_t{fw_.drive.signals.statusword}}) {
       hash_ = (hash_ ^ value) * 0x100000001B3u;
     }
-    const std::string wrong =
-        codes_.Judge(bounds, inputs_, outputs_, presses, presses ? uncertified : -1);
-    if (!wrong.empty()) Fail(wrong.c_str(), outputs_.dac_code, 0);
-    if (goes && mode < 0 && law_was_on && law_is_on && uncertified >= 0 &&
-        std::abs(outputs_.dac_code) > uncertified && mode != -2 && mode != -3 && mode != -4) {
-      Fail("the code of a law without a certificate", outputs_.dac_code, uncertified);
-    }
-    if (presses) JudgeDemand(uncertified >= 0);
-    JudgeFaults(was_on);
-    scene_.Step(outputs_.dac_code, outputs_.amp_enable != 0);
-    if (OneIn(4)) Drain(nullptr);
-  }
-
-  // The force that is asked for, and the speed of an approach, in modes 4 and 10.
-  void JudgeDemand(bool uncertified) {
-    const int limit = Read(AXIS_OBJ_FORCE_LIMIT);
-    const int whole = std::min(limit, Read(AXIS_OBJ_FORCE_LIMIT_POSITIVE));
-    const int part = limit * Read(AXIS_OBJ_UNCERTIFIED_FORCE) / 1000;
-    const int most = uncertified ? std::min(whole, part) : whole;
-    const int least = -(uncertified ? std::min(limit, part) : limit);
-    const int force = Read(AXIS_OBJ_FORCE_DEMAND);
-    if (force > most || force < least) Fail("the demanded force", force, force > 0 ? most : least);
-    if (Read(AXIS_OBJ_ACTIVE_MODE) == AXIS_MODE_POSITION) {
-      const int speed = std::abs(Read(AXIS_OBJ_VELOCITY_DEMAND));
-      const int bound = Read(AXIS_OBJ_APPROACH_VELOCITY_MAX);
-      if (speed > bound) Fail("the speed of an approach", speed, bound);
-    }
-  }
-
-  void JudgeFaults(bool was_on) {
-    const int fault = Read(AXIS_OBJ_FAULT);
-    const bool is_off = outputs_.amp_enable == 0 && outputs_.dac_code == 0;
-    if (fault != 0 && !is_off) Fail("the amplifier with a fault", 1, 0);
-    const int most = Read(AXIS_OBJ_FORCE_MAX);
-    const bool too_large = most != 0 && inputs_.adc_code[0] * 256 > most && was_on;
-    const bool no_chain = (inputs_.din & AXIS_DIN_ENABLE) == 0 && was_on;
-    if ((inputs_.sensor_valid == 0 || no_chain || too_large || must_fault_) && !is_off) {
+    const std::string wrong = rules_.After(fw_, inputs_, outputs_);
+    if (!wrong.empty()) Fail(wrong);
+    if (must_fault_ && (outputs_.amp_enable != 0 || outputs_.dac_code != 0)) {
       Fail("the amplifier in the tick of a fault", 1, 0);
     }
-    if ((inputs_.sensor_valid == 0 || must_fault_) && fault == 0) Fail("the fault", fault, 1);
+    if (must_fault_ && Read(AXIS_OBJ_FAULT) == 0) Fail("the fault", 0, 1);
     must_fault_ = false;
+    scene_.Step(outputs_.dac_code, outputs_.amp_enable != 0);
+    if (OneIn(4)) Drain(nullptr);
   }
 
   void Compare() {
@@ -605,9 +523,6 @@ class Flood {
       Fail("the controlword", Read(AXIS_OBJ_CONTROLWORD), oracle_.word);
     }
     if (!oracle_.may_move && outputs_.amp_enable != 0) Fail("the amplifier", 1, 0);
-    if (outputs_.amp_enable == 0 && outputs_.dac_code != 0) {
-      Fail("the code of an amplifier that is off", outputs_.dac_code, 0);
-    }
   }
 
   void Tick() {
@@ -622,13 +537,16 @@ class Flood {
   axis_inputs_t inputs_{};
   axis_outputs_t outputs_{};
   Oracle oracle_;
-  CodeOracle codes_;
+  PressOracle rules_;
+  struct Draw {
+    Flood *flood;
+    uint32_t operator()(uint32_t n) const { return flood->Below(n); }
+  };
+  DrawnPress<Draw> drawn_{Draw{this}};
   ContactScene scene_;
   bool must_fault_ = false;
-  int mode_before_ = 0;
   int32_t switch_pos_ = INT32_MAX, switch_neg_ = INT32_MIN;
-  uint64_t ticks_ = 0, on_ = 0, law_ = 0, coded_ = 0, lost_ = 0, strikes_ = 0;
-  uint64_t writes_ = 0, refused_ = 0;
+  uint64_t ticks_ = 0, strikes_ = 0, writes_ = 0, refused_ = 0;
   uint64_t hash_ = 0xCBF29CE484222325u;
 };
 

@@ -23,8 +23,9 @@ def flood(ticks, seed):
 
 COUNTS = re.compile(
     r"(\d+) ticks, (\d+) of them on, (\d+) with the force law, \d+ with a code; "
-    r"(\d+) contacts lost, (\d+) strikes, (\d+) ticks judged after a loss; "
-    r"(\d+) writes, (\d+) of them refused"
+    r"(\d+) contacts lost, (\d+) ticks judged after a loss, (\d+) by touch_velocity_max, "
+    r"(\d+) in an approach; (\d+) faults by force_max; "
+    r"(\d+) strikes; (\d+) writes, (\d+) of them refused"
 )
 
 
@@ -32,13 +33,16 @@ COUNTS = re.compile(
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_nobody_moves_an_axis_that_is_not_its_own_nor_beyond_its_bounds(seed):
     line = flood(500_000, seed)
-    ticks, on, law, lost, strikes, judged, writes, refused = map(int, COUNTS.match(line).groups())
+    ticks, on, law, lost, judged, touch, approach, force_max, strikes, writes, refused = map(
+        int, COUNTS.match(line).groups()
+    )
     assert ticks >= 500_000
     # Else nothing was at stake: what was found blind had the force law in 3 % of its ticks.
     assert law >= ticks / 3, line
     assert on > law
     assert lost > ticks / 1000 and strikes > ticks / 200, line
     assert judged > ticks / 50, line
+    assert touch > ticks / 20 and approach > ticks / 20 and force_max >= 5, line
     assert writes > ticks / 5 and refused > ticks / 50, line
 
 
