@@ -55,7 +55,7 @@ def plant_set(bench, order):
         modes = slopes(plant.model, plant.overrides, plant.states)
     else:
         loop = plant.loop()
-        limit = loop.limit().gain
+        limit = loop.limit().stable_to
         gain = PROBE_SHARE * loop.firmware_gain(limit) if limit else 1.0
         modes = visited(bench, Bank(min(max(gain, 1 / 256), 255.0), PROBE_RAD_PER_S), ())
     return PlantSet(str(plant.model), plant.overrides, ranges, modes)

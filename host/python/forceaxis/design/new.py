@@ -152,7 +152,7 @@ def approach_m_per_s(axis):
 
 def highest_gain(loop, volts_per_code):
     """The limit of a loop in DAC codes per unit of its signal, at most the firmware's 256."""
-    gain = loop.limit().gain
+    gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 

@@ -150,7 +150,7 @@ class Bench:
         """A sixth of the linear limit out of contact, as `forceaxis new` takes it."""
         gain = loops.force_loop(
             self.model, overrides=self.overrides, output="encoder", free=True
-        ).limit().gain  # fmt: skip
+        ).limit().stable_to  # fmt: skip
         highest = 256.0 if gain is None else gain / self.facts["volts_per_code"]
         return max(1, math.floor(min(highest, 256.0) / 6 * 256)) / 256
 

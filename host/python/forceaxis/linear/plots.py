@@ -279,7 +279,7 @@ def label_crossings(ax, one, span):
     """Marks where branches cross, the critical gain with its frequency and the firmware's gain."""
     limit = one.limit
     if not limit.gain:
-        note = limit.reason.replace(" at ", "\nat ")
+        note = limit.reason.replace(" at ", "\nat ").replace(", above", ",\nabove")
     elif limit.frequency_hz is None or limit.frequency_hz > span:
         where = "infinite" if limit.frequency_hz is None else f"{limit.frequency_hz:.3g}"
         note = f"{gain_text(limit.gain, one)}\nat {where} Hz, beyond"
