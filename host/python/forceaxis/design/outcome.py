@@ -198,6 +198,11 @@ CASE_HEAD = [
     "simulated", "law", "stable", "static error %", "peak N", "losses", "settle ms", "overshoot %",
     "worst peak N", "saturated ms",
 ]  # fmt: skip
+# Of a row, that a line of cases() is made of.
+CASE_KEYS = {
+    "case", "law", "verdict", "losses", "peak_N", "saturated_ms", "static_error_percent",
+    "settle_ms", "overshoot_percent",
+}  # fmt: skip
 NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
