@@ -417,7 +417,8 @@ def with_units(label, model):
 
 
 LAWS = {"p": "P", "pi": "PI", "pd": "PD", "bank": "designed bank"}
-TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late"}
+TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late",
+           "zoh and zoh+1": "sampled, on time and a tick late"}  # fmt: skip
 
 
 def loop_title(summary):
