@@ -24,17 +24,17 @@ from forceaxis.commission.refusal import Refusal
 
 SHARE_OF_WAY = 0.85  # of the travel to either side, in which a glide runs
 GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
-SLOWER = 0.6  # of the larger code: the smaller one
-ENOUGH = 1.2  # times the travel, in a glide: fast enough
-LOOK_S, BEYOND = 0.02, 1.3  # how often the place is read; times the travel
-MOVES = 6  # counts: less is no motion
-FELT_CODES = 0.12  # a dead zone below is none
+SLOWER = 0.6  # the smaller code over the larger one
+ENOUGH = 1.2  # a code that would cover so many times the travel is fast enough
+LOOK_S, BEYOND = 0.02, 1.3  # the position is read so often; a glide ends at so many travels
+MOVES = 6  # counts; fewer are no motion
+FELT_CODES = 0.12  # a dead zone of fewer codes counts as none
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 BLOCK = 20  # samples of a mean
 BINS = 6
-SOFTER = 1.6  # times the compliance at the forces: a soft place between them
+SOFTER = 1.6  # so many times the compliance at the two forces is a soft place between them
 FELT_SHARE = 0.15  # by which less is left of the way's error where it is friction
-LEAST_COUNTS = 0.35  # of the way, by which friction under the workpiece shows
+LEAST_COUNTS = 0.35  # counts of the way from which on friction under the workpiece shows
 
 
 @dataclass(frozen=True)

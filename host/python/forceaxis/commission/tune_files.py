@@ -15,7 +15,7 @@ import numpy as np
 
 from forceaxis._core import InputError
 
-# What a step does: to be read after it, so each has to be there where the step is done.
+# Files that a step writes and a later one reads: each has to be there where the step is done.
 WITH = {"measure": ("between.json",), "write": ("before.json",)}
 TOUCH_DOWN = ("time_s", "force_N", "predicted_N")  # columns of its file
 
@@ -53,7 +53,7 @@ RUB = {"name": str, "between": [str], "newton": NUMBER, "declared": bool}
 CASE = {
     "case": str, "law": str, "verdict": str, "peak_N": Maybe(NUMBER),
     **dict.fromkeys(("static_error_percent", "settle_ms", "overshoot_percent"), Maybe(NUMBER)),
-    "losses": Newer(int), "saturated_ms": Newer(NUMBER),
+    "losses": Newer(int), "losses_max": Newer(Maybe(int)), "saturated_ms": Newer(NUMBER),
 }  # fmt: skip
 CUT = {"force_gain": NUMBER, "failed": int, "simulated": int, "case": str, "why": str}
 RESULTS: dict[str, Any] = {

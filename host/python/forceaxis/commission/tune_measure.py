@@ -18,13 +18,13 @@ from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.identify import result as results
 from forceaxis.linear.bank import Bank
 
-FEWEST = 5  # averages
+FEWEST = 5  # averages at least
 PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
 
 
-SMALLER = 3  # times smaller: the second amplitude that is measured
+SMALLER = 3  # the second amplitude that is measured is so many times smaller
 RUBS_OF_MOST = 2.5  # dead zones: noise of fewer codes does not slide most of the time
-LOWER = 0.6  # of the smallest force: from where the force is changed slowly
+LOWER = 0.6  # the slow change of the force begins at this share of the smallest one
 BETWEEN, SHAKEN = "between", "shaken"
 
 

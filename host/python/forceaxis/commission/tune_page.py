@@ -131,7 +131,7 @@ def _margins(summary):
 
 def _simulated(summary):
     """What each simulated case came to, and what was cut for it."""
-    # A folder of before this table has rows without some of its columns.
+    # Folders of earlier versions have rows without some of these columns.
     rows = [row for row in summary["simulated"] if row.keys() >= outcome.CASE_KEYS]
     if not (rows or summary["cuts"]):
         return ""

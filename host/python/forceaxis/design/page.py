@@ -45,7 +45,7 @@ def responses(outcome, bank, frequency_hz):
     return found
 
 
-# Of a curve, and its name in a legend.
+# How a curve is drawn, and its name in a legend.
 LOOKS = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},

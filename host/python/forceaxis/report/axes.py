@@ -14,7 +14,7 @@ from forceaxis.report import pictures
 from forceaxis.words import plain
 
 FEW = 6  # experiments whose pictures stand open, with map and margins
-# Of the gain and the set-point of an experiment, for its map; ticks of one that is run so often.
+# Factors of an experiment's gain and set-point for its map, and the longest run, in ticks, for it.
 MAP_GAINS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_FORCES = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS = 12_000
