@@ -132,7 +132,8 @@ frame.onload = async () => {
     return new Set([...range.getClientRects()].map((r) => Math.round(r.top))).size;
   };
   const split = all("th").flatMap((head) => [...head.childNodes]).filter((n) => n.nodeType === 3)
-    .flatMap((n) => [...n.data.matchAll(/\\w+/g)].map((m) => lines(n, m.index, m.index + m[0].length)))
+    .flatMap((n) => [...n.data.matchAll(/\\w+/g)]
+      .map((m) => lines(n, m.index, m.index + m[0].length)))
     .filter((count) => count > 1).length;
   const wide = page.documentElement.scrollWidth > page.documentElement.clientWidth;
   const box = page.getElementById("text");

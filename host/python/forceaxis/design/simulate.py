@@ -6,9 +6,8 @@ set-points; each runs with every latency, on the nominal plant and on random mem
 
 Each case is judged by a [verdict] with limits of what was asked: a touch-down holds its force
 within ERROR_MAX, its peak stays below PEAK_MAX set-points, and contact is lost LOSSES_MAX times at
-most.
-Where the impact alone does more, whatever the law, see Bench.feel(), that is added. A strike has to
-settle and to hold its force.
+most. Where the impact alone does more, whatever the law, see Bench.feel(), that is added. A strike
+has to settle and to hold its force.
 """
 
 import math
