@@ -285,6 +285,10 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
         assert "one more than the impact makes by itself" in text
         return
     assert cell == "" and lost <= 2 == done.slowed.losses < done.slowed.losses_before
+    # Numbers of the page have no exponent.
+    page_text = (out / "index.html").read_text()
+    assert f"<p>Approach: {done.slowed.text}.</p>" in page_text
+    assert not re.search(r">[0-9.]+e[+][0-9]+<", page_text)
     # 5 mm at 3.75 mm/s in place of 7.5.
     assert done.slowed.longer_s == pytest.approx(5 / 3.75 - 5 / 7.5)
     assert "approach     3.75 mm/s, as at 7.5 mm/s a touch-down loses contact " in text

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import paths, words
 from forceaxis.design import simulate
 from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
@@ -150,7 +150,7 @@ def plain(value):
 
 
 def number(value, digits=3):
-    return "-" if value is None else f"{value:.{digits}g}"
+    return "-" if value is None else words.plain(value, digits)
 
 
 def describe(outcome, width=None):

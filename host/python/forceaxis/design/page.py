@@ -139,7 +139,7 @@ def contact(bench, outcome, case):
     ax.axhline(case.setpoint_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
     ax.set_xlabel("time, s")
     ax.set_ylabel("force, N")
-    legend(ax, loc="lower right")
+    legend(ax, loc="best")
     drawing.finish(figure, ax, case.name)
     return figure
 
