@@ -22,11 +22,11 @@ RESPONSES, MODEL = "responses.toml", "model.toml"  # files of the folder
 DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a damper for friction
 RATE_HZ, RATE_ERROR = 0.2, 0.015
-BETWEEN_ERROR = 0.1  # relative, of stiffnesses that the way between two forces shows
+BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
 UNSURE = 0.2  # relative standard error of a mass that sines do not show
-SHAKEN_ERROR = 0.04  # relative, at least, of what sines say of a workpiece
-AGAIN = 0.02  # a larger relative change of what sines say is fitted again
-DIFFER = 1e-4  # below this probability two amplitudes have different responses
+SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
+AGAIN = 0.02  # by which what sines say changes: fitted again
+DIFFER = 1e-4  # probability below which two amplitudes have two responses
 
 
 def fit(tuning) -> tuple[dict, str]:
