@@ -233,7 +233,10 @@ def test_the_worst_is_worse_than_a_thousand_random_members():
 
 def test_the_largest_gain_that_all_bear():
     plants = plants_of()
-    gain, member, timing, frequency_hz = over.largest_gain(plants, ("zoh",))
+    largest = over.largest_gain(plants, ("zoh",))
+    gain, member, timing, frequency_hz = (
+        largest.gain, largest.member, largest.timing, largest.frequency_hz
+    )  # fmt: skip
     for other in plants.random(60, seed=7):
         assert plants.loop(other, "zoh").limit().gain >= gain * (1 - 1e-9)
     # python-control's poles and margin at the member that is named.

@@ -29,6 +29,20 @@ def test_where_it_is_not_traced_it_follows_from_the_slope():
     assert trace.marks_of(runs.run(paths.EXPERIMENTS / "contact.toml")).demand is None
 
 
+def test_a_ramp_begins_at_0_and_a_demand_of_0_is_no_line():
+    import matplotlib.pyplot as plt
+
+    corners = [(0.5, 0.0), (1.5, 20.0), (2.0, 0.0), (3.0, 0.0), (4.0, 0.0)]
+    demand = tuple(zip(*corners, strict=True))
+    figure, ax = plt.subplots()
+    marks = plots.Marks(setpoints=[(0.0, 20.0), (1.5, 0.0)], demand=demand)
+    plots.draw_setpoints(ax, np.linspace(0, 4, 9), marks)
+    (line,) = ax.lines
+    drawn = [(a, b) for a, b in line.get_xydata() if not np.isnan(b)]
+    assert drawn == corners[:3]
+    plt.close(figure)
+
+
 def test_events_that_no_picture_keeps_apart_are_a_line_between_two_marks():
     import matplotlib.pyplot as plt
 

@@ -154,6 +154,49 @@ def designed(done, tmp_path):
     return shutil.copytree(done, tmp_path / "out")
 
 
+def simulated_cases_are_on_the_page(page, tuning):
+    """A line for each case: the most losses, the largest peak, the longest saturation."""
+    rows = tuning.result("simulate")["contacts"]
+    (table,) = re.findall("<tr><th>simulated</th>.*?</table>", page)
+    head, *lines = [re.findall("<t[hd][^>]*>(.*?)</t[hd]>", part)
+                    for part in table.split("<tr>")[1:]]  # fmt: skip
+    cases = {line[0]: dict(zip(head, line, strict=True)) for line in lines}
+    assert cases.keys() == {row["case"] for row in rows}
+    for case, cells in cases.items():
+        own = [row for row in rows if row["case"] == case]
+        assert cells["stable"] == f"{len(own)} of {len(own)}"
+        losses, _, allowed = cells["losses"].partition(" of ")
+        assert int(losses) == max(row["losses"] for row in own)
+        assert allowed == ("" if "strike" in case else str(own[0]["losses_max"]))
+        for column, key in (("worst peak N", "peak_N"), ("saturated ms", "saturated_ms")):
+            assert float(cells[column]) == pytest.approx(max(r[key] for r in own), rel=5e-3)
+
+
+def test_the_page_says_what_was_cut_and_why(plants, designed):
+    """As a design that is simulated stores it; rows of an earlier version have no saturation."""
+    step = json.loads((designed / "design.json").read_text())
+    cut = {"force_gain": 4.2, "failed": 3, "simulated": 40, "case": "contact 94 N at 20 mm/s",
+           "why": "peak force 140 N of 122 N"}  # fmt: skip
+    row = {"law": "design", "case": "contact 94 N at 20 mm/s", "member": {}, "latency_ticks": 0,
+           "verdict": "stable", "fault": "none", "static_error_percent": 0.1, "missed": [],
+           "peak_N": 97.6, "losses": 2, "saturated_ms": 1.3, "settle_ms": 90.0,
+           "overshoot_percent": 3.0}  # fmt: skip
+    old = {key: row[key] for key in row.keys() - {"losses", "saturated_ms"}}
+    old["case"] = "of before"
+    step["result"] |= {"gain_cuts": [cut], "simulated": [row, row | {"law": "p"}, old]}
+    (designed / "design.json").write_text(json.dumps(step))
+    with Axis(link(plants)) as axis:
+        tuning = tune.Tuning(axis, order(plants), designed)
+        tune_page.write(tuning, tuning.summary())
+    page = (designed / "index.html").read_text()
+    assert (
+        "gain 4.2: 3 of 40 not stable, contact 94 N at 20 mm/s: peak force 140 N of 122 N" in page
+    )
+    cells = ("contact 94 N at 20 mm/s", "1 of 1", "0.1", "97.6", "2", "90", "3", "97.6", "1.3")
+    assert re.search("<tr>" + "".join(f"<td[^>]*>{re.escape(c)}</td>" for c in cells), page)
+    assert "of before" not in page
+
+
 def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_path):
     store = tmp_path / "store.bin"
     with Axis(link(plants, store=store)) as axis:
@@ -194,6 +237,7 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
     assert abs(worst.Ms - summary["Ms_predicted"]) < 0.3
     page = (designed / "index.html").read_text()
     assert page.count("<img ") == 3 + len(FORCES)
+    simulated_cases_are_on_the_page(page, tuning)
     for text in ("before, on the fitted plant", "designed, over the set", "Contact, measured"):
         assert text in page
     assert 'src="http' not in page

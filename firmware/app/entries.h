@@ -12,8 +12,8 @@
 
 enum { ENTRY_BYTES = 12 };
 
-/* Inert: a mapping as stored, of a PDO that carries nothing, because the object is not mapped any
- * more; its default would shift what follows it in the frame. */
+/* INERT keeps a stored mapping whose object cannot be mapped any more. Its PDO carries nothing: the
+ * default in its place would shift what follows it in the frame. */
 typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_INERT, ENTRY_DROPPED } verdict_t;
 
 typedef struct {

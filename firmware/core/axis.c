@@ -158,7 +158,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 }
 
 void axis_init(axis_t *axis) {
-  /* With a call between them: the compiler would write two at once, with a register of floats. */
+  /* The call between them keeps the compiler from writing two at once with a register of floats. */
   axis->free_codes = axis_codes_all();
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
   axis->law_codes = axis_codes_all();

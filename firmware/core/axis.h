@@ -42,7 +42,7 @@ typedef struct {
 /* The tick that they are set for, and the one after it, for its late code. */
 enum { AXIS_BOUNDED_TICKS = 2 };
 
-/* No bound: beyond every code, so that the saturation of the DAC shows. */
+/* These stand for no bound: they are beyond every code, so that the DAC's saturation shows. */
 enum { AXIS_CODE_BEYOND = 32767 };
 static inline axis_codes_t axis_codes_all(void) {
   const axis_codes_t codes = {.least = -AXIS_CODE_BEYOND, .most = AXIS_CODE_BEYOND};

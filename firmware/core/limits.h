@@ -10,7 +10,7 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* The codes that are in both. Each has 0. */
+/* The codes that lie in both ranges. Each range contains 0. */
 static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   const axis_codes_t both = {.least = (a.least > b.least) ? a.least : b.least,
                              .most = (a.most < b.most) ? a.most : b.most};

@@ -53,7 +53,7 @@ enum { CIA402_TRACKING_NONE = 0, CIA402_TRACKING_AXIS = 1, CIA402_TRACKING_VIRTU
  * is. */
 enum { CIA402_STOPPING_TICKS = 15000 };
 
-/* In this tick; 1: in the last one. */
+/* The value of `slowing` in a tick of a ramp to a stand; in the tick after it, it is 1. */
 enum { CIA402_SLOWING = 2 };
 
 /* The mean of velocity_actual. */

@@ -12,8 +12,18 @@ import forceaxis as package
 import pytest
 import tomlkit
 import verbs
-from forceaxis import _core, drawing
-from forceaxis.design import changes, files, for_set, outcome, page, search, simulate
+from forceaxis import _core, drawing, linear
+from forceaxis.design import (
+    changes,
+    data_sheet,
+    files,
+    for_set,
+    new,
+    outcome,
+    page,
+    search,
+    simulate,
+)
 from forceaxis.linear import over
 from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member
@@ -243,6 +253,48 @@ def test_forces_and_approach_are_the_users(found, order):
     for given in (["--force", "0"], ["--force", "30,x"], ["--approach", "-1"]):
         refused = verbs.forceaxis("design", "laboratory", *OVER, *given)
         assert refused.returncode == 2 and given[0] in refused.stderr
+
+
+@pytest.mark.parametrize(
+    "given", [{}, pytest.param({"approach_mm_per_s": 7.5}, marks=pytest.mark.long)]
+)
+def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_path, given):
+    """A part of 2e4 N/m bounces at 7.5 mm/s whatever the law, five times and more; at half of that
+    twice, as a run of what is written shows. A speed that the order gives stays."""
+    pi = Bank(5.6, 14.08).quantised()
+
+    def soft(*arguments):
+        got = answer(*arguments)
+        rows = [got.structures[0], got.structures[1] | {"name": "PI", "bank": pi}]
+        return replace(got, bank=pi, chosen="PI", structures=rows, p={"force_gain": 0.0})
+
+    monkeypatch.setattr(search, "search", soft)
+    sheet = data_sheet.collect({"workpiece_stiffness_n_per_m": "2e4"})
+    new.write(tmp_path / "soft", *sheet)
+    out = tmp_path / "law"
+    done = for_set.design(order(tmp_path / "soft/model.toml", latency="0", **given), out)
+    text = outcome.describe(done)
+    run = package.run(str(out / "contact.toml"))
+    lost = run.metrics["contact_losses_run"]
+    head, rows = outcome.CASE_HEAD, outcome.cases(done.rows)
+    (cell,) = {row[head.index("losses")] for row in rows if row[0] == "contact 117 N at 7.5 mm/s"
+               } or {""}  # fmt: skip
+    if given:
+        assert done.slowed is None and "approach   " not in text
+        assert int(cell.split(" of ")[0]) >= lost > 3 and int(cell.split(" of ")[1]) > 2
+        assert "one more than the impact makes by itself" in text
+        return
+    assert cell == "" and lost <= 2 == done.slowed.losses < done.slowed.losses_before
+    # Numbers of the page have no exponent.
+    page_text = (out / "index.html").read_text()
+    assert f"<p>Approach: {done.slowed.text}.</p>" in page_text
+    assert not re.search(r">[0-9.]+e[+][0-9]+<", page_text)
+    # 5 mm at 3.75 mm/s in place of 7.5.
+    assert done.slowed.longer_s == pytest.approx(5 / 3.75 - 5 / 7.5)
+    assert "approach     3.75 mm/s, as at 7.5 mm/s a touch-down loses contact " in text
+    scale = abs(linear.facts(tmp_path / "soft/model.toml")["encoder"]["scale"])
+    objects = tomllib.loads((out / "bank.toml").read_text())["firmware"]
+    assert objects["approach_velocity_max"] == round(3.75e-3 * scale)
 
 
 # A flexure that the drive cannot bend far enough: no force law makes that contact.

@@ -3,6 +3,7 @@
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 import tomllib
@@ -15,7 +16,7 @@ from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.quantity import Force
 from forceaxis.axis.sim import SimLink
-from forceaxis.design import changes, own_axis, simulate
+from forceaxis.design import changes, data_sheet, new, own_axis, simulate
 from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
 
@@ -77,6 +78,54 @@ def test_the_first_verdict_is_stable(tmp_path, sheet):
     dry = 10 if sheet == "worn axis" else 0
     assert contact["metrics"]["final_force_N"] == pytest.approx(held, abs=count + dry)
     assert ran(tmp_path, "step.toml")["verdict"] == "stable"
+
+
+def written(folder, **given):
+    """What `new` says of an axis that it writes, without a bank."""
+    sheet = data_sheet.collect({name: str(value) for name, value in given.items()})
+    return new.write(folder / "mine", *sheet)
+
+
+@pytest.mark.parametrize(("coulomb_N", "approach_mm"), [(40, 5), (114, 50), (220, 5)])
+@pytest.mark.parametrize("share", [0.0, 1.0, 2.0])
+def test_the_window_is_in_contact_from_no_friction_to_twice(
+    tmp_path, coulomb_N, approach_mm, share
+):
+    """The set-point brings the axis to the workpiece, and the run is long enough for it."""
+    written(tmp_path, guide_coulomb_n=coulomb_N, approach_mm=approach_mm)
+    done = ran(tmp_path, "contact.toml", f"coulomb={share * coulomb_N}")
+    assert done["verdict"] == "stable", done["metrics"]
+    assert done["metrics"]["force_ripple_count"] < 1
+    assert done["metrics"]["final_force_N"] > 5
+
+
+def test_a_friction_that_no_setpoint_overcomes_is_said(tmp_path):
+    """At three quarters of the sensor's range this law pushes with some 690 N, and the run without
+    that friction stays one of contact."""
+    said = written(tmp_path, guide_coulomb_n=800)
+    assert said["setpoint_N"] == 375
+    (text,) = said["doubts"]
+    pushes = float(re.search(r"pushes with (\S+) N", text)[1])
+    assert "--guide-coulomb-n 800" in text and "never comes into contact" in text
+    expected = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["expect"]["verdict"]
+    assert ran(tmp_path, "contact.toml")["verdict"] == expected == "never_in_contact"
+    for share, verdict in ((0.9, "stable"), (1.03, "never_in_contact")):
+        assert ran(tmp_path, "contact.toml", f"coulomb={share * pushes}")["verdict"] == verdict
+
+
+@pytest.mark.parametrize("deg", [-90, 20, 90])
+@pytest.mark.parametrize("stiffness", ["rigid", 1e7])
+def test_the_held_share_of_a_vertical_axis_has_the_weight_in_it(tmp_path, deg, stiffness):
+    said = written(
+        tmp_path, inclination_deg=deg, moving_mass_kg=4, transmission_stiffness_n_per_m=stiffness
+    )
+    held = ran(tmp_path, "contact.toml")["metrics"]["final_force_N"]
+    count_N = 500 / 2048  # of the reading
+    assert held == pytest.approx(said["held_share"] * said["setpoint_N"], abs=count_N)
+    (line,) = [text for key, text in new.described(said) if key == "set-point"]
+    assert line.endswith(f"holds {100 * said['held_share']:.3g} %, the weight's part included")
+    share = re.search(r"it holds (\S+) % of", (tmp_path / "mine/contact.toml").read_text())
+    assert float(share[1]) == pytest.approx(100 * said["held_share"], rel=1e-5)
 
 
 @pytest.mark.parametrize("sheet", ["small stage", "gantry", "belt axis"])

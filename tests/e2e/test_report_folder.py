@@ -123,7 +123,18 @@ frame.onload = async () => {
   const broken = (await Promise.all(all("img").map((i) => i.decode().then(() => 0, () => 1))));
   const target = (a) => page.getElementById(a.getAttribute("href").slice(1));
   const dead = all("a[href^='#']").filter((a) => !target(a));
-  const cut = all("table").filter((t) => t.scrollWidth > t.clientWidth + 1).length;
+  const wider = all("table").filter((t) => t.scrollWidth > t.clientWidth + 1);
+  const cut = wider.filter((t) => getComputedStyle(t).overflowX !== "auto").length;
+  const lines = (text, from, to) => {
+    const range = page.createRange();
+    range.setStart(text, from);
+    range.setEnd(text, to);
+    return new Set([...range.getClientRects()].map((r) => Math.round(r.top))).size;
+  };
+  const split = all("th").flatMap((head) => [...head.childNodes]).filter((n) => n.nodeType === 3)
+    .flatMap((n) => [...n.data.matchAll(/\\w+/g)]
+      .map((m) => lines(n, m.index, m.index + m[0].length)))
+    .filter((count) => count > 1).length;
   const wide = page.documentElement.scrollWidth > page.documentElement.clientWidth;
   const box = page.getElementById("text");
   box.value = "banked";
@@ -131,7 +142,7 @@ frame.onload = async () => {
   const left = all(".card:not([hidden])").length;
   document.getElementById("found").textContent = JSON.stringify({
     images: broken.length, broken: broken.reduce((a, b) => a + b, 0), dead: dead.length,
-    contents: all("#contents a").length, wide, cut, left });
+    contents: all("#contents a").length, wide, cut, split, left });
 };
 frame.srcdoc = %s;
 </script>"""
@@ -154,7 +165,8 @@ def test_chromium_shows_every_picture_and_link_without_an_error(page, width, tmp
     assert ":CONSOLE" not in done.stderr, done.stderr
     found = json.loads(re.search(r'<pre id="found">(.*?)</pre>', done.stdout)[1])
     assert found == {
-        "images": 4, "broken": 0, "dead": 0, "contents": 3, "wide": False, "cut": 0, "left": 1,
+        "images": 4, "broken": 0, "dead": 0, "contents": 3, "wide": False, "cut": 0, "split": 0,
+        "left": 1,
     }  # fmt: skip
 
 

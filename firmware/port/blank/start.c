@@ -83,7 +83,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         },
 };
 
-/* And the watchdog. */
+/* A board with a watchdog starts it here too. */
 void port_start(void) {
   USART->CR1 = USART_CR1_ENABLED;
   SYSTICK->RVR = TICK_CYCLES - 1;
@@ -91,7 +91,7 @@ void port_start(void) {
   SYSTICK->CSR = SYSTICK_RUNS_WITH_INTERRUPT;
 }
 
-/* All interrupts; later only the tick's, by its priority. */
+/* Locks all interrupts; later only the tick's is locked, by its priority. */
 void port_lock(void) { __asm volatile("cpsid i" ::: "memory"); }
 
 void port_unlock(void) { __asm volatile("cpsie i" ::: "memory"); }

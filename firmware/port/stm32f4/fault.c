@@ -7,7 +7,7 @@
 extern uint32_t stack_bottom[];
 extern uint32_t stack_top[];
 
-/* Not cleared at start-up. */
+/* The start-up does not clear this. */
 typedef struct {
   uint32_t magic;
   fw_core_fault_t words;

@@ -95,7 +95,7 @@ void port_act(const axis_outputs_t *outputs) {
     dac_code = outputs->dac_code;
     dac_write(dac_code);
   }
-  /* Also where the supply fell between the two. */
+  /* The supply may have fallen while these were written. */
   if (!is_on || supply_is_low()) {
     io_make_safe();
   }

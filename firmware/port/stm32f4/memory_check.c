@@ -13,11 +13,11 @@ extern uint32_t ram_end[];
 /* What protect.c keeps from being touched. */
 enum { GUARD_WORDS = 8 };
 
-/* Of the words from vectors_begin to vectors_end and from code_begin to code_end, as the chip's CRC
- * unit makes it: 0x04C11DB7, from all ones, highest bit first. */
+/* The CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as the
+ * chip's unit makes it: 0x04C11DB7, from all ones, highest bit first. */
 __attribute__((section(".image_check"), used)) static const volatile uint32_t image_crc = 0;
 
-/* Four at once: each word is a read and a write. */
+/* Four words are taken at once; each word costs a read and a write. */
 static void take(const uint32_t *at, const uint32_t *end) {
   for (; (uintptr_t)end - (uintptr_t)at >= 4 * sizeof(uint32_t); at += 4) {
     CRC->DR = at[0];

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_PORT_STM32F4_REGISTERS_BITS_H_
 #define FIRMWARE_PORT_STM32F4_REGISTERS_BITS_H_
 
-/* What registers are described with. */
+/* Helpers that describe registers. */
 
 #include <stdint.h>
 

@@ -91,9 +91,9 @@ typedef struct {
 #define MPU_CTRL_ENABLE BIT(0)
 #define MPU_CTRL_PRIVDEFENA BIT(2)
 #define MPU_RASR_ENABLE BIT(0)
-/* Of 2^n bytes. */
+/* A region has 2^n bytes. */
 #define MPU_RASR_SIZE(n) FIELD(1, 5, (n)-1)
-/* Eighths of the region that it leaves out. */
+/* The eighths of itself that a region leaves out, a bit each. */
 #define MPU_RASR_SRD(eighths) FIELD(8, 8, eighths)
 #define MPU_RASR_C BIT(17)
 #define MPU_RASR_AP_NONE FIELD(24, 3, 0)

@@ -21,13 +21,13 @@ POINTS = range(2, 9)
 POLL_S = 0.02
 MOST_COUNTS = 512  # of force_max
 STAND_S = 5.0  # a disabled axis coasts
-GUARD_COUNTS = 8  # of the reading, beyond what a retract begins with
-RELEASE_STEPS, RELEASE_S = 25, 3.0  # of a target to 0; the longest until the force is released
-# What a mode of operation presses by.
+GUARD_COUNTS = 8  # a retract may press with so many more than it begins with
+RELEASE_STEPS, RELEASE_S = 25, 3.0  # steps of the target to 0; longest wait until it is released
+# The target that a mode of operation presses with.
 TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
-APART_S = 10.0  # of a retract, beyond the time that its way takes
+APART_S = 10.0  # a retract may take so much longer than its way takes
 MOVE_COUNTS = 32  # of the reading, a quarter of a signed one: a move that meets so much ends there
 
 

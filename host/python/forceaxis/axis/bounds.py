@@ -20,10 +20,10 @@ from forceaxis.bus.state_names import BY_NAME
 
 INTERNAL_LIMIT = 1 << 11  # of the statusword: a target, or the output, is limited
 RELATIVE = 1 << 6  # of the controlword: a target position counts from where the axis is
-REVERSED = 0x80  # of polarity: positions
+REVERSED = 0x80  # bit of polarity that reverses positions
 NO_LIMIT = 2**31 - 1  # magnitude of a position that is no bound
 CODE_MOST = 2047  # of the DAC
-WHOLE = 1000  # of per mille
+WHOLE = 1000  # per mille that are the whole
 WAVE = "excitation"  # the mode of operation
 
 

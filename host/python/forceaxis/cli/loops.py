@@ -40,9 +40,9 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
     or bank as quantised, gain and latency; options take precedence. The loop is linear: the model's
     equations in one mode, in contact. Prints every gain at which a closed-loop pole crosses the
     stability boundary, the largest setting of the firmware below the first, and at a gain the
-    margins and the bandwidth. JSON: critical_gain in `unit` (null: stable for all gains; 0:
-    unstable however small, see reason), frequency_hz, crossings, of which those at gain 0 are
-    undamped poles of the plant, and `at`.
+    margins and the bandwidth. JSON: critical_gain in `unit` (null: stable for all gains, or up to
+    known_to, above which rounding decides; 0: unstable however small, see reason), frequency_hz,
+    crossings, of which those at gain 0 are undamped poles of the plant, and `at`.
 
     With --over, --modes or --timing both, over a set: the largest gain that all bear, whose it is
     (`member`), and at the gain the worst of each figure with its member.

@@ -44,7 +44,7 @@ JUDGED = 3  # realisations that distortion is judged by
 DISTORTED = {"adc0": 1.35, "encoder": 6.0}
 LEAST_STEP, FAR = 1.4, {"adc0": 8.0, "encoder": 4.0}  # times the amplitude, in one step
 BACKS = 6  # times the amplitude is halved
-# With dry friction, times what it is: the most of it that the bounds permit slides.
+# With dry friction the amplitude is so many times the friction, if the bounds permit: it slides.
 LESS, BACKS_RUBS = 0.7, 12
 FREE_SWING = 400  # counts, from peak to peak
 FREE_SETTLE = 0.3  # of the time to settle in contact
@@ -275,7 +275,7 @@ class Analyzer:
         found = response.excess(r, u, y, rest, self.lines, self._steps(output))
         self.say(f"{level.amplitude} codes: {found:.3g} times the noise")
         level.distorted = float(found)
-        # Of dry friction a smaller amplitude shows more: its distortion is noise in the variance.
+        # A smaller amplitude shows more of dry friction, whose distortion is noise in the variance.
         if found > DISTORTED[output] and level.amplitude > 1 and not self.order.rubs:
             raise Ended("distorted")
         for seed in seeds[JUDGED:]:

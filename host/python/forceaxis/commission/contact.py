@@ -96,10 +96,11 @@ def simulated(tuning):
             done = simulation.run(jobs, os.cpu_count() or 1)
         except _core.SimulationError as error:
             raise Refusal("simulation", f"expected a run, {error}") from None
-    rows = [
-        {"kind": kind} | outcome.plain(simulation.row("design", case.name, member, 0, one))
-        for (kind, case, member), one in zip(cases, done, strict=True)
-    ]
+    rows = []
+    for (kind, case, member), one in zip(cases, done, strict=True):
+        most = bench.limits(case, bank).get("contact_losses_max")
+        row = simulation.row("design", case.name, member, 0, one, most)
+        rows.append({"kind": kind} | outcome.plain(row))
     for row in simulation.unstable(rows):
         where = "".join(f", {name} = {value:.4g}" for name, value in row["member"].items())
         raise Refusal(

@@ -25,23 +25,25 @@ from forceaxis.commission.refusal import Refusal
 
 SHARE_OF_WAY = 0.85  # of the travel to either side, in which a glide runs
 GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
-SLOWER = 0.6  # of the larger code: the smaller one
-ENOUGH = 1.2  # times the travel, in a glide: fast enough
-LOOK_S, BEYOND = 0.02, 1.3  # how often the place is read; times the travel
+SLOWER = 0.6  # the smaller code over the larger one
+ENOUGH = 1.2  # a code that would cover so many times the travel is fast enough
+LOOK_S, BEYOND = 0.02, 1.3  # the position is read so often; a glide ends at so many travels
 LEAST_TRAVEL = 20  # counts
-MOVES = 6  # counts: less is no motion
-FELT_CODES = 0.12  # a dead zone below is none
+MOVES = 6  # counts; fewer are no motion
+FELT_CODES = 0.12  # a dead zone of fewer codes counts as none
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 BLOCK = 20  # samples of a mean
 BINS = 6
-SOFTER = 1.6  # times the compliance at the forces: a soft place between them
+SOFTER = 1.6  # so many times the compliance at the two forces is a soft place between them
 FELT_SHARE = 0.15  # by which less is left of the way's error where it is friction
-LEAST_COUNTS = 0.35  # of the way, by which friction under the workpiece shows
-NOISE_SLIDES = 2.5  # dead zones: noise of fewer codes does not slide most of the time
-STANDS_WITHIN = 0.06  # of the force, by which a law without an integral is told from one that has
-RISES = 0.3  # of the slope of the force, above which a block is of a motion
-FEWEST_BLOCKS, HELD_S = 8, 1.0  # of motion; at the end of a leg, in which the axis stands
-SURE, LEAST_CODES, OF_SPEED = 4.0, 0.3, 0.5  # standard errors; codes; of what the speed takes
+LEAST_COUNTS = 0.35  # counts of the way from which on friction under the workpiece shows
+NOISE_SLIDES = 2.5  # dead zones; noise of fewer codes does not slide most of the time
+# A law without an integral ends further than this from the force that was asked for, relative.
+STANDS_WITHIN = 0.06
+RISES = 0.3  # of the slope of the force; a block that rises faster is one of a motion
+FEWEST_BLOCKS, HELD_S = 8, 1.0  # blocks of a motion; the axis stands so long at the end of a leg
+# Standard errors, codes, and the share of what the speed takes, from which on friction shows.
+SURE, LEAST_CODES, OF_SPEED = 4.0, 0.3, 0.5
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def peaks(tuning, bank, late, level):
     """Ms as measured, and as the fitted model has it at the same lines; None where no line is
     sure."""
     measured = level.measured
-    # What rubs sticks at some amplitudes and slides at others: the larger one of both.
+    # What rubs sticks at some amplitudes and slides at others, so the larger of both is taken.
     every = tuning.result("design").get("modes") or [None]
     if not tuning.result("fit").get("friction"):
         every = [None]

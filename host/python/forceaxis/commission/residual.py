@@ -21,9 +21,9 @@ from forceaxis.identify.fit import MISFIT
 
 MODES_FROM = 10  # frequencies from which a mode is searched
 SHOWN = 3  # candidates in a text
-LAG_S = 4e-4  # to begin with
+LAG_S = 4e-4  # of a lag, where its fit begins
 GAIN = 0.2  # spread of the logarithm of a gain by level
-SPLIT = 1.05  # pole over zero of a mode, to begin with
+SPLIT = 1.05  # pole over zero of a mode, where its fit begins
 EVALUATIONS = 25
 
 Values = dict[str, float]

@@ -17,10 +17,10 @@ SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
 FREQUENCIES = 11
-SLIDES = 3.0  # times the way at which the spring overcomes the friction: enough
-LEAST = 1.25  # times it: less is not taken
-TRIES, MORE = 7, 1.6  # of the amplitude
-FEWEST = 3  # frequencies
+SLIDES = 3.0  # so many times the way at which the spring overcomes the friction is enough
+LEAST = 1.25  # so many times that way is the least that is taken
+TRIES, MORE = 7, 1.6  # the amplitude is raised so often at most, by this factor
+FEWEST = 3  # frequencies at least
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The files of a tuning's folder, and what is in them: one that is damaged is refused in one line.
 
 A shape says what a JSON value has to be: a type; `[shape]` a list of it; `{key: shape}` an object
-with at least these keys; Each(shape) an object with any; Maybe(shape) it or null.
+with at least these keys; Each(shape) an object with any; Maybe(shape) it or null. A key whose shape
+is Newer(shape) may be missing, as it is in the folders of earlier versions.
 """
 
 import json
@@ -14,7 +15,7 @@ import numpy as np
 
 from forceaxis._core import InputError
 
-# What a step does: to be read after it, so each has to be there where the step is done.
+# Files that a step writes and a later one reads: each has to be there where the step is done.
 WITH = {"measure": ("between.json",), "write": ("before.json",)}
 TOUCH_DOWN = ("time_s", "force_N", "predicted_N")  # columns of its file
 
@@ -22,6 +23,13 @@ TOUCH_DOWN = ("time_s", "force_N", "predicted_N")  # columns of its file
 @dataclass(frozen=True)
 class Each:
     """An object of any keys, whose values have a shape."""
+
+    of: Any
+
+
+@dataclass(frozen=True)
+class Newer:
+    """Of a key that earlier versions did not write: a shape, where it is there."""
 
     of: Any
 
@@ -41,6 +49,13 @@ VERIFIED = {
     "Ms": NUMBER, "Ms_error": NUMBER, "Ms_predicted": NUMBER, "Ms_hz": NUMBER, "bias_N": NUMBER,
 }  # fmt: skip
 RUB = {"name": str, "between": [str], "newton": NUMBER, "declared": bool}
+# A simulated contact, and a gain that was cut for one.
+CASE = {
+    "case": str, "law": str, "verdict": str, "peak_N": Maybe(NUMBER),
+    **dict.fromkeys(("static_error_percent", "settle_ms", "overshoot_percent"), Maybe(NUMBER)),
+    "losses": Newer(int), "losses_max": Newer(Maybe(int)), "saturated_ms": Newer(NUMBER),
+}  # fmt: skip
+CUT = {"force_gain": NUMBER, "failed": int, "simulated": int, "case": str, "why": str}
 RESULTS: dict[str, Any] = {
     "check": {
         "rest": {"reading": NUMBER, "noise_lsb": Maybe(NUMBER), "position": int},
@@ -62,9 +77,9 @@ RESULTS: dict[str, Any] = {
         "worst": FIGURES | {"fS_Hz": Maybe(NUMBER), "fT_Hz": Maybe(NUMBER)},
         "p": dict, "objects": Each((int, float, str)), "contact_loss": Maybe(dict),
         "on_fitted": Each(Maybe(dict)), "modes": [dict], "adc_bits": int, "cut": str,
-        "times_p": Maybe(NUMBER),
+        "times_p": Maybe(NUMBER), "simulated": Newer([CASE]), "gain_cuts": Newer([CUT]),
     },
-    "simulate": {"contacts": [dict]},
+    "simulate": {"contacts": [CASE]},
     "write": {"certificate_state": str, "objects": int},
     "verify": {"levels": Each(VERIFIED)},
     "store": {"stored": bool},
@@ -160,6 +175,8 @@ def _no_number(text: str) -> None:
 
 def _wrong(value: Any, shape: Any, where: str) -> str:
     """What is wrong with a value, "" for nothing. where: its keys, with dots."""
+    if isinstance(shape, Newer):
+        return _wrong(value, shape.of, where)
     if isinstance(shape, Maybe):
         return "" if value is None else _wrong(value, shape.of, where)
     if isinstance(shape, list):
@@ -174,6 +191,8 @@ def _wrong(value: Any, shape: Any, where: str) -> str:
         for key in keys:
             name = f"{where}.{key}" if where else key
             if key not in value:
+                if isinstance(shape, dict) and isinstance(shape[key], Newer):
+                    continue
                 return f"{name}: expected that key, it is missing"
             parts.append((name, value[key], shape[key] if isinstance(shape, dict) else shape.of))
     else:

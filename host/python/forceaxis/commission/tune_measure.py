@@ -18,12 +18,12 @@ from forceaxis.design.changes import Design, contact_of
 from forceaxis.identify import result as results
 from forceaxis.linear.bank import Bank
 
-FEWEST = 5  # averages
+FEWEST = 5  # averages at least
 PEAKY = known.PEAKY
 
 
-SMALLER = 3  # times smaller: the second amplitude that is measured
-LOWER = 0.6  # of the smallest force: from where the force is changed slowly
+SMALLER = 3  # the second amplitude that is measured is so many times smaller
+LOWER = 0.6  # the slow change of the force begins at this share of the smallest one
 BETWEEN, SHAKEN = "between", "shaken"
 
 

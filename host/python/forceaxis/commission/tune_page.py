@@ -7,6 +7,7 @@ import numpy as np
 
 from forceaxis import paths
 from forceaxis.commission import as_found, contact, known, tune_fit
+from forceaxis.design import outcome
 from forceaxis.drawing import (
     GOT,
     INK,
@@ -33,6 +34,9 @@ HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Tuned axis
 """
 TERMS = """<p class="small">fS: the lowest frequency at which |S| reaches -3 dB; fT: where |T| last
 falls through -3 dB; Ms: the largest |S|. Over the set: of its worst member.</p>"""
+CASES = """<p class="small">Stable: how many settled, of the fitted plant and random members of
+the set. Losses of contact, the worst peak and the saturation of the output are the largest of all
+of them; the other figures are those of the fitted plant.</p>"""
 FIGURES = (
     ("fS, Hz", "fS_Hz"),
     ("fT, Hz", "fT_Hz"),
@@ -61,7 +65,7 @@ def write(tuning, summary):
         about = "Touch-down with the new law: the reading, and that of the fitted plant with the "
         parts += ["<h2>Contact, measured and predicted</h2>", f"<p>{about}firmware.</p>"]
         parts.append(_images(figures, "Force over time, measured and predicted"))
-    parts.append(_verified(summary))
+    parts += [_simulated(summary), _verified(summary)]
     if names:
         slides = folder / tune_fit.RESPONSES  # where friction is a damper
         model = str(slides) if slides.exists() else tuning.given
@@ -130,6 +134,25 @@ def _margins(summary):
         return ""
     head = ["law", *(text for text, _ in FIGURES)]
     return "<h2>Margins, old and new</h2>" + _rows([head, *rows]) + TERMS
+
+
+def _simulated(summary):
+    """What each simulated case came to, and what was cut for it."""
+    # Folders of earlier versions have rows without some of these columns.
+    rows = [row for row in summary["simulated"] if row.keys() >= outcome.CASE_KEYS]
+    if not (rows or summary["cuts"]):
+        return ""
+    text = "<h2>Contact, simulated with the fitted plant and the firmware</h2>"
+    if rows:
+        drop = outcome.CASE_HEAD.index("law")
+        lines = [outcome.CASE_HEAD, *outcome.cases(rows)]
+        text += _rows([[*line[:drop], *line[drop + 1 :]] for line in lines]) + CASES
+    if summary["cuts"]:
+        items = "".join(f"<li>{html.escape(cut)}</li>" for cut in summary["cuts"])
+        text += (
+            f"<p>What the simulation took off the designed gain, a tenth each:</p><ul>{items}</ul>"
+        )
+    return text
 
 
 def _verified(summary):

@@ -95,7 +95,7 @@ def check(tuning):
     if not held["position_gain"]:
         moves = known.states_apart(str(model), tuning.states)
         loop = loops.force_loop(str(model), modes=moves, output="encoder", free=True)
-        gain = loop.limit().gain
+        gain = loop.limit().stable_to
         highest = 256.0 if gain is None else gain / facts["volts_per_code"]
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
     slow, own = _approach_velocity(model, facts), held["approach_velocity_max"]
@@ -162,9 +162,9 @@ def measuring_law(tuning):
         for changed in members:
             loop = loops.force_loop(model, "bank", "zoh+1", changed, tuning.states, bank=bank)
             limit = loop.limit()
-            if limit.gain is not None:
-                gains.append(loop.firmware_gain(limit.gain))
-                highest = max(highest, limit.frequency_hz)
+            if limit.stable_to is not None:
+                gains.append(loop.firmware_gain(limit.stable_to))
+                highest = max(highest, limit.frequency_hz or 0.0)
             plant = linear.linearise(
                 model, outputs=("adc0",), overrides=changed, modes=tuning.states
             )

@@ -50,34 +50,36 @@ HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
 
 
 def performance(loop, reference_hz=None):
-    """Of a loops.Loop: critical_gain, frequency_hz, firmware_gain, loop_gain, loop_gain_at,
-    crossover_hz.
+    """Of a loops.Loop: critical_gain, known_to, frequency_hz, firmware_gain, loop_gain,
+    loop_gain_at, crossover_hz.
 
     loop_gain_at is that at reference_hz, by default the loop's own crossover. critical_gain None:
-    stable at every gain; then there is no crossover either.
+    stable at every gain, then there is no crossover either; or at every gain up to known_to, above
+    which rounding decides: then the others are those of that gain.
     """
     limit = loop.limit()
     zero = abs(loop.open.at(0.0 if loop.dt is None else 1.0))
     found = {
         "critical_gain": limit.gain,
+        "known_to": limit.known_to,
         "frequency_hz": limit.frequency_hz,
         "firmware_gain": None,
         "loop_gain": None,
         "loop_gain_at": None,
         "crossover_hz": None,
     }
-    if limit.gain:
+    if limit.stable_to:
         if loop.codes_per_gain is not None:
-            found["firmware_gain"] = loop.firmware_gain(limit.gain)
+            found["firmware_gain"] = loop.firmware_gain(limit.stable_to)
         if np.isfinite(zero):
-            found["loop_gain"] = float(zero * limit.gain)
-        gain = limit.gain / GAIN_MARGIN
+            found["loop_gain"] = float(zero * limit.stable_to)
+        gain = limit.stable_to / GAIN_MARGIN
         if not np.isfinite(zero) or zero * gain > 1:
             crossovers = loop.margins(gain).crossovers
             found["crossover_hz"] = float(crossovers[0][0]) if crossovers else None
         reference_hz = reference_hz or found["crossover_hz"]
         if reference_hz:
-            found["loop_gain_at"] = float(abs(loop.open.response(reference_hz)) * limit.gain)
+            found["loop_gain_at"] = float(abs(loop.open.response(reference_hz)) * limit.stable_to)
     return found
 
 
@@ -174,7 +176,7 @@ def rank(row):
         return (math.inf, 0.0)
     if "over" in row:
         return (-(row["over"] or {"fS_Hz": 0.0})["fS_Hz"], 0.0)
-    if row["critical_gain"] is None:
+    if row["critical_gain"] is None and row["known_to"] is None:
         return (-math.inf, 0.0)
     return (-(row["crossover_hz"] or 0.0), -(row["loop_gain"] or 0.0))
 
@@ -365,7 +367,7 @@ def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=Non
     return {
         "stable_gain": float(low),
         "unstable_gain": None if high is None else float(high),
-        "of_limit": float(low / limit) if limit else None,
+        "of_limit": float(low / limit) if linear_figures["critical_gain"] else None,
         "runs": runs,
         "ripple_count": float(quiet["metrics"]["force_ripple_count"]),
     }

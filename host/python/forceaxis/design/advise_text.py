@@ -3,6 +3,7 @@
 import textwrap
 
 from forceaxis.linear import working
+from forceaxis.linear.stability import known_text
 
 FS = (
     "lowest frequency at which |S| reaches -3 dB, of the worst member with the largest gain at "
@@ -18,17 +19,23 @@ def describe(result, width=None):
     def number(value, digits=3):
         return "-" if value is None else f"{value:.{digits}g}"
 
-    def gain(value):
-        return "> 256" if value is not None and value >= GAIN_MAX else number(value)
+    def gain(row):
+        value, above = row["firmware_gain"], "> " * (row["known_to"] is not None)
+        return "> 256" if value is not None and value >= GAIN_MAX else above + number(value)
+
+    def critical(row):
+        if row["critical_gain"] is not None:
+            return f"{row['critical_gain']:.4f}"
+        return "no limit" if row["known_to"] is None else f"> {row['known_to']:.4g}"
 
     def columns(row):
         ratio = row.get("ratio") or dict.fromkeys(
             ("critical_gain", "loop_gain_at", "crossover_hz"), 1
         )
-        none, run = row["critical_gain"] is None, simulated(row)
+        run = simulated(row)
         return {
-            limit: "no limit" if none else f"{row['critical_gain']:.4f}",
-            "force_\ngain": gain(row["firmware_gain"]),
+            limit: critical(row),
+            "force_\ngain": gain(row),
             "gain\nx": number(ratio["critical_gain"]),
             "at\nHz": number(row["frequency_hz"]),
             there: number(ratio["loop_gain_at"]),
@@ -63,7 +70,11 @@ def describe(result, width=None):
             )
         lines.append(f"limited by   {what}")
     if base["critical_gain"] is None:
-        lines.append("limit        none, stable at every gain")
+        known_to = base["known_to"]
+        which = "at every gain"
+        if known_to is not None:
+            which = f"up to {known_text(known_to, result['unit'])}"
+        lines.append(f"limit        none: stable {which}")
     elif base["critical_gain"]:
         own = f" (force_gain {base['firmware_gain']:.4g})" if base["firmware_gain"] else ""
         lines.append(
@@ -133,6 +144,11 @@ def describe(result, width=None):
         lines += above
         line(name, [cells[head] for head in wide])
     notes = ["; ".join(text for head, text in notes.items() if head in wide)]
+    if any(row["known_to"] is not None for row in (base, *rows)):
+        notes.append(
+            "V/N with >: no limit up to there, above it rounding decides; the row's other figures "
+            "are those of that gain"
+        )
     if not result["over"]:
         notes.append(
             "these are figures of one plant: --over NAME=30%,.. ranks by the bandwidth over a set, "

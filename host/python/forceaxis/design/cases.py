@@ -26,8 +26,9 @@ class Named(NamedTuple):
     name: str
 
 
-def row(law, case, member, latency, outcome):
-    """A simulated case as `forceaxis design --json` prints it; None: there is no such value."""
+def row(law, case, member, latency, outcome, losses_max=None):
+    """A simulated case as `forceaxis design --json` prints it; None: there is no such value.
+    losses_max: of contact, that its verdict allows."""
     held = outcome["metrics"]["held_force"] or {}
     settle = held.get("settle_s")
     return {
@@ -41,6 +42,7 @@ def row(law, case, member, latency, outcome):
         "missed": outcome["missed"],
         "peak_N": outcome["metrics"]["peak_force_N"],
         "losses": outcome["metrics"]["contact_losses_run"],
+        "losses_max": losses_max,
         "saturated_ms": 1e3 * outcome["metrics"]["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
         "settle_ms": None if settle is None else 1e3 * settle,
         "overshoot_percent": held.get("overshoot_percent"),
@@ -78,6 +80,11 @@ def why(row):
         limit = f"{one['limit']} {value}{unit}"
         found.append(limit + (f" of {one['bound']:.3g}{unit}" if one["bound"] else ""))
     return ", ".join(found)
+
+
+def most_losses(rows) -> int:
+    """Of contact, in a simulated touch-down of the design, of all members; 0 without one."""
+    return max((r["losses"] for r in rows if r["losses_max"] is not None), default=0)
 
 
 def unstable(rows):

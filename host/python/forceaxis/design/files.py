@@ -158,6 +158,8 @@ def write(folder, bench, outcome, own=None, date=None):
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss)),
         largest_ms(outcome.worst), outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
+    if outcome.slowed:  # what its contacts were simulated with
+        values = {"approach_velocity_max": bench.loads(case)["approach_velocity_max"]} | values
     contact = bench.text(case, outcome.bank, outcome.loss, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}
     if own is not None:

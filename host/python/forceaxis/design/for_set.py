@@ -14,7 +14,8 @@ from pathlib import Path
 from forceaxis import objects, paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, friction, search, simulate
-from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, plain
+from forceaxis.design.cases import most_losses
+from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, Slowed, plain
 from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
 from forceaxis.linear import settings
@@ -55,7 +56,7 @@ def plant_set(bench, order):
         modes = slopes(plant.model, plant.overrides, plant.states)
     else:
         loop = plant.loop()
-        limit = loop.limit().gain
+        limit = loop.limit().stable_to
         gain = PROBE_SHARE * loop.firmware_gain(limit) if limit else 1.0
         modes = visited(bench, Bank(min(max(gain, 1 / 256), 255.0), PROBE_RAD_PER_S), ())
     return PlantSet(str(plant.model), plant.overrides, ranges, modes, order.together)
@@ -97,7 +98,7 @@ def design(order, out=None, progress=None):
         if len(more) > len(plants.modes):
             outcome, instead = found(plant, replace(plants, modes=more), order, bits, say)
         if order.simulate:
-            outcome = simulated(bench, outcome, instead, say)
+            outcome, bench = simulated(bench, outcome, instead, say)
         if out is not None:
             from forceaxis.design import page  # Matplotlib, only where something is drawn
 
@@ -162,11 +163,62 @@ def found(plant, plants, order, bits, say):
 
 
 def simulated(bench, outcome, instead, say):
-    """The Outcome with what the simulation leaves of its gain, or of that of another structure,
-    which it may leave with more bandwidth. Raises InputError where it leaves none."""
+    """(the Outcome with what the simulation leaves of its gain, or of that of another structure,
+    which it may leave with more bandwidth; the bench with the approach that it has then): a slower
+    one where contacts do not settle or lose contact more than LOSSES_MAX times at the speed that is
+    there, unless the order says how fast it approaches. Raises InputError where none is left."""
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = contact_members(bench, outcome.plants, MEMBERS)
+    try:
+        best, refused = settled(bench, outcome, instead, members, threads, say), None
+    except InputError as error:
+        best, refused = None, error
+    before = most_losses(best.rows) if best else None
+    given = "approach_velocity_max" in order.firmware or order.approach_mm_per_s is not None
+    if not given and (best is None or before > simulate.LOSSES_MAX):
+        share, slow = calmer(bench, outcome.bank, latencies, threads)
+        speed = bench.cases[0].speed_m_per_s
+        say(f"a slower approach, {1e3 * share * speed:.3g} mm/s")
+        try:
+            other = settled(slow, outcome, instead, members, threads, say)
+        except InputError:
+            other = None
+        losses = most_losses(other.rows) if other else math.inf
+        if losses < (math.inf if before is None else before):
+            longer_s = bench.gap_m() * (1 / share - 1) / speed
+            other.slowed = Slowed(speed, share * speed, before, losses, longer_s)
+            best, bench = other, slow
+    if best is None:
+        raise refused
+    best.frictions = bench.frictions
+    bench.wait_for(best.bank)
+    if best.p_bank.force_gain:
+        say("simulating P")
+        best.rows += simulate.simulate(bench, best.p_bank, members, latencies, None, threads, "p")
+    return best, bench
+
+
+def calmer(bench, bank, latencies, threads):
+    """(share, bench): of the slower SPEEDS the fastest at which an impact by itself loses contact
+    the fewest times."""
+    fewest = None
+    for share in simulate.SPEEDS[1:]:
+        slow = bench.at(share)
+        slow.wait_for(bank)
+        slow.feel(bank, latencies, threads)
+        losses = max(losses for losses, _ in slow.impacts.values())
+        if fewest is None or losses < fewest:
+            fewest, found = losses, share
+        if not losses:
+            break
+    return found, bench.at(found)
+
+
+def settled(bench, outcome, instead, members, threads, say):
+    """The Outcome with most bandwidth of those whose contacts settle on a bench, the given one or
+    one of another structure. Raises InputError where there is none."""
+    latencies = LATENCIES[outcome.order.latency]
 
     def left(one, least):
         bench.wait_for(one.bank)
@@ -187,7 +239,7 @@ def simulated(bench, outcome, instead, say):
         for name, least in tries:
             if best and (not best.cuts or promised[name] <= best.worst["fS_Hz"]):
                 continue
-            one = outcome if name == outcome.chosen else instead(name)
+            one = replace(outcome) if name == outcome.chosen else instead(name)
             try:
                 one = one and left(one, least)
             except InputError as error:
@@ -200,12 +252,7 @@ def simulated(bench, outcome, instead, say):
             break
     if best is None:
         raise refused
-    best.frictions = bench.frictions
     best.passed_over = {name: why for name, why in passed.items() if name != best.chosen}
-    bench.wait_for(best.bank)
-    if best.p_bank.force_gain:
-        say("simulating P")
-        best.rows += simulate.simulate(bench, best.p_bank, members, latencies, None, threads, "p")
     return best
 
 

@@ -114,6 +114,21 @@ def doubts(v):
     return texts
 
 
+def stuck(v, first) -> list[str]:
+    """What keeps the first law from the workpiece: [text], one line each."""
+    if first.friction_most is not None:
+        return []
+    back = -min(weight_n(v), 0.0)
+    what = f"{BY_NAME['guide_coulomb_n'].option} {v['guide_coulomb_n']:g}"
+    if back:
+        what += f" and the weight of {back:.3g} N"
+    return [
+        f"{what} hold the axis back: the law of contact.toml pushes with "
+        f"{first.pushes_N + back:.3g} N, so that its run never comes into contact; raise "
+        "force_gain or force_setpoint, or take a law with an integral part (held.toml)"
+    ]
+
+
 def within(name, value):
     """A value of a firmware object, limited to the object's range."""
     taken = next(o for o in objects.OBJECTS if o.name == name)
@@ -140,6 +155,9 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float
+    pushes_N: float  # with which the law starts to approach: command and weight
+    friction_most: float | None  # of the declared dry friction, that this overcomes; None: not it
+    raised: bool  # the set-point, for that
 
 
 def approach_m_per_s(axis):
@@ -152,12 +170,13 @@ def approach_m_per_s(axis):
 
 def highest_gain(loop, volts_per_code):
     """The limit of a loop in DAC codes per unit of its signal, at most the firmware's 256."""
-    gain = loop.limit().gain
+    gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 
 def first_gains(axis, model):
-    """A share of the linear limits; a quarter of the smaller of sensor range and peak force."""
+    """A share of the linear limits; a quarter of the smaller of sensor range and peak force, more
+    where an approach needs it: against the weight and twice the dry friction."""
     from forceaxis import linear
     from forceaxis.linear import loops
 
@@ -165,7 +184,10 @@ def first_gains(axis, model):
     sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
     if v["transmission_stiffness_n_per_m"] and v["backlash_mm"]:
         sliding["transmission.high"] = "pressed"  # the backlash closed
-    plant = linear.linearise(model, outputs=("adc0",), modes=sliding)
+    # What pulls along the axis: gravity and dry friction, at the body that presses.
+    pull = f"{'axis' if v['transmission_stiffness_n_per_m'] is None else 'load'}.force"
+    inputs = ("drive.command", pull)
+    plant = linear.linearise(model, inputs, ("adc0",), modes=sliding)
     free = linear.linearise(model, outputs=("encoder",), modes=sliding, free=True)
     poles = np.concatenate([plant.poles().real, free.poles().real])
     if poles.max() > 1e-6 * np.abs(poles).max():
@@ -186,13 +208,28 @@ def first_gains(axis, model):
         fail("full_scale_speed_m_per_s", "a speed at which the safe approach takes at least two "
              f"DAC codes, got {v['full_scale_speed_m_per_s']:g} ({gain * setpoint:.2g} codes)",
              "lower it, or check sensor and amplifier")  # fmt: skip
-    static = gain * volts * plant.at(0.0).real
-    rate = force.decay(gain * volts)
-    reach = v["approach_mm"] / 1e3 / (min(gain * setpoint, DAC_CODES) * code)
-    # Room for lower gains and set-points: a tenth of the approach speed, if that is not too long.
-    contact = min(
-        600.0, math.ceil(2 * (min(10 * reach, 1.3 * reach + 3) + min(10 / rate, 30) + 1.5)) / 2
+    weight, dry = weight_n(v), v["guide_coulomb_n"]
+    moving = linear.linearise(
+        model, inputs, (pull.replace("force", "velocity"),), modes=sliding, free=True
     )
+    speed_per_N = abs(moving.at([0.02j * math.pi]).ravel()[1])
+    need = 1.1 * (2 * dry - min(weight, 0.0)) * speed_per_N / (gain * code)
+    highest = math.floor(min(96.0, peak / 2 / newton_per_count) * 256) / 256
+    usual, setpoint = setpoint, max(setpoint, min(math.ceil(need * 256) / 256, highest))
+    of_command, of_force = plant.at(0.0).real.ravel()
+    static = gain * volts * of_command
+    held = (static + of_force * weight / setpoint) / (1 + static)
+    rate = force.decay(gain * volts)
+    free_speed = min(gain * setpoint, DAC_CODES) * code
+    reach = v["approach_mm"] / 1e3 / free_speed
+    # Room for lower gains and set-points: a tenth of the approach speed, if that is not too long.
+    room = min(10 * reach, 1.3 * reach + 3)
+    pushes = free_speed / speed_per_N + weight  # N, standing
+    most = friction_most(dry, pushes)
+    if most is not None:
+        slowest = (pushes - most * dry) * speed_per_N
+        room = max(room, 1.3 * v["approach_mm"] / 1e3 / slowest + 0.5)
+    contact = min(600.0, math.ceil(2 * (room + min(10 / rate, 30) + 1.5)) / 2)
 
     position = loops.force_loop(model, modes=sliding, output="encoder", free=True)
     position_limit = highest_gain(position, volts)
@@ -201,8 +238,18 @@ def first_gains(axis, model):
     speed = v["full_scale_speed_m_per_s"] / 4
     settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
-    return First(limit, gain, setpoint, static / (1 + static), reach, contact, position_limit,
-                 position_gain, distance, speed, acceleration, min(step, 600.0))  # fmt: skip
+    return First(
+        limit, gain, setpoint, held, reach, contact, position_limit, position_gain, distance,
+        speed, acceleration, min(step, 600.0), pushes, most, setpoint > usual,
+    )  # fmt: skip
+
+
+def friction_most(dry_N: float, pushes_N: float) -> float | None:
+    """How many times the declared dry friction an approach that pushes with so much overcomes: 2,
+    or half-way to what it overcomes where that is less; None: not even the declared."""
+    if pushes_N <= dry_N:
+        return None
+    return 2.0 if 2 * dry_N < pushes_N else (1 + pushes_N / dry_N) / 2
 
 
 def render(name, title, axis, sources, first=None):
@@ -298,12 +345,19 @@ def write(folder, values, sources, force=False, design=None):
         "force_setpoint": first.setpoint,
         "setpoint_N": first.setpoint * values["sensor_full_scale_n"] / 128,
         "held_share": first.held,
+        "held_with": held_with(values),
         "position_gain": first.position_gain,
         "design": bought,
         "defaults": [n for n, s in sources.items() if s != "given"],
-        "doubts": doubts(values),
+        "doubts": doubts(values) + stuck(values, first),
         "marked": written[model].count("default, check"),
     }
+
+
+def held_with(v) -> str:
+    """What the held share contains or leaves out, as the end of a line."""
+    text = "" if v["inclination_deg"] is None else ", the weight's part included"
+    return text + (", give or take the dry friction" if v["guide_coulomb_n"] else "")
 
 
 def umask():
@@ -336,7 +390,7 @@ def described(done):
         ("force gain", f"{done['force_gain']:.4g}, a sixth of the linear limit "
          f"{done['force_limit_gain']:.4g}"),
         ("set-point", f"{done['setpoint_N']:.4g} N, of which this gain holds "
-         f"{100 * done['held_share']:.3g} %"),
+         f"{100 * done['held_share']:.3g} %{done['held_with']}"),
         *bought,
         *(("check", text) for text in done["doubts"]),
         ("not given", f'{done["marked"]} values: look for "default, check" in model.toml'),

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
 
-from forceaxis import paths
+from forceaxis import paths, words
 from forceaxis.design import simulate
 from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
@@ -40,6 +40,29 @@ class Order:
     threads: int | None = None
 
 
+@dataclass(frozen=True)
+class Slowed:
+    """An approach that was made slower for the losses of contact: speeds in m/s, the most losses
+    of a simulated touch-down at each, and what it takes longer to touch, s."""
+
+    from_m_per_s: float
+    to_m_per_s: float
+    losses_before: int | None  # None: contacts do not settle there
+    losses: int
+    longer_s: float
+
+    @property
+    def text(self) -> str:
+        before = "contacts do not settle"
+        if self.losses_before is not None:
+            before = f"a touch-down loses contact {counted(self.losses_before, 'time')}"
+        return (
+            f"{1e3 * self.to_m_per_s:.3g} mm/s, as at {1e3 * self.from_m_per_s:.3g} mm/s {before}; "
+            f"now {counted(self.losses, 'time')} at most, and the touch comes "
+            f"{self.longer_s:.3g} s later"
+        )
+
+
 @dataclass
 class Outcome:
     """A design. worst, p: as `forceaxis design --json` has them; rows: of simulate."""
@@ -63,6 +86,7 @@ class Outcome:
     written: list = field(default_factory=list)
     working: Working = field(default_factory=lambda: Working({}))
     frictions: tuple = ()  # friction.Range of the simulated contacts
+    slowed: Slowed | None = None  # what became of the approach for the losses of contact
 
     @property
     def ranges(self):
@@ -96,6 +120,7 @@ class Outcome:
             "gain_reductions": self.backoffs,
             "passed_over": self.passed_over,
             "gain_cuts": [asdict(cut) for cut in self.cuts],
+            "approach_slowed": self.slowed and asdict(self.slowed),
             "out": self.out,
             "files": self.written,
         }
@@ -127,7 +152,7 @@ def plain(value):
 
 
 def number(value, digits=3):
-    return "-" if value is None else f"{value:.{digits}g}"
+    return "-" if value is None else words.plain(value, digits)
 
 
 def describe(outcome, width=None):
@@ -149,6 +174,8 @@ def describe(outcome, width=None):
         times = counted(outcome.backoffs, "time")
         lines.append(f"simulation   took the gain down {times}, a tenth each:")
         lines += [f"             {cut.text}" for cut in outcome.cuts]
+    if outcome.slowed:
+        lines.append(f"approach     {outcome.slowed.text}")
     table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
     for name, w in (("P", p), ("design", worst)):
         table.append([
@@ -167,10 +194,15 @@ def describe(outcome, width=None):
     if outcome.rows:
         table = columns([CASE_HEAD, *cases(outcome.rows)])
         if width and len(table[0]) > width:
-            short = [[case.removeprefix("contact "), law, stable.replace(" of ", "/"), *cells[:-3]]
+            short = [[case.removeprefix("contact "), law,
+                      *(cell.replace(" of ", "/") for cell in (stable, *cells[:-3]))]
                      for case, law, stable, *cells in cases(outcome.rows)]  # fmt: skip
             table = columns([["simulated contact", *NARROW_HEAD], *short])
         lines += table
+        if max(row["losses_max"] or 0 for row in outcome.rows) > simulate.LOSSES_MAX:
+            lines.append(
+                "losses       of as many as are allowed: one more than the impact makes by itself"
+            )
     if outcome.loss:
         loss = outcome.loss
         lines.append(
@@ -200,6 +232,11 @@ CASE_HEAD = [
     "simulated", "law", "stable", "static error %", "peak N", "losses", "settle ms", "overshoot %",
     "worst peak N", "saturated ms",
 ]  # fmt: skip
+# What cases() needs of a row.
+CASE_KEYS = {
+    "case", "law", "verdict", "losses", "peak_N", "saturated_ms", "static_error_percent",
+    "settle_ms", "overshoot_percent",
+}  # fmt: skip
 NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
@@ -216,9 +253,11 @@ def cases(rows):
         first = own[0]
         stable = sum(r["verdict"] == "stable" for r in own)
         losses, *worst = (max(r[k] for r in own) for k in ("losses", "peak_N", "saturated_ms"))
+        allowed = first.get("losses_max")
         lines.append([
             case, law, f"{stable} of {len(own)}",
-            number(first["static_error_percent"]), number(first["peak_N"]), str(losses),
+            number(first["static_error_percent"]), number(first["peak_N"]),
+            str(losses) if allowed is None else f"{losses} of {allowed}",
             number(first["settle_ms"]), number(first["overshoot_percent"]), *map(number, worst),
         ])  # fmt: skip
     return lines

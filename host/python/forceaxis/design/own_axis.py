@@ -10,14 +10,13 @@ from forceaxis import _core
 from forceaxis.design import changes, friction, reduced, sets, simulate
 from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
-from forceaxis.design.simulate import PEAK_MAX
+from forceaxis.design.simulate import PEAK_MAX, SPEEDS
 from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
 NAME = "held.toml"
-SPEEDS = (1.0, 0.5, 0.25, 0.1)  # of 20 mm/s or the object's default
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
-# Of contact that a touch-down may lose: what is asked for, and what a light part may need.
+# How often a touch-down may lose contact: what is asked for, and what a light part may need.
 LOSSES = (1, 3)
 FRICTIONS, SEED = 3, 1988  # members with random friction
 PAYS = 1.5  # below this the summary says what limits

@@ -45,7 +45,7 @@ def responses(outcome, bank, frequency_hz):
     return found
 
 
-# Of a curve, and its name in a legend.
+# How a curve is drawn, and its name in a legend.
 LOOKS = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
@@ -139,7 +139,7 @@ def contact(bench, outcome, case):
     ax.axhline(case.setpoint_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
     ax.set_xlabel("time, s")
     ax.set_ylabel("force, N")
-    legend(ax, loc="lower right")
+    legend(ax, loc="best")
     drawing.finish(figure, ax, case.name)
     return figure
 

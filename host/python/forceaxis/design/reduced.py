@@ -21,7 +21,7 @@ INTEGRAL_MIN = 0.15  # of PI's bandwidth: a slower one leaves a tail of what P d
 EVALUATIONS = 200  # of each start
 RESTARTS = 2
 ZEROS = 3  # antiresonances that are tried
-BEGIN = 4.0  # bandwidths of a PI law at which the section may begin: one that is lower adds nothing
+BEGIN = 4.0  # bandwidths of a PI law from which the section may begin; a lower one adds nothing
 
 
 class Problem:

@@ -135,7 +135,9 @@ def draw_setpoints(ax, time_s, marks):
         return
     if marks.demand is not None:
         times, newton = (np.asarray(v, float) for v in marks.demand)
-        ax.plot(times, np.where(newton == 0, np.nan, newton), **look)
+        none = newton == 0  # nothing is demanded where both ends of a line are 0
+        inside = none & np.append(True, none[:-1]) & np.append(none[1:], True)
+        ax.plot(times, np.where(inside, np.nan, newton), **look)
     else:
         begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
         newton = np.where(newton == 0, np.nan, newton)

@@ -81,7 +81,7 @@ def run(target, options=None, plant_set=None):
     return Result(setup, measured, model, summary)
 
 
-STUCK = 0.01  # of the time: what turns round sticks for a moment
+STUCK = 0.01  # share of the time; what turns round sticks for a moment
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 from forceaxis import _core, paths
 from forceaxis.linear import loops, over, settings, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.stability import known_text
 from forceaxis.words import counted
 
 # The command line's options, {option: parameter}: click writes names in lower case.
@@ -67,9 +68,9 @@ def one_gain(loop, gain, firmware_gain):
 def largest_firmware_gain(loop, limit):
     """The largest force_gain that the firmware can be set to below the limit; None: there is none
     (or no reading)."""
-    if loop.codes_per_gain is None or limit.gain == 0:
+    gain = limit.stable_to
+    if loop.codes_per_gain is None or gain == 0:
         return None
-    gain = limit.known_to if limit.gain is None else limit.gain
     if gain is None:
         return loops.FIRMWARE_HIGHEST
     steps = math.ceil(loop.firmware_gain(gain) / loops.FIRMWARE_STEP) - 1
@@ -113,6 +114,7 @@ def limit_summary(loop, gain=None):
         "crossings": [asdict(c) for c in limit.crossings],
         "stable_ranges": limit.stable_ranges,
         "reason": limit.reason or None,
+        "known_to": limit.known_to,
         **describe_loop(loop),
         "firmware_gain": loop.firmware_gain(limit.gain) if reading and limit.gain else None,
         "largest_firmware_gain": largest_firmware_gain(loop, limit),
@@ -125,16 +127,15 @@ def limit_summary(loop, gain=None):
         summary["at"] = {
             "gain": gain,
             "firmware_gain": loop.firmware_gain(gain) if reading else None,
-            **margins,
             **asdict(over.figures(loop, gain)),
+            **margins,
         }
-        summary["at"] |= {name: margins[name] for name in ("gain_margin", "phase_margin_deg")}
     return summary
 
 
-def hz_text(hz):
+def hz_text(hz, digits=4):
     """At which frequency, None: an infinite one."""
-    return "at infinite frequency" if hz is None else f"at {hz:.4g} Hz"
+    return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
 
 # How the firmware runs the laws that are no mode of its own.
@@ -178,9 +179,10 @@ def describe_limit(summary):
             f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
         )
         factor, phase = at["gain_margin"], at["phase_margin_deg"]
-        lines.append(
-            f"gain margin  {f'factor {factor:.4g}' if factor else 'none, no crossing above'}"
-        )
+        none = "none, no crossing above"
+        if at["known_to"] is not None:
+            none += f" up to {known_text(at['gain'] * at['known_to'], unit)}"
+        lines.append(f"gain margin  {f'factor {factor:.4g}' if factor else none}")
         if at["gain_reduction"]:
             lines.append(f"             factor {at['gain_reduction']:.4g} down")
         lines.append(

@@ -62,6 +62,7 @@ class Locus:
             "critical_gain": self.limit.gain,
             "frequency_hz": self.limit.frequency_hz,
             "reason": self.limit.reason or None,
+            "known_to": self.limit.known_to,
             "crossings": [
                 {"gain": c.gain, "frequency_hz": c.frequency_hz, "direction": c.direction}
                 for c in self.crossings

@@ -45,9 +45,10 @@ class Figures:
     fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: it starts above
     fT_Hz: float | None = None  # None: |T| ends above -3 dB; 0: it never is
     Ms: float | None = None  # largest |S|, up to half the tick rate
-    gain_margin: float | None = None  # factor up to the next crossing; None: none
+    gain_margin: float | None = None  # factor up to the next crossing; None: none to known_to
     phase_margin_deg: float | None = None  # smallest in size; None: |L| is nowhere 1
     sag: bool = False  # |T| is below -3 dB somewhere below fS
+    known_to: float | None = None  # factor above which rounding decides; None: it decides nowhere
 
     def badness(self, name):
         """A number that grows as figure `name` gets worse; inf of an unstable loop."""
@@ -159,12 +160,14 @@ def figures(loop: Loop, gain):
     fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)
     sag = T.ends()[0] < HALF_POWER or min(falls, default=math.inf) < (fS or math.inf)
     margins = loop.margins(gain)
-    return Figures(True, fS, fT, S.peak(), margins.gain_margin, margins.phase_margin_deg, sag)
+    own = margins.gain_margin, margins.phase_margin_deg
+    return Figures(True, fS, fT, S.peak(), *own, sag, margins.known_to)
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst of each figure over a set; None where no member has it, or one is unstable."""
+    """The worst of each figure over a set; None where no member has it, or one is unstable.
+    known_to: factor up to which no member has a gain margin, where one is not known further."""
 
     stable: bool
     fS_Hz: float | None = None
@@ -175,6 +178,7 @@ class Worst:
     sag: bool = False
     member: dict = field(default_factory=dict)  # figure or "stable", "sag" -> (Member, timing)
     members: int = 0  # loops that were analysed
+    known_to: float | None = None
 
 
 class _Set:
@@ -287,28 +291,47 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
+    doubt = min(
+        (e for e in group.found.values() if e[2].known_to is not None),
+        key=lambda e: e[2].known_to, default=None,
+    )  # fmt: skip
+    if doubt and doubt[2].known_to > (values["gain_margin"] or math.inf):
+        doubt = None  # the margin is reached before
+    if doubt:
+        values["gain_margin"], found["gain_margin"] = None, doubt
     member = {n: entry[:2] for n, entry in found.items() if values[n] is not None}
     sagging = [entry for entry in group.found.values() if entry[2].sag]
     if sagging:
         member["sag"] = sagging[0][:2]
-    return Worst(True, **values, sag=bool(sagging), member=member, members=len(group.found))
+    known_to = doubt[2].known_to if doubt else None
+    return Worst(True, **values, sag=bool(sagging), member=member, members=len(group.found),
+                 known_to=known_to)  # fmt: skip
 
 
-def largest_gain(plants, timings=("zoh",), **loop_arguments):
-    """(k, Member, timing, frequency_hz): the largest gain below which all of a PlantSet are stable,
-    from 0 on, and who loses stability there, or of whom rounding decides above. k None: every
-    member bears every gain; 0: one bears none."""
+@dataclass(frozen=True)
+class Largest:
+    """The largest gain, k, below which all of a set are stable, from 0 on; who loses stability
+    there, or of whom rounding decides above `known_to`. `gain` None: every member bears every
+    gain, or every one up to `known_to`; 0: one bears none."""
+
+    gain: float | None
+    member: Member
+    timing: str
+    frequency_hz: float | None
+    known_to: float | None = None
+
+
+def largest_gain(plants, timings=("zoh",), **loop_arguments) -> Largest:
+    """The Largest gain that all of a PlantSet bear."""
 
     def analyse(loop):
         limit = loop.limit()
-        gain = limit.known_to if limit.gain is None else limit.gain
-        return (math.inf if gain is None else gain), limit.frequency_hz
+        to = limit.stable_to
+        return (math.inf if to is None else to), limit
 
     group = _explored(plants, timings, analyse, loop_arguments)
-    member, timing, (gain, frequency_hz) = group.worst(lambda result: -result[0])
-    if math.isinf(gain):
-        return None, member, timing, None
-    return gain, member, timing, frequency_hz
+    member, timing, (_, limit) = group.worst(lambda result: -result[0])
+    return Largest(limit.gain, member, timing, limit.frequency_hz, limit.known_to)
 
 
 def _equations(model, overrides, modes, output):

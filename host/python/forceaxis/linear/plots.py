@@ -279,7 +279,7 @@ def label_crossings(ax, one, span):
     """Marks where branches cross, the critical gain with its frequency and the firmware's gain."""
     limit = one.limit
     if not limit.gain:
-        note = limit.reason.replace(" at ", "\nat ")
+        note = limit.reason.replace(" at ", "\nat ").replace(", above", ",\nabove")
     elif limit.frequency_hz is None or limit.frequency_hz > span:
         where = "infinite" if limit.frequency_hz is None else f"{limit.frequency_hz:.3g}"
         note = f"{gain_text(limit.gain, one)}\nat {where} Hz, beyond"
@@ -417,7 +417,8 @@ def with_units(label, model):
 
 
 LAWS = {"p": "P", "pi": "PI", "pd": "PD", "bank": "designed bank"}
-TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late"}
+TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late",
+           "zoh and zoh+1": "sampled, on time and a tick late"}  # fmt: skip
 
 
 def loop_title(summary):

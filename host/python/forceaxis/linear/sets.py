@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from forceaxis import _core, toml
 from forceaxis.linear import curves, limits, over, plant_set, settings
 from forceaxis.linear import system as linear
+from forceaxis.linear.stability import known_text
 
 BOTH = ("zoh", "zoh+1")
 NAMES = {
@@ -45,7 +46,7 @@ class Subject:
         bear, or k = 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
-        largest = over.largest_gain(self.plants, self.timings, **self.arguments)[0]
+        largest = over.largest_gain(self.plants, self.timings, **self.arguments).gain
         return (largest or 2.0) / 2, None
 
 
@@ -111,7 +112,7 @@ def worst_summary(found, gain, force_gain):
         "gain": k,
         "firmware_gain": nominal.firmware_gain(k) if nominal.codes_per_gain is not None else None,
         "stable": worst.stable,
-        **{name: getattr(worst, name) for name in over.FIGURES},
+        **{name: getattr(worst, name) for name in (*over.FIGURES, "known_to")},
         "sag": worst.sag,
         "members": worst.members,
         "member": {name: _one(*who) for name, who in worst.member.items()},
@@ -120,20 +121,19 @@ def worst_summary(found, gain, force_gain):
 
 def limit_summary(found):
     """What `forceaxis limit --over` prints as JSON."""
-    gain, member, timing, frequency_hz = over.largest_gain(
-        found.plants, found.timings, **found.arguments
-    )
-    loop = found.loop(member, timing)
-    own = found.nominal().limit().gain
+    largest = over.largest_gain(found.plants, found.timings, **found.arguments)
+    gain, loop = largest.gain, found.loop(largest.member, largest.timing)
+    own = found.nominal().limit()
     reading = loop.codes_per_gain is not None
     summary = {
         "critical_gain": gain,
         "unit": loop.unit,
-        "frequency_hz": frequency_hz,
+        "frequency_hz": largest.frequency_hz,
+        "known_to": largest.known_to,
         "firmware_gain": loop.firmware_gain(gain) if reading and gain else None,
         "largest_firmware_gain": limits.largest_firmware_gain(loop, loop.limit()),
-        "member": _one(member, timing),
-        "nominal": {"critical_gain": own},
+        "member": _one(largest.member, largest.timing),
+        "nominal": {"critical_gain": own.gain, "known_to": own.known_to},
         **described(found),
     }
     if found.gain is not None or found.force_gain is not None:
@@ -166,6 +166,8 @@ def worst_text(at, unit):
         text = "none" if value is None else f"{value:.4g}{UNITS.get(name, '')}"
         if value == 0 and name in limits.AT_REST:
             text = limits.AT_REST[name] + ","
+        if value is None and name == "gain_margin" and at["known_to"] is not None:
+            text = f"none up to a factor of {known_text(at['known_to'], '')},"
         who = at["member"].get(name)
         lines.append(f"{label:12} {text:14} {member_text(who) if who else ''}".rstrip())
     if at["sag"] and at["fT_Hz"]:
@@ -183,7 +185,10 @@ def describe(summary):
     if "critical_gain" in summary:
         gain = summary["critical_gain"]
         if gain is None:
-            lines.append("limit        none: all are stable at every gain")
+            known_to, which = summary["known_to"], "at every gain"
+            if known_to is not None:
+                which = f"up to {known_text(known_to, unit)}, {member_text(summary['member'])}"
+            lines.append(f"limit        none: all are stable {which}")
         else:
             hz = summary["frequency_hz"]
             where = "" if not gain else f" {limits.hz_text(hz)}"
@@ -192,8 +197,9 @@ def describe(summary):
                 largest = summary["largest_firmware_gain"]
                 below = f"largest setting below it {largest:.8g}" if largest else "none is below it"
                 lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
-        own = summary["nominal"]["critical_gain"]
-        lines.append(f"nominal      {'none' if own is None else f'{own:.6g} {unit}'}")
+        own, known_to = (summary["nominal"][name] for name in ("critical_gain", "known_to"))
+        none = "none" + ("" if known_to is None else f" up to {known_text(known_to, unit)}")
+        lines.append(f"nominal      {none if own is None else f'{own:.6g} {unit}'}")
     if "at" in summary:
         lines += worst_text(summary["at"], unit)
     return "\n".join(lines)

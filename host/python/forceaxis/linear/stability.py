@@ -18,11 +18,17 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.boundary import marks, minimal, plane, response
 from forceaxis.linear.system import System
 from forceaxis.linear.working import Working
+from forceaxis.words import plain
 
 # A crossing counts where rounding of the matrices' entries, in double, moves its gain by less: then
 # the gain of these matrices is known a thousand times better.
 KNOWN = 1e-7
 GAIN_MAX = 1e15  # of a loop
+
+
+def known_text(known_to: float, unit: str) -> str:
+    """The gain up to which nothing happens to a loop as far as is known, and why no further."""
+    return f"{plain(known_to)} {unit}".rstrip() + ", above which rounding decides"
 
 
 @dataclass(frozen=True)
@@ -45,16 +51,22 @@ class Limit:
     reason: str
     known_to: float | None = None  # gain above which rounding decides; None: it decides nowhere
 
+    @property
+    def stable_to(self) -> float | None:
+        """The gain up to which the loop is known to be stable; None: it is at every gain."""
+        return self.known_to if self.gain is None else self.gain
+
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins at one gain."""
+    """Margins at one gain. `gain_margin` None: no crossing above, or none up to `known_to`."""
 
-    gain_margin: float | None  # factor up to the next crossing above; None: none
+    gain_margin: float | None  # factor up to the next crossing above
     gain_reduction: float | None  # factor (< 1) down to the next crossing below; None: none
     phase_margin_deg: float | None  # smallest in size; None: |L| is nowhere 1
     crossover_hz: float | None  # where that is
     crossovers: list[tuple[float, float]]  # all (frequency_hz, phase_margin_deg)
+    known_to: float | None = None  # factor above which rounding decides; None: it decides nowhere
 
 
 @dataclass
@@ -393,7 +405,7 @@ class Loop:
         if ranges[0][1] == known_to:
             reason = "stable at every gain"
             if known_to is not None:
-                reason = f"stable up to {known_to:.3g} {self.unit}, above which rounding decides"
+                reason = f"stable up to {known_text(known_to, self.unit)}"
             return Limit(None, None, crossings, ranges, reason, known_to)
         first = next(c for c in crossings if c.gain == ranges[0][1])
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
@@ -402,7 +414,8 @@ class Loop:
         """Margins of the loop at a gain that it is stable at."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
-        gains = [c.gain for c in self._crossings]
+        crossings, known_to = self._crossed
+        gains = [c.gain for c in crossings]
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
@@ -426,7 +439,10 @@ class Loop:
             phase = float(np.degrees(np.angle(-self._at(w))))
             crossovers.append((self._hz(w), phase))
         crossover, phase = min(crossovers, key=lambda c: abs(c[1]), default=(None, None))
-        return Margins(above and above / gain, below and below / gain, phase, crossover, crossovers)
+        known = None if above or known_to is None else known_to / gain
+        return Margins(
+            above and above / gain, below and below / gain, phase, crossover, crossovers, known
+        )
 
     def step(self, gain, duration_s):
         """(time_s, signal): from rest, after a unit step of the set-point, every 1/1500 s or tick.

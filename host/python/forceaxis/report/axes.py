@@ -6,30 +6,38 @@ from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
 from forceaxis.design.search import Goal
 from forceaxis.experiments import sweep, sweep_plots
-from forceaxis.linear import curves, loops, modes, plots, settings, working
+from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.limits import hz_text
 from forceaxis.report import pictures
 from forceaxis.words import plain
 
 FEW = 6  # experiments whose pictures stand open, with map and margins
-# Of the gain and the set-point of an experiment, for its map; ticks of one that is run so often.
+# Factors of an experiment's gain and set-point for its map, and the longest run, in ticks, for it.
 MAP_GAINS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_FORCES = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS = 12_000
 
 
-def limits(model):
-    """(force_gain, Hz) at the limit for each timing, None where there is none; or None: no loop."""
+def limits(model) -> list[str] | None:
+    """The limit of force_gain for each timing, as text; None: no loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
     except _core.InputError:  # no sensor of the force, or no response (stuck, no contact)
         return None
-    pairs = [(loop, loop.limit()) for loop in found]
-    return [
-        None if limit.gain is None else (loop.firmware_gain(limit.gain), limit.frequency_hz)
-        for loop, limit in pairs
-    ]
+    return [limit_text(loop) for loop in found]
+
+
+def limit_text(loop: stability.Loop) -> str:
+    """The limit of a loop, in DAC codes per 8-bit count of force."""
+    limit = loop.limit()
+    if limit.gain is not None:
+        gain = plain(loop.firmware_gain(limit.gain))
+        return gain if limit.gain == 0 else f"{gain} {hz_text(limit.frequency_hz, 3)}"
+    if limit.known_to is None:
+        return "none"
+    return f"none up to {stability.known_text(loop.firmware_gain(limit.known_to), '')}"
 
 
 def described(entries):
@@ -66,9 +74,10 @@ def _margins(model, row):
         return []
     at = found["at"]
     margin = "" if at["phase_margin_deg"] is None else f", phase {at['phase_margin_deg']:.3g}\u00b0"
-    caption = (
-        f"The model as it is, at the recommended gain: gain margin {at['gain_margin']:.3g}{margin}."
-    )
+    factor = "none" if at["gain_margin"] is None else plain(at["gain_margin"])
+    if at["known_to"] is not None:
+        factor += f" up to {stability.known_text(at['known_to'], '')}"
+    caption = f"The model as it is, at the recommended gain: gain margin {factor}{margin}."
     return [(caption, pictures.figure(plots.nyquist_figure(found)))]
 
 
