@@ -16,6 +16,7 @@ from forceaxis.design.changes import contact_of
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
+from forceaxis.linear.plant_set import PlantSet
 
 RESPONSES, MODEL = "responses.toml", "model.toml"  # files of the folder
 # Spreads of the logarithm of a damper for friction, where it slides and where it sticks and slips;
@@ -68,7 +69,9 @@ def fit(tuning) -> tuple[dict, str]:
         found = joint_fit.joint(model, before, measured, order.over, **asked)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
-    relied = _relied(tuning, found, sheet) if rubs else []
+    relied: list[str] = []
+    if rubs:
+        found.values, found.plants, relied = _relied(tuning, found.plants, sheet)
     units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
     rows = {
         n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
@@ -218,21 +221,24 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
 
 def _mass_shows(shaken: dict | None) -> bool:
     """Whether sines have made a workpiece slide so much that its mass shows."""
-    return bool(shaken) and shaken["mass_error"] < UNSURE
+    return shaken is not None and shaken["mass_error"] < UNSURE
 
 
-def _relied(tuning, found: joint_fit.Found, sheet: dict[str, Prior]) -> list[str]:
-    """Sets what a design may rely on of an axis that rubs, in the fit's `values` and `plants`:
-    lines that say so, one for each parameter that is not as fitted. sheet: what was known before.
+def _relied(
+    tuning, plants: PlantSet, sheet: dict[str, Prior]
+) -> tuple[dict[str, float], PlantSet, list[str]]:
+    """What a design may rely on of an axis that rubs: (values, PlantSet, a line for each parameter
+    that is not as fitted). plants: about the fitted values; sheet: what was known before.
 
     Each response has a damper for the dry friction, which the design's plant has not, since it
     slides. How much of what a response loses is friction, and how much damping, does not show. So
     all dampings together are at the low and at the high end of what was known before, RELIED
     standard deviations from it, or at what was fitted where that is less than the low end.
     """
-    facts = linear.facts(found.model)["parameters"]
-    values, ranges, lines = dict(found.best), dict(found.plants.ranges), []
-    low, high = {}, {}
+    facts = linear.facts(plants.model)["parameters"]
+    values, ranges, lines = plants.overrides, dict(plants.ranges), []
+    low: dict[str, float] = {}
+    high: dict[str, float] = {}
     for name, prior in sheet.items():
         if name in values and facts[name][1] == "N s/m" and name not in ranges:
             ends = [prior.value * math.exp(s * RELIED * prior.spread) for s in (-1, 1)]
@@ -253,12 +259,10 @@ def _relied(tuning, found: joint_fit.Found, sheet: dict[str, Prior]) -> list[str
             f"{mass} from {ranges[mass][1]:.4g} to {ranges[mass][2]:.4g} kg: the workpiece "
             f"does not slide, so its mass does not show; --prior {mass}=KG narrows that"
         )
-    found.values = values | low
-    together = (low, high) if low else ({},)
-    found.plants = replace(found.plants, overrides=found.values, ranges=ranges, together=together)
     for line in lines:
         tuning.say(f"designed for {line}")
-    return lines
+    values, together = values | low, ((low, high) if low else ({},))
+    return values, replace(plants, overrides=values, ranges=ranges, together=together), lines
 
 
 def _name(value: Any) -> str | None:

@@ -186,7 +186,7 @@ def design(tuning):
         str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"],
         together=tuple(fitted.get("together") or ({},)), ms=order.ms,
         ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
-        firmware=contact.firmware_of(tuning), states=tuning.states,
+        firmware=contact.firmware_of(tuning), states=tuning.states, forces_N=order.forces,
     )  # fmt: skip
     try:
         found = for_set.design(asked, None, tuning.say)
