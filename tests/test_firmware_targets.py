@@ -19,6 +19,8 @@ from force_banks import random_bank
 from forceaxis.objects import BY_NAME
 from unicorn import arm_const, riscv_const
 
+pytestmark = pytest.mark.beside
+
 ROOT = Path(__file__).resolve().parent.parent
 INSTRUCTIONS_MAX = 250
 BANKED_MAX = 450  # with a bank of the force law

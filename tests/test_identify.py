@@ -22,6 +22,8 @@ from forceaxis.identify import procedures as identify
 from forceaxis.identify import result as measure_result
 from forceaxis.identify.procedures import Estimate
 
+pytestmark = pytest.mark.beside
+
 HERE = Path(__file__).resolve().parent
 EXPERIMENTS = HERE.parent / "sim/experiments"
 
