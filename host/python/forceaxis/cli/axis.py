@@ -270,7 +270,9 @@ approach_speed = click.option(
     forceaxis axis move --can can0 --model press/model.toml "-10 mm" --speed "5 mm/s\"""",
 )
 @click.argument("position")
-@click.option("--speed", metavar="SPEED", help='"5 mm/s", or counts/s. Default: that of the axis.')
+@click.option(
+    "--speed", metavar="SPEED", help='"5 mm/s", or counts/s. Default: trajectory_velocity.'
+)
 @click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="In s.")
 @force_max
 @live_in_mm
@@ -300,7 +302,11 @@ def move(position, speed, timeout, force_max, way, as_json):
 )
 @click.argument("force")
 @click.option(
-    "--seconds", type=Positive(0.1, 3600), default=3.0, show_default=True, help="s in contact."
+    "--seconds",
+    type=Positive(0.1, 3600),
+    default=3.0,
+    show_default=True,
+    help="Time in contact, s.",
 )
 @approach_speed
 @click.option(

@@ -69,7 +69,9 @@ class Newtons(click.ParamType):
 @click.option(
     "--ms-late", type=float, default=2.2, show_default=True, help="Largest Ms at latency 1."
 )
-@click.option("--gain-margin", type=float, default=2.3, show_default=True, help="Smallest.")
+@click.option(
+    "--gain-margin", type=float, default=2.3, show_default=True, help="Least gain margin."
+)
 @click.option(
     "--adc-bits", type=int, help="Resolution of the force ADC, 8 to 16 bits, at the same range. "
     "Default: that of the model.",
@@ -105,7 +107,7 @@ class Newtons(click.ParamType):
     "--approach", "approach_mm_per_s", type=common.Positive(), metavar="MM/S",
     help="Speed of the simulated approaches, mm/s. Default: that of EXPERIMENT, else 20.",
 )  # fmt: skip
-@click.option("--simulate/--no-simulate", default=True, help="Simulate the law with the firmware.")
+@click.option("--simulate/--no-simulate", default=True, help="Simulate with the firmware. Default: yes.")
 @click.option(
     "--pareto",
     metavar="bandwidth,ms|hf|gain_margin",

@@ -21,7 +21,7 @@ JOBS = """\
 Check my axis
   forceaxis new press               writes its model from the data sheets
   forceaxis run press/contact.toml --out out/press
-  forceaxis report press            one page with recommended gain, margins, runs
+  forceaxis report press            one page: gain, margins, runs
 Put it on the bus
   forceaxis axis list --can can0    lists the axes and their states
   forceaxis axis check --can can0   guided first motion

@@ -102,8 +102,19 @@ def measure_axis(way, out, as_json, live, options):
 @click.option("--input", help="Input signal. Default: the excitation.")
 @click.option("--inject", type=click.Choice(["volts", "codes"]), help="Unit. Default: volts.")
 @click.option("--excitation", type=click.Choice(["noise", "sine", "chirp"]), help="Default: noise.")
-@click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:200.")
-@click.option("--resolution", "resolution_hz", type=float, help="Spacing of the lines, Hz.")
+@click.option(
+    "--band",
+    "band_hz",
+    metavar="LOW:HIGH",
+    callback=band,
+    help="Frequency band in Hz. Default: 1:200.",
+)
+@click.option(
+    "--resolution",
+    "resolution_hz",
+    type=float,
+    help="Spacing of the lines, Hz. Default: the lowest frequency.",
+)
 @click.option("--level", type=float, help="Excitation: V rms (noise), V or codes.")
 @click.option("--bias", type=float, help="Mean of the excitation, V or codes.")
 @click.option("--averages", type=int, help="Number of averages. Default: 16.")
@@ -131,7 +142,12 @@ def measure_axis(way, out, as_json, live, options):
 @click.option(
     "--travel", type=click.IntRange(1), help="For an axis: travel bound, counts. Default: 500."
 )
-@click.option("--settle", "settle_s", type=Positive(), help="For an axis, s. Default: 1.")
+@click.option(
+    "--settle",
+    "settle_s",
+    type=Positive(),
+    help="For an axis: settling time before each measurement, s. Default: 1.",
+)
 @click.option("--model", type=Subject(paths.MODELS), help="For an axis: compare with this model.")
 @click.option("--seed", type=int, help="Seed of all noise. Default: 0.")
 @click.option(

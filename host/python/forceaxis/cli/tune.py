@@ -53,7 +53,13 @@ from forceaxis.cli.measure import band, newtons
 @mode_option("states")
 @click.option("--force-max", "force_max_N", type=Positive(), required=True, help="Force bound, N.")
 @click.option("--ms", type=float, default=2.0, show_default=True, help="Largest permitted Ms.")
-@click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:100.")
+@click.option(
+    "--band",
+    "band_hz",
+    metavar="LOW:HIGH",
+    callback=band,
+    help="Frequency band in Hz. Default: 1:100.",
+)
 @click.option("--averages", type=click.IntRange(4, 64), help="Averages per response. Default: 8.")
 @click.option("--travel-mm", type=Positive(), help="Travel bound of the excitation. Default: 1.")
 @click.option("--only", help="Run this step only, even if it is done.")
