@@ -107,7 +107,9 @@ class Newtons(click.ParamType):
     "--approach", "approach_mm_per_s", type=common.Positive(), metavar="MM/S",
     help="Speed of the simulated approaches, mm/s. Default: that of EXPERIMENT, else 20.",
 )  # fmt: skip
-@click.option("--simulate/--no-simulate", default=True, help="Simulate with the firmware. Default: yes.")
+@click.option(
+    "--simulate/--no-simulate", default=True, help="Simulate with the firmware. Default: yes."
+)
 @click.option(
     "--pareto",
     metavar="bandwidth,ms|hf|gain_margin",
