@@ -492,9 +492,9 @@ def table(ticks):
         cells = [row.name, objects, row.reaches, row.code, row.event, *measured, str(row.within)]
         rows.append([*cells, row.beside_is])
     text = """The numbers are ticks of 1/1500 s, from the first tick whose inputs show the event to
-the tick whose outputs react; 1 means in the same tick. Each row is run in process, over SocketCAN and on
-the emulated chip, together with a second run in which the protection must not act. Options that
-select a ramp are off.
+the tick whose outputs react; 1 means in the same tick. Each row is run in process, over
+SocketCAN and on the emulated chip, together with a second run in which the protection must
+not act. Options that select a ramp are off.
 
 """
     return text + "".join(f"| {' | '.join(row)} |\n" for row in rows)

@@ -78,7 +78,7 @@ def found_in(where, text, phrases):
             yield f'{where}: "{phrase}", write "{term}"'
 
 
-def test_the_rows_of_the_glossary_are_whole_and_in_order():
+def test_the_rows_of_the_glossary_are_complete_and_in_order():
     found = list(rows())
     assert 80 <= len(found) <= 130
     terms = [re.sub(r"[^a-z0-9 ]", "", term.casefold()) for term, _, _ in found]
