@@ -72,7 +72,7 @@ def over_options(verb):
 def advise(
     model, overrides, states, timing, factor, simulate, linear, over, modes, threads, out, as_json
 ):
-    """Show what limits the bandwidth of a force loop, and how much each change of the axis gains.
+    """Show what limits the bandwidth of a force loop, and how much each change improves it.
 
     Rows are ranked by the crossover frequency at half the critical gain. Beside the linear limit
     the verb prints the largest gain at which the simulated firmware is stable, with quantisation

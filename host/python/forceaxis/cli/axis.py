@@ -38,7 +38,7 @@ def shown(value):
 
 
 def lines(axis, values):
-    """Lines for {object: value} of an axis, with units. Forces are in N and in counts."""
+    """Yield one line for each object of {name: value}, with its unit; forces in N and in counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
@@ -54,7 +54,7 @@ def lines(axis, values):
 
 
 def assignments(words):
-    """{name: text} of words of the form NAME=VALUE. Raises InputError."""
+    """Return {NAME: VALUE} for a list of texts "NAME=VALUE". Raises InputError."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -63,7 +63,7 @@ def assignments(words):
 
 
 def in_mm(axis, position):
-    """A position in encoder counts as " (12.3 mm)"; "" if the length of a count is unknown."""
+    """Convert a position in encoder counts to the text " (12.3 mm)", or "" without a scale."""
     from forceaxis.axis import quantity
 
     scale = quantity.per_metre(axis, objects.BY_NAME["position"])
@@ -114,7 +114,7 @@ def list_axes(way, as_json):
 
 
 def table_of(rows):
-    """Lines of at most 80 columns for the rows of scan.found(), each note below its row."""
+    """Yield the lines of the table of axes, at most 80 columns; a note follows its row."""
     columns = ("id", "name", "version", "table", "state", "fault")
     cells = [columns]
     for row in rows:

@@ -72,7 +72,7 @@ def point(text):
 
 
 def asked(axis, most):
-    """Ask the user for points until an empty line; at most `most` points (counts, N)."""
+    """Ask the user for calibration points (counts, N) until an empty line; at most `most`."""
     from forceaxis.axis import actions
 
     for i in range(most):

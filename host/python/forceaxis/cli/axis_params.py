@@ -181,7 +181,7 @@ def restore(yes, way, as_json):
 
 
 def table(rows, columns):
-    """Lines of a table of {column: value} rows with a header; no line if there are no rows."""
+    """Yield the lines of a table with a header; no line if there are no rows."""
     if not rows:
         return
     cells = [

@@ -114,7 +114,7 @@ def monitor(
 
 
 def encoder_mm(model):
-    """Length in mm of one count of the encoder of a model."""
+    """Return the length in mm of one encoder count of a model."""
     from forceaxis.linear import system
 
     encoder = system.facts(model)["encoder"]
@@ -157,7 +157,7 @@ def snapshot(watch, source, axis, seconds, as_json):
 
 
 def describe(shown):
-    """Text of a snapshot with one line for each axis."""
+    """Return a snapshot as text with one line for each axis."""
     lines = []
     for number, a in shown["axes"].items():
         force = "-"

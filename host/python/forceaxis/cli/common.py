@@ -1,4 +1,4 @@
-"""Code that all verbs share: the form of their help, common options, errors."""
+"""Code that all verbs share: layout of the help, common options, error messages."""
 
 import contextlib
 import io
@@ -27,8 +27,8 @@ OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\
 
 
 class Printed(io.TextIOWrapper):
-    """A standard stream that prints control sequences from buses and files as escapes, so that
-    they cannot change the terminal. Only the colours of the program itself pass."""
+    """A standard stream that shows control sequences from buses and files as plain characters, so
+    that they cannot change the terminal. The colours of the program itself still work."""
 
     def __init__(self, stream):
         super().__init__(
@@ -45,7 +45,7 @@ class Printed(io.TextIOWrapper):
 
 @contextlib.contextmanager
 def printed_streams():
-    """Replace standard output and error by Printed streams. Bytes (`sys.stdout.buffer`) pass."""
+    """Replace standard output and error by Printed streams; binary output is not changed."""
     before = sys.stdout, sys.stderr
     streams = [Printed(s) if hasattr(s, "buffer") else s for s in before]
     sys.stdout, sys.stderr = streams
@@ -139,7 +139,7 @@ class File(click.Path):
 
 
 class Kind(click.Choice):
-    """The kinds of a link; their module is loaded together with the verb that needs it."""
+    """The kinds of a link. Their module is loaded only for a verb with the option --link."""
 
     def __init__(self):
         from forceaxis.experiments import link
@@ -148,8 +148,8 @@ class Kind(click.Choice):
 
 
 class Subject(click.ParamType):
-    """A file that a verb reads, given as a path or as the name of a file in one of `folders`
-    without its suffix. The value is the text as typed, or with `as_path` the Path of the file."""
+    """A file that a verb reads. The user gives its path, or for a file in one of `folders` its
+    name without ".toml". The value is the typed text, or with `as_path` the Path."""
 
     name = "file"
 
@@ -157,7 +157,7 @@ class Subject(click.ParamType):
         self.folders, self.as_path = folders, as_path
 
     def files(self):
-        """{name without suffix: path}; a file of the first folder takes precedence."""
+        """Return {name without ".toml": path}; a file of the first folder takes precedence."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
     def convert(self, value, param, ctx):
@@ -187,7 +187,7 @@ class Subject(click.ParamType):
 
 
 class Override(click.ParamType):
-    """NAME=VALUE. A shell completes parameters of the model, firmware objects and their values."""
+    """A text NAME=VALUE. A shell can complete names of parameters, objects and their values."""
 
     name = "override"
 
@@ -196,14 +196,14 @@ class Override(click.ParamType):
 
 
 def set_option(text):
-    """The option --set with `text` as its help."""
+    """Return the option --set with the help `text`."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
     )
 
 
 def mode_option(name):
-    """The option --mode; `name` is the name of its parameter in the verb."""
+    """Return the option --mode; the verb receives its value as the parameter `name`."""
     return click.option(
         "--mode",
         name,
@@ -217,7 +217,7 @@ def mode_option(name):
 
 
 class Parameter(click.ParamType):
-    """NAME=VALUE. A shell completes the parameters of the model."""
+    """A text NAME=VALUE. A shell can complete the names of the model's parameters."""
 
     name = "parameter"
 
@@ -226,7 +226,7 @@ class Parameter(click.ParamType):
 
 
 class Object(click.ParamType):
-    """The name of a firmware object; with `end` "=" NAME=VALUE of an object that can be written."""
+    """The name of a firmware object, or with `end="="` a text NAME=VALUE for a writable object."""
 
     name = "object"
 
@@ -241,8 +241,8 @@ class Object(click.ParamType):
 
 
 def completed(ctx, text):
-    """Completions of `--set TEXT`: firmware.NAME=, values of an enumeration, parameters of the
-    model, verdict and duration. Raises nothing."""
+    """Return the completions of `--set TEXT`: objects, values of enumerations, parameters of the
+    model, verdict and duration. Raises no exception."""
     from forceaxis import objects
 
     name, equals, _ = text.partition("=")
@@ -256,7 +256,7 @@ def completed(ctx, text):
 
 
 def _parameters(ctx):
-    """NAME= for each parameter of the model that the command line names."""
+    """Return "NAME=" for each parameter of the model that is on the command line."""
     from forceaxis import _core, toml
     from forceaxis.linear import settings
 
@@ -316,7 +316,7 @@ def linked(command):
 
 
 def link_of(kind, lcm_url, link_can, inject):
-    """The Link that the options name, or None. May restart the command in a guest with CAN."""
+    """Return the Link that the options select, or None. May restart the verb in a guest kernel."""
     if kind is None:
         return None
     from forceaxis.experiments import link
@@ -334,15 +334,15 @@ COLOURS = {
 
 
 def coloured(text, word=None):
-    """The text in the colour of the outcome that `word` (default: the text) names. No colour if
-    NO_COLOR is set; click.echo removes colours if standard output is no terminal."""
+    """Return `text` in the colour of a result such as "stable"; `word` names the result if it is
+    not the text itself. The text stays plain if the variable NO_COLOR is set."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
 def fitted(text, indent=0):
-    """A line wrapped to the width of the terminal; continuation lines are indented."""
+    """Wrap a line to the width of the terminal and indent its continuation lines."""
     if not sys.stdout.isatty():
         return text
     width = max(shutil.get_terminal_size().columns, 40)
@@ -351,14 +351,14 @@ def fitted(text, indent=0):
 
 
 def fitted_lines(text):
-    """Lines "key          text" wrapped to the terminal; rows of a table are not wrapped."""
+    """Wrap lines "key          text" to the width of the terminal, except rows of a table."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
 def show(rows):
-    """Print (key, text) rows; on a terminal wrapped to its width, with the verdict in colour."""
+    """Print rows of (key, text). A terminal shows them wrapped, with the verdict in colour."""
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
@@ -372,8 +372,8 @@ def show(rows):
 
 @contextlib.contextmanager
 def waiting(what):
-    """Show progress: on a terminal a line with activity, time and share done, after two seconds;
-    elsewhere one line on standard error for each phase of the computation."""
+    """Show the progress of a computation on standard error: after two seconds one line that is
+    updated on a terminal, elsewhere one line for each phase."""
     if not sys.stderr.isatty():
         with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
             yield
@@ -409,6 +409,6 @@ def waiting(what):
 
 
 def fail(message, status=2):
-    """Print one line on standard error and exit with `status`."""
+    """Print the message on one line of standard error and exit with `status`."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
     sys.exit(status)

@@ -19,7 +19,7 @@ def _script(shell):
 
 
 def _places(shell):
-    """(path of the script, start-up file that has to read it or None if the shell finds it)."""
+    """Return the path of the script and the start-up file that has to read it, None for fish."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":

@@ -181,7 +181,7 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
 
 
 def _identified(order, measured, priors):
-    """The order for the set of plants that the measured responses permit."""
+    """Return the order with the parameters and tolerances that fit the measured responses."""
     from forceaxis.commission import freed, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
@@ -220,7 +220,7 @@ def _pareto(order, pareto, out, as_json):
 
 @contextlib.contextmanager
 def progress_on(stream):
-    """A function that shows a line of progress, cleared at the end; None without a terminal."""
+    """Give a function that shows one line of progress on a terminal; None without a terminal."""
     if not stream.isatty():
         yield None
         return

@@ -129,7 +129,7 @@ def replay(journal, out, codes, as_json):
 
 
 def named(context, option, texts):
-    """{name: value} of the texts NAME=VALUE of an option. Raises InputError."""
+    """Return {NAME: VALUE} for the texts "NAME=VALUE" of an option. Raises InputError."""
     given = {}
     for text in texts:
         name, equals, value = text.partition("=")

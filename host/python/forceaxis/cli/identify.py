@@ -22,7 +22,7 @@ from forceaxis.cli.common import (
 
 
 class Known(click.ParamType):
-    """VALUE or VALUE+-ERROR, above 0; ERROR is half the width of its 95 % confidence interval."""
+    """A known value above 0, typed as VALUE or VALUE+-ERROR; the 95 % interval is +-ERROR."""
 
     name = "VALUE[+-ERROR]"
 
@@ -55,7 +55,7 @@ def identify():
 
 
 def show(result, as_json, rows):
-    """Print the result of a procedure as JSON, or its `rows` of (name, text)."""
+    """Print the result of a procedure as JSON, or as text from its `rows` (name, text)."""
     if as_json:
         click.echo(json.dumps(result, allow_nan=False))
     else:
@@ -134,7 +134,7 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
 )
 @as_json
 def split(total_mass, stiffness, frequency_hz, as_json):
-    """Identify two masses on either side of a spring from their sum and frequency (4.4.2).
+    """Identify two masses on either side of a spring from their sum and frequency (thesis 4.4.2).
 
     There are two solutions; the verb chooses the one in which the actuator side m_r1 has more than
     half of the mass. The equations assume that both masses are free. With a locked motor shaft, as
@@ -178,7 +178,7 @@ def with_offset(verb):
 @with_offset
 @as_json
 def tach(data, speed, tach, offset, as_json):
-    """Identify the tachometer constant: slope of its voltage over the measured speed (4.1.2)."""
+    """Identify the tachometer constant: slope of its voltage over the speed (thesis 4.1.2)."""
     from forceaxis.identify import procedures
 
     found = procedures.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
@@ -201,7 +201,7 @@ def tach(data, speed, tach, offset, as_json):
 @with_offset
 @as_json
 def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, as_json):
-    """Identify the motor damping b_m from steady motor and tachometer voltages (4.1.2).
+    """Identify the motor damping b_m from constant motor and tachometer voltages (thesis 4.1.2).
 
     The shaft is uncoupled. At constant speed V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t). The
     errors of the constants enter the confidence interval.
@@ -321,7 +321,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
 @set_option("A parameter of MODEL.")
 @as_json
 def resonances(model, response, rigid, modes, prominence_db, refine, overrides, as_json):
-    """Identify resonances of a measured response as polynomials, by the five steps of 4.2.
+    """Identify resonances of a measured response, by the five steps of thesis section 4.2.
 
     MODEL is a rigid body out of contact (fig4_11), whose response the resonances multiply. RESPONSE
     is the folder of `forceaxis measure --out`. Only the magnitude is fitted; the phase matches too

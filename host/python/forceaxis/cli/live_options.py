@@ -119,7 +119,7 @@ OPTIONS = (
 
 
 def options(command):
-    """Add the options. The command gets `way`, a Way that has not been checked yet."""
+    """Add the options of a connection. The command gets them unchecked, as a `Way`."""
 
     @functools.wraps(command)
     def with_way(*arguments, axis, lcm_url, can, node, own_node, modbus, sim, overrides, store,
@@ -133,7 +133,7 @@ def options(command):
 
 
 def live(command):
-    """Add the options. The command gets `way`, a Way that selects exactly one axis."""
+    """Add the options of a connection; exactly one axis must be selected. See Way."""
 
     @functools.wraps(command)
     def with_one(*arguments, way, **others):
@@ -161,7 +161,7 @@ def live_in_mm(command):
 
 @contextlib.contextmanager
 def connected(way):
-    """Connect and give an Axis. Ctrl-C and SIGTERM end the verb with status 130 or 143."""
+    """Connect to an axis for a `with` block. Ctrl-C ends the verb with status 130, SIGTERM 143."""
     from forceaxis.axis.axis import Axis
 
     axis, before = None, signal.signal(signal.SIGTERM, _terminate)
@@ -182,8 +182,8 @@ def connected(way):
 
 
 def warn_of_newtons(axis, way):
-    """Warn on standard error if force_scale of the axis was never set, because newtons are wrong
-    then. The scale of a simulated axis is compared with its model instead."""
+    """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
+    For a simulated axis the link compares the scale with the model instead."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
@@ -198,8 +198,8 @@ def warn_of_newtons(axis, way):
 
 @contextlib.contextmanager
 def owned(way, shared=False):
-    """As connected(); the axis is acquired, and disabled and released at the end. `shared`: see
-    Axis.acquire()."""
+    """Connect to an axis and own it for a `with` block; at its end the axis is disabled and
+    released. `shared`: see Axis.acquire()."""
     with connected(way) as axis:
         axis.acquire(shared)
         yield axis

@@ -149,7 +149,7 @@ def cli(context):
 
 
 def with_help(error):
-    """The message of a usage error. If it does not say what was expected, it names the help."""
+    """Return the message of a usage error; it names `--help` if it lacks what was expected."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if re.search(r"\bexpected\b", text):
@@ -160,7 +160,7 @@ def with_help(error):
 
 
 def with_table(message):
-    """The message about an unknown name in [set]; it says if the name belongs to another table."""
+    """Return the message about an unknown name in [set], with the table that has this name."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
         from forceaxis.experiments.points import meant
@@ -170,7 +170,7 @@ def with_table(message):
 
 
 def main():
-    """Entry point. An input error is one line on standard error and exit status 2."""
+    """Run the program. An input error prints one line on standard error and exits with status 2."""
     with printed_streams():
         command_line()
 

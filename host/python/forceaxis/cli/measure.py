@@ -22,7 +22,7 @@ from forceaxis.cli.common import (
 
 
 def band(context, option, text):
-    """[low, high] in Hz of a text LOW:HIGH. Raises InputError."""
+    """Parse a text "LOW:HIGH" into two frequencies in Hz. Raises InputError."""
     if text is None:
         return None
     try:
@@ -33,7 +33,7 @@ def band(context, option, text):
 
 
 def newtons(context, option, text):
-    """The forces in N of a text N,N; all above 0. Raises InputError."""
+    """Parse a text such as "30,75" into forces in N, all above 0. Raises InputError."""
     if text is None:
         return ()
     try:

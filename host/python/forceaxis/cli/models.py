@@ -20,7 +20,7 @@ from forceaxis.cli.common import (
 
 
 def check_drawing(out):
-    """Refuse a file name that no figure can have, before the computation starts."""
+    """Check the suffix of a figure file before the computation starts. Raises InputError."""
     if out:
         from forceaxis import drawing
 
@@ -28,7 +28,7 @@ def check_drawing(out):
 
 
 def draw(out, make):
-    """Write the figure that make(linear.plots) returns to the file `out`, unless it is None."""
+    """Draw a figure with make(linear.plots) and write it to `out`, unless that is None."""
     if out:
         from forceaxis import drawing
         from forceaxis.linear import plots
@@ -37,7 +37,7 @@ def draw(out, make):
 
 
 def present(summary, as_json, describe, out=None):
-    """Print the result of a verb as one JSON object, or as text with the name of the figure."""
+    """Print the result of a verb as a JSON object or as text, with the name of the figure file."""
     done_waiting()
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
@@ -130,7 +130,7 @@ loop_timing = click.option(
 
 
 def over_options(verb):
-    """Add the options --over, --modes and --timing, which here has the value both."""
+    """Add the options --over, --modes and --timing; --timing also accepts "both" here."""
     for decorate in (
         click.option(
             "--modes",
@@ -321,7 +321,7 @@ OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz
 
 
 def _overlay(context, model, out, as_json, measured):
-    """Run `bode --measured`: signals, states and timing are those of the measurement."""
+    """Draw measured points over the model, with signals, states and timing of the measurement."""
     from forceaxis import linear
     from forceaxis.identify import overlay
 
@@ -403,12 +403,12 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
 @click.option("--modes", type=click.IntRange(1, 200), default=4, show_default=True)
 @as_json
 def beam(modes, as_json, **given):
-    """Compute the elastic beam of thesis 2.4.4, which slides at the actuator; its tip is free.
+    """Compute poles and zeros of the elastic beam of thesis section 2.4.4.
 
-    The verb prints its undamped poles and zeros and the error of the approximation by polynomials
-    of the first n modes, for the first four modes. JSON: modes, each with b l, pole_rad_per_s,
-    actuator_zero_rad_per_s (imaginary pairs) and tip_zero_per_s (a real pair);
-    approximation_errors for n = 4 to 40.
+    The beam slides at the actuator; its tip is free. The verb prints the undamped poles and zeros
+    and the error of an approximation by the first n modes, for the first four modes.
+    JSON: modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
+    tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
     """
     from forceaxis.linear import beam as bending
 

@@ -22,7 +22,7 @@ def options(command):
 
 
 def prompt(field, proposed, number):
-    """Ask for one value until the answer is valid or the user goes back to the question before."""
+    """Ask for one value until the answer is valid, or until the user asks to go back."""
     count = len(data_sheet.FIELDS)
     if number == 1:
         click.echo(

@@ -19,7 +19,7 @@ FILES = {
 
 
 def addresses(o):
-    """CANopen address and Modbus register of an object as texts."""
+    """Return the CANopen address and the Modbus register of an object as texts."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -47,7 +47,7 @@ def line(o):
 
 
 def details(o):
-    """Lines with all properties of one object."""
+    """Yield lines with all properties of one object."""
     yield f"{o.name}: {o.meaning}"
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")

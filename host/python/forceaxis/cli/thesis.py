@@ -19,7 +19,7 @@ from forceaxis.thesis import tables
 @linked
 @as_json
 def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
-    """Simulate the 55 cells of the stability tables of the thesis and compare with its results.
+    """Simulate the 55 cells of the stability tables of the thesis and compare the results.
 
     The exit status is 1 if fewer cells match than the parameter file records. With --link the
     firmware is one separate process for all cells.
