@@ -221,7 +221,7 @@ NEAR = "approach = '4 mm'"
 
 
 def pressed(more="", strike_N_s=0.0, **settings):
-    """Contact in mode 4, then a blow of the workpiece."""
+    """Contact in mode 4, then an impact on the workpiece."""
     hit = strike(strike_N_s) if strike_N_s else ""
     return experiment(pressing(more, **settings), ENABLE + hit, sets=NEAR)
 
@@ -307,25 +307,25 @@ PROTECTIONS = [
         name="force too large",
         objects=("force_max",),
         reaches="fault force_max",
-        event="a reading above force_max",
+        event="a measured force above force_max",
         since=lambda c: first(c["adc0"] > 60),
         acts=fault("force_max"),
         within=1,
         provoked=pressed("force_max = 60", strike_N_s=2.0),
         beside=pressed("force_max = 60", strike_N_s=0.1),
-        beside_is="a blow that stays below it",
+        beside_is="an impact that stays below it",
     ),
     Protection(
         name="force sensor at an end of its range",
         objects=("force_railed_time",),
         reaches="fault force_railed",
-        event="the first such reading",
+        event="the first such value",
         since=lambda c: first(c["adc0"] == 255),
         acts=fault("force_railed"),
         within=75,
         provoked=failing("force_railed_time = 50", "high"),
         beside=pressed("force_railed_time = 50", strike_N_s=20.0),
-        beside_is="a blow that saturates it for 18 ms",
+        beside_is="an impact that saturates it for 18 ms",
     ),
     Protection(
         name="force sensor that jumps",
@@ -337,7 +337,7 @@ PROTECTIONS = [
         within=1,
         provoked=failing("force_jump_max = 15", "zero"),
         beside=pressed("force_jump_max = 15", strike_N_s=2.0),
-        beside_is="a blow that loses contact",
+        beside_is="an impact that loses contact",
     ),
     Protection(
         name="force sensor that is stuck",
@@ -355,13 +355,13 @@ PROTECTIONS = [
         name="force sensor that is disconnected",
         objects=("force_disconnected_code", "force_disconnected_time"),
         reaches="fault force_disconnected",
-        event="the axis presses and stands",
+        event="the axis presses at standstill",
         since=lies_still,
         acts=fault("force_disconnected"),
         within=300,
         provoked=lone_press(sensor("zero")),
         beside=lone_press(strike(2.0)),
-        beside_is="a blow that loses contact",
+        beside_is="an impact that loses contact",
     ),
     Protection(
         name="pressing after a lost contact",
@@ -373,7 +373,7 @@ PROTECTIONS = [
         within=1,
         provoked=pressed(strike_N_s=2.0),
         beside=pressed(strike_N_s=0.1),
-        beside_is="a blow that loses no contact",
+        beside_is="an impact that loses no contact",
     ),
     speed_row("mode -1", -1, "", "force_setpoint = 30", "force_setpoint = 5"),
     speed_row(
@@ -418,7 +418,7 @@ PROTECTIONS = [
         beside_is="a workpiece that is reached in time",
     ),
     Protection(
-        name="way of an approach, mode -1",
+        name="travel of an approach, mode -1",
         objects=("approach_travel_max",),
         reaches="fault no_contact",
         event="1000 counts from the start",
@@ -435,7 +435,7 @@ PROTECTIONS = [
         name="bank without a certificate",
         objects=("certificate_hash_1", "uncertified_output"),
         reaches="emergency law_uncertified",
-        event="a blow of the workpiece",
+        event="an impact on the workpiece",
         since=lambda columns: first(hard(columns)),
         acts=restricted,
         within=1,
@@ -456,7 +456,7 @@ PROTECTIONS = [
         beside_is="half the gain",
     ),
     Protection(
-        name="the same, option fault",
+        name="contact lost again and again, option fault",
         objects=("limit_cycle_losses", "limit_cycle_window", "contact_unstable_option"),
         reaches="fault contact_unstable",
         event="the third loss within 200 ms",
@@ -468,10 +468,10 @@ PROTECTIONS = [
         beside_is="half the gain",
     ),
     Protection(
-        name="force that swings in contact",
+        name="force ripple in contact",
         objects=("force_ripple_max", "force_ripple_time", "contact_unstable_option"),
         reaches="emergency gain_halved",
-        event="a swing of more than 6 counts, 500 ms allowed",
+        event="a force ripple of more than 6 counts, 500 ms allowed",
         since=rippling(6, halved(30)),
         acts=halved(30),
         within=7 * 152,
@@ -491,10 +491,10 @@ def table(ticks):
         measured = [str(ticks[carrier][row.name]) for carrier in CARRIERS]
         cells = [row.name, objects, row.reaches, row.code, row.event, *measured, str(row.within)]
         rows.append([*cells, row.beside_is])
-    text = """Ticks of 1/1500 s from the first tick whose inputs show the event to the one whose
-outputs answer; 1: in its own tick. Each row is run in process, over SocketCAN and on the
-emulated chip, and so is the run beside it, in which the protection must not act. Options that
-ask for a ramp are off.
+    text = """The numbers are ticks of 1/1500 s, from the first tick whose inputs show the event to
+the tick whose outputs react; 1 means in the same tick. Each row is run in process, over
+SocketCAN and on the emulated chip, together with a second run in which the protection must
+not act. Options that select a ramp are off.
 
 """
     return text + "".join(f"| {' | '.join(row)} |\n" for row in rows)

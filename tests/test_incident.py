@@ -29,7 +29,11 @@ PROVOKED = {
     "force sensor that is disconnected": ("force_disconnected", "at one code (0)", "up to 135"),
     "travel in contact": ("contact_travel", "in contact by more than contact_travel_max"),
     "time of an approach": ("no_contact", "enabled for 305 ms", "no contact in the recorded"),
-    "the same, option fault": ("contact_unstable", "lost 3 times", "swung by 72.5 N"),
+    "contact lost again and again, option fault": (
+        "contact_unstable",
+        "lost 3 times",
+        "swung by 72.5 N",
+    ),
 }
 
 

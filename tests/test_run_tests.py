@@ -84,3 +84,13 @@ def test_a_run_that_does_not_end_as_pytest_does_is_a_failure(gate, tmp_path):
     )
     tally = run(gate, tmp_path, text, twice=True)
     assert tally.failed == 1
+
+
+@pytest.mark.parametrize("file", [".pre-commit-config.yaml", ".github/workflows/ci.yml"])
+def test_hooks_and_ci_call_the_quick_tests_and_no_other_host(file):
+    text = (ROOT / file).read_text()
+    assert "tools/test --quick" in text
+    assert "://" not in text
+    assert [line for line in text.splitlines() if "uses:" in line] == (
+        ["      - uses: actions/checkout@v4"] if "workflows" in file else []
+    )

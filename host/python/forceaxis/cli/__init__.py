@@ -1,1 +1,1 @@
-"""The command line: a module for each family of verbs; nothing is computed here."""
+"""The command line: one module for each group of verbs. Nothing is computed here."""

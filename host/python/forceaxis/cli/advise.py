@@ -1,4 +1,4 @@
-"""Verbs about changes of an axis."""
+"""Verbs that compare possible changes of an axis."""
 
 import shutil
 
@@ -19,20 +19,20 @@ from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
 def over_options(verb):
-    """--over and --modes."""
+    """Add the options --over and --modes."""
     verb = click.option(
         "--modes",
         type=click.Choice(["visited", "all", "nominal"]),
         default="visited",
         show_default=True,
-        help="Modes of amplifier, contact and friction in which the set is taken.",
+        help="States of amplifier, contact and friction in which the set of plants is analysed.",
     )(verb)
     return click.option(
         "--over",
         multiple=True,
         type=Parameter(),
         metavar="NAME=PERCENT%|LOW..HIGH",
-        help="A parameter and how far it may be off; several with commas. Repeatable.",
+        help="Tolerance of a parameter; several with commas between them. Repeatable.",
     )(verb)
 
 
@@ -48,23 +48,23 @@ def over_options(verb):
     metavar="MODEL|EXPERIMENT",
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
-@set_option("A model parameter.")
+@set_option("A parameter of the model.")
 @mode_option("states")
-@click.option("--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh.")
+@click.option("--timing", type=TIMINGS, help="Default: latency_ticks of the experiment, else zoh.")
 @click.option(
     "--factor",
     type=float,
     default=2.0,
     show_default=True,
-    help="By how much stiffnesses, masses and dampings are changed, up and down.",
+    help="Factor by which each stiffness, mass and damping is multiplied and divided.",
 )
 @click.option(
     "--simulate",
     is_flag=True,
-    help="Run the firmware for every row that it can run, not for the present design and "
-    "the finer ADC alone.",
+    help="Simulate every row with the firmware where possible. Default: only the present design "
+    "and the row with the finer ADC.",
 )
-@click.option("--linear", is_flag=True, help="Run nothing.")
+@click.option("--linear", is_flag=True, help="Linear analysis only, no simulation.")
 @over_options
 @threads
 @drawn
@@ -72,15 +72,16 @@ def over_options(verb):
 def advise(
     model, overrides, states, timing, factor, simulate, linear, over, modes, threads, out, as_json
 ):
-    """What limits the bandwidth of a force loop, and the benefit of each change of the axis.
+    """Show what limits the bandwidth of a force loop, and how much each change improves it.
 
-    Rows are ranked by the crossover at half the critical gain. Beside the linear limit stands the
-    largest gain at which the firmware, with quantisation and loss of contact, is stable on the
-    experiment given, on that of the model's name, or on a first contact made for it.
+    Rows are ranked by the crossover frequency at half the critical gain. Beside the linear limit
+    the verb prints the largest gain at which the simulated firmware is stable, with quantisation
+    and contact loss. It simulates EXPERIMENT, or the experiment with the name of MODEL, or a first
+    contact that it makes.
 
-    With --over the rows are ranked by the bandwidth fS of the worst member, with the largest gain
-    at gain margin 2.3 and |S| up to 2; a bank of the firmware designed for the set is a row. What
-    the firmware lacks is marked and comes last.
+    With --over, rows are ranked by the bandwidth fS of the worst plant of the set, at a gain margin
+    of 2.3 and Ms at most 2. One row is a bank designed for the set. Changes that the firmware
+    cannot do are marked and come last.
     """
     from forceaxis import linear as models
     from forceaxis.design import advise as design
@@ -114,20 +115,24 @@ def advise(
     metavar="MODEL|EXPERIMENT",
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
-@click.option("--element", help="The stiffness that is varied. Default: the contact's.")
-@set_option("A model parameter.")
+@click.option("--element", help="Stiffness that is varied. Default: that of the contact.")
+@set_option("A parameter of the model.")
 @mode_option("states")
 @click.option(
     "--over",
     multiple=True,
     type=Parameter(),
     metavar="NAME=PERCENT%|LOW..HIGH",
-    help="The set, as in advise. Default: mass and stiffness of what is pressed on, 30 %.",
+    help="Set of plants, as in advise. Default: 30 % of mass and stiffness of the workpiece.",
 )
-@click.option("--from", "lowest", type=Positive(high=1e12), help="N/m. Default: a 20th of it.")
-@click.option("--to", "highest", type=Positive(high=1e12), help="N/m. Default: 4 times it.")
+@click.option(
+    "--from", "lowest", type=Positive(high=1e12), help="Lowest, N/m. Default: nominal / 20."
+)
+@click.option(
+    "--to", "highest", type=Positive(high=1e12), help="Highest, N/m. Default: 4 x nominal."
+)
 @click.option("--points", type=click.IntRange(2, 40), default=9, show_default=True)
-@click.option("--adc-bits", type=click.IntRange(8, 16), help="Default: the model's.")
+@click.option("--adc-bits", type=click.IntRange(8, 16), help="Default: that of the model.")
 @threads
 @drawn
 @as_json
@@ -135,11 +140,12 @@ def compliance(
     model, element, overrides, states, over, lowest, highest, points, adc_bits, threads, out,
     as_json,
 ):  # fmt: skip
-    """Soft contact or low gain: what the stiffness of a pad, sensor or workpiece is worth.
+    """Compare a soft contact with a low gain: vary the stiffness of pad, sensor or workpiece.
 
-    For each stiffness of one element: the bandwidth fS over the set of P and of a bank designed for
-    it, at the same margins; the static error of P; the way of the drive from touch to the
-    set-point; the hardest strike that each survives, simulated with the firmware.
+    For each stiffness of one element the verb prints the bandwidth fS over the set of plants, of
+    the P law and of a bank designed for it, at equal margins; the static error of P; the travel of
+    the drive from first contact to the set-point; and the largest impact that each law tolerates in
+    a simulation with the firmware.
     """
     from forceaxis import linear as models
     from forceaxis.design import compliance as soft

@@ -1,4 +1,4 @@
-"""`forceaxis axis`: one axis, read, set up and moved, by whatever way it is reached."""
+"""`forceaxis axis`: read, set up and move one axis over any of its connections."""
 
 import dataclasses
 import fnmatch
@@ -24,11 +24,12 @@ from forceaxis.cli.live_options import connected, live, live_in_mm, owned, warn_
     forceaxis axis press --sim sim/experiments/hold_biquad.toml 30""",
 )
 def axis():
-    """One live axis: read, set, move, press, tare, record, wherever it is.
+    """Read, set, move, press, tare and record one live axis.
 
-    Each verb takes one of --axis N (a gateway's), --can INTERFACE, --modbus URL and --sim
-    EXPERIMENT. A verb that moves the axis owns it meanwhile; at its end, on Ctrl-C too, the axis is
-    disabled and released. A killed verb lets the axis be disabled by its watchdog.
+    Each verb needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL or
+    --sim EXPERIMENT (simulated). A verb that moves the axis owns it while it runs. At its end, and
+    after Ctrl-C, the axis is disabled and released. If the verb is killed, the watchdog of the axis
+    disables it.
     """
 
 
@@ -37,7 +38,7 @@ def shown(value):
 
 
 def lines(axis, values):
-    """{object: value} of an axis for a reader, with units; readings of the force in N too."""
+    """Yield one line for each object of {name: value}, with its unit; forces in N and in counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
@@ -53,7 +54,7 @@ def lines(axis, values):
 
 
 def assignments(words):
-    """{name: text} of NAME=VALUE words."""
+    """Return {NAME: VALUE} for a list of texts "NAME=VALUE". Raises InputError."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -62,7 +63,7 @@ def assignments(words):
 
 
 def in_mm(axis, position):
-    """(12.3 mm) of encoder counts, "" where what a count is is not known."""
+    """Convert a position in encoder counts to the text " (12.3 mm)", or "" without a scale."""
     from forceaxis.axis import quantity
 
     scale = quantity.per_metre(axis, objects.BY_NAME["position"])
@@ -70,7 +71,7 @@ def in_mm(axis, position):
 
 
 def print_state(axis, prefix, as_json, **more):
-    """The axis' state in one line, or as JSON."""
+    """Print the state of the axis in one line or as JSON."""
     from forceaxis.axis import actions
 
     now = actions.state(axis) | more
@@ -93,11 +94,11 @@ def print_state(axis, prefix, as_json, **more):
 @live_options.options
 @as_json
 def list_axes(way, as_json):
-    """Who is on a bus: id, name, version, object table, state, fault; --json adds mode, owner.
+    """List the axes on a bus: id, name, version, object table, state, fault.
 
-    Without an option the axes of the gateways on the LCM bus; with --can the nodes 1 to 127 that
-    answer or are heard; with --modbus the units 1 to 127, which takes a serial line 20 s. Exit
-    status 1 where there is none.
+    Without an option the verb lists the axes of all gateways on the LCM bus, with --can the nodes 1
+    to 127 that answer or send, with --modbus the units 1 to 127 (20 s on a serial line). --json
+    adds mode of operation and owner. The exit status is 1 if no axis is found.
     """
     from forceaxis.axis import scan
 
@@ -113,7 +114,7 @@ def list_axes(way, as_json):
 
 
 def table_of(rows):
-    """Lines of at most 80 columns for the rows of scan.found(); a note stands below its row."""
+    """Yield the lines of the table of axes, at most 80 columns; a note follows its row."""
     columns = ("id", "name", "version", "table", "state", "fault")
     cells = [columns]
     for row in rows:
@@ -137,9 +138,9 @@ def table_of(rows):
 @live
 @as_json
 def get(names, way, as_json):
-    """Read objects, in engineering units; a pattern such as 'tare*' reads all that fit.
+    """Read objects in engineering units; a pattern such as 'tare*' reads all matching objects.
 
-    `forceaxis objects` lists the names. An axis that somebody else owns is read all the same.
+    `forceaxis objects` lists the names. An axis that another client owns can be read too.
     """
     wanted = []
     for name in names:
@@ -160,12 +161,12 @@ def get(names, way, as_json):
 @live_in_mm
 @as_json
 def set_objects(words, way, as_json):
-    """Write objects in engineering units, in order, and show what the axis has then.
+    """Write objects in engineering units, in the order given, and print their new values.
 
-    A value may have a unit of its own: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written
-    if a name is unknown, a value out of its range, or a target beyond what the axis takes. What
-    another client of the same bus has enabled stays enabled and that client's. `axis params store`
-    keeps it over a power cut.
+    A value may have a unit: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written if a name
+    is unknown, a value is out of its range, or the axis would limit a target. An axis that another
+    client of the same bus has enabled stays enabled. `axis params store` keeps the values over a
+    power cut.
     """
     with owned(way, shared=True) as axis:
         values = assignments(words)
@@ -179,9 +180,9 @@ def set_objects(words, way, as_json):
 @live
 @as_json
 def stop(way, as_json):
-    """Stop the axis, whoever owns it: a quick stop, as quick_stop_option says.
+    """Stop the axis by a quick stop, whoever owns it; quick_stop_option selects the ramp.
 
-    Its owner enables it again only after a controlword that does not enable.
+    Before the owner can enable the axis again, it has to send a controlword that does not enable.
     """
     from forceaxis.axis import actions
 
@@ -194,7 +195,7 @@ def stop(way, as_json):
 @live
 @as_json
 def reset(way, as_json):
-    """Reset the fault. Exit status 1 where its cause is still there."""
+    """Reset the fault. The exit status is 1 if the cause of the fault is still present."""
     with owned(way) as axis:
         axis.reset_fault()
         axis.wait_for(lambda s: s["fault"] == "none", ("fault",), "the fault to be reset", 1.0)
@@ -211,16 +212,16 @@ NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
 )
 @click.argument("mode")
 @click.argument("words", nargs=-1, metavar="[NAME=VALUE]...")
-@click.option("--seconds", type=Positive(0.01, 1e6), help="Default: until Ctrl-C.")
+@click.option("--seconds", type=Positive(0.01, 1e6), help="Duration in s. Default: until Ctrl-C.")
 @live_in_mm
 @as_json
 def enable(mode, words, seconds, way, as_json):
-    """Enable the axis in a mode of operation and hold it there; then disable it.
+    """Enable the axis in a mode of operation, keep it enabled, then disable it.
 
-    MODE is a name as "profile position" or a number. The values are written first, and again once
-    the axis is enabled: a target acts only if it is written then; they may have units as of `set`.
-    Ends with status 1 as soon as the axis is no longer enabled, or clips a target by a bound that
-    was changed meanwhile.
+    MODE is a number or a name, as "profile position". The objects are written before the axis is
+    enabled; targets are written again afterwards, because a target acts only then. Values may have
+    units, as in `axis set`. The exit status is 1 if the axis is disabled before the time is over,
+    or if another client lowers a bound so that the axis limits a target.
     """
     from forceaxis.axis import actions, bounds
     from forceaxis.axis.axis import MODES
@@ -252,13 +253,13 @@ def enable(mode, words, seconds, way, as_json):
         print_state(axis, "after", as_json, seconds=passed)
 
 
-force_max = click.option("--force-max", metavar="FORCE", help='"120 N", or counts of the reading.')
+force_max = click.option("--force-max", metavar="FORCE", help='Force bound: "120 N", or counts.')
 
 
 approach_speed = click.option(
     "--speed",
     metavar="SPEED",
-    help='Bound of the approach, "4 mm/s" or encoder count/s. Default: approach_velocity_max.',
+    help='Largest approach speed, "4 mm/s" or encoder counts/s. Default: approach_velocity_max.',
 )
 
 
@@ -269,17 +270,19 @@ approach_speed = click.option(
     forceaxis axis move --can can0 --model press/model.toml "-10 mm" --speed "5 mm/s\"""",
 )
 @click.argument("position")
-@click.option("--speed", metavar="SPEED", help='"5 mm/s" or count/s. Default: trajectory_velocity.')
-@click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="s.")
+@click.option(
+    "--speed", metavar="SPEED", help='"5 mm/s", or counts/s. Default: trajectory_velocity.'
+)
+@click.option("--timeout", type=Positive(0.1, 3600), default=60.0, show_default=True, help="In s.")
 @force_max
 @live_in_mm
 @as_json
 def move(position, speed, timeout, force_max, way, as_json):
-    """Move to a position, "10 mm" or in counts (or the user's units), and disable the axis there.
+    """Move to POSITION, "10 mm" or a number of counts or user units, and disable the axis there.
 
-    Millimetres count as the axis' positions do, from its zero. What it meets with more than
-    --force-max, by default 32 counts of the reading, switches the axis off in the same tick, with
-    the fault force_max; it still has the energy of its speed then.
+    The position is measured from the zero of the axis. If the measured force exceeds --force-max
+    (default: 32 counts), the axis is disabled in the same tick with the fault force_max. It still
+    has its kinetic energy at that moment.
     """
     from forceaxis.axis import actions, quantity
 
@@ -299,7 +302,11 @@ def move(position, speed, timeout, force_max, way, as_json):
 )
 @click.argument("force")
 @click.option(
-    "--seconds", type=Positive(0.1, 3600), default=3.0, show_default=True, help="From contact on."
+    "--seconds",
+    type=Positive(0.1, 3600),
+    default=3.0,
+    show_default=True,
+    help="Time in contact, s.",
 )
 @approach_speed
 @click.option(
@@ -307,25 +314,26 @@ def move(position, speed, timeout, force_max, way, as_json):
     type=Positive(0.1, 3600),
     default=10.0,
     show_default=True,
-    help="s without contact after which the axis ends it with the fault no_contact.",
+    help="Time in s without contact after which the axis stops with the fault no_contact.",
 )
 @click.option(
     "--retract",
     metavar="DISTANCE",
-    help='End apart: so far back from where it pressed, "5 mm" or counts, at most at --speed. '
-    "Default: it is disabled in contact.",
+    help='Move back by this distance after pressing, "5 mm" or counts, at most at --speed. '
+    "Default: the axis is disabled in contact.",
 )
 @force_max
 @live_in_mm
 @as_json
 def press(force, seconds, speed, approach, retract, force_max, way, as_json):
-    """Press with a force, show it, and disable the axis.
+    """Press on the workpiece with FORCE, print the measured force, and disable the axis.
 
-    "75 N": mode 4, with the force law or bank that is selected. 30: counts of an 8-bit reading,
-    mode -1, the P law of force_gain. What is set for it is as before afterwards. A reading beyond
-    --force-max, by default twice the force and 8 counts, disables it in the same tick. A force
-    that the axis would clip (6072h, 60E0h, 60E1h, the range of its reading) is refused before it
-    moves; exit status 1 where a bound is lowered meanwhile.
+    FORCE "75 N" selects mode 4 with the active force law or bank. FORCE 30 is in counts at 8 bits
+    and selects mode -1, the P law with force_gain. Afterwards all parameters have their earlier
+    values. If the measured force exceeds --force-max (default: twice FORCE and 8 counts), the axis
+    is disabled in the same tick. A FORCE above a limit of the axis (6072h, 60E0h, 60E1h, sensor
+    range) is refused before the axis moves. The exit status is 1 if a limit is lowered while it
+    presses.
     """
     from forceaxis.axis import actions, quantity
 

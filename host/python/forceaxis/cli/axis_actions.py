@@ -1,4 +1,4 @@
-"""Verbs of `forceaxis axis` that set up the force sensor, and record."""
+"""Verbs of `forceaxis axis` that set up the force sensor and record signals."""
 
 import json
 
@@ -15,9 +15,10 @@ from forceaxis.cli.live_options import live, owned
 @live
 @as_json
 def tare(way, as_json):
-    """Take the tare of an axis at a stand, out of contact.
+    """Take the tare of an axis that is at standstill and out of contact.
 
-    Exit status 1 with the axis' reason where it moves, the reading is noisy or beyond tare_band.
+    The exit status is 1, with the reason, if the axis moves, if the measured force is too noisy or
+    if it exceeds tare_band.
     """
     from forceaxis.axis import actions
 
@@ -35,15 +36,16 @@ def tare(way, as_json):
     "given",
     multiple=True,
     metavar="COUNT,N",
-    help="Reading of force and the reference's N, 2 to 8 times. Default: reads and asks.",
+    help="Measured force in counts and reference force in N, 2 to 8 times. Default: the verb asks.",
 )
 @live
 @as_json
 def calibrate(given, way, as_json):
-    """Set force_scale by a line through 2 to 8 points of a reference cell or weights.
+    """Set force_scale by a straight line through 2 to 8 points of a reference load cell or weights.
 
-    The axis is disabled meanwhile. Without --point each reading is taken when you have typed what
-    the reference shows; an empty line ends it. `axis params store` keeps the result.
+    The axis is disabled during the calibration. Without --point, type the force that the reference
+    shows; the verb then reads the sensor. An empty line ends the input. `axis params store` keeps
+    the result over a power cut.
     """
     from forceaxis.axis import actions
 
@@ -70,7 +72,7 @@ def point(text):
 
 
 def asked(axis, most):
-    """Points that a person gives, until an empty line."""
+    """Ask the user for calibration points (counts, N) until an empty line; at most `most`."""
     from forceaxis.axis import actions
 
     for i in range(most):
@@ -92,25 +94,32 @@ def asked(axis, most):
 )
 @click.argument("signals", nargs=-1, required=True, type=Object(), metavar="SIGNAL...")
 @click.option(
-    "--samples", type=click.IntRange(0, 65535), default=0, help="Default: what the recorder holds."
+    "--samples", type=click.IntRange(0, 65535), default=0, help="Default: as many as fit."
 )
-@click.option("--decimation", type=click.IntRange(1, 65535), default=1, help="Ticks a sample.")
-@click.option("--pretrigger", type=click.IntRange(0, 65535), default=0, help="Samples before it.")
+@click.option("--decimation", type=click.IntRange(1, 65535), default=1, help="Ticks per sample.")
+@click.option(
+    "--pretrigger", type=click.IntRange(0, 65535), default=0, help="Samples before trigger."
+)
 @click.option(
     "--trigger",
     metavar="CONDITION",
-    help='"NAME rising|falling|either LEVEL", a force in N too; or excitation_start.',
+    help='"NAME rising|falling|either LEVEL" (a force also in N), or excitation_start.',
 )
 @click.option(
-    "--timeout", type=Positive(0.1, 86400), default=30.0, show_default=True, help="s to wait."
+    "--timeout",
+    type=Positive(0.1, 86400),
+    default=30.0,
+    show_default=True,
+    help="Longest time to wait, s.",
 )
 @click.option("--out", type=Folder(), help="Folder for capture.csv, .npz and .png.")
 @live
 @as_json
 def capture(signals, samples, decimation, pretrigger, trigger, timeout, out, way, as_json):
-    """Record up to 8 objects tick by tick, 1500 a second, into the axis' own memory, and fetch it.
+    """Record up to 8 objects in each tick (1500 per second) in the axis, and read the recording.
 
-    What another client of the same bus has enabled goes on meanwhile. Not over Modbus.
+    An axis that another client of the same bus has enabled stays enabled. A recording cannot be
+    read over Modbus.
     """
     from forceaxis.axis import quantity, recordings
 

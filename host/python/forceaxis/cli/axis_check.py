@@ -1,4 +1,4 @@
-"""`forceaxis axis check`: the guided first motion."""
+"""`forceaxis axis check`: guide the first motion of an axis."""
 
 import json
 import sys
@@ -17,7 +17,7 @@ from forceaxis.cli.live_options import live, owned
 @click.option("--yes", is_flag=True, help="Let the axis move without asking.")
 @click.option(
     "--travel", type=click.IntRange(50, 20_000), default=400, show_default=True,
-    help="Counts of the move out and back.",
+    help="Travel of the move out and back, in counts.",
 )  # fmt: skip
 @click.option(
     "--output", type=click.IntRange(1, 2047), default=250, show_default=True,
@@ -26,15 +26,15 @@ from forceaxis.cli.live_options import live, owned
 @live
 @as_json
 def check(yes, travel, output, way, as_json):
-    """Guide a first motion at low output: what is seen at rest, then a test, then a small move.
+    """Guide the first motion of an axis at low output: checks at rest, a test, a small move.
 
-    At rest: connection, object table, faults, enable chain and limit switches, gain, force sensor
-    (code, noise, zero), current, encoder, room between the limits. Then, with your consent, the
-    firmware's own test of encoder and signs in open loop, a move out and back with bounds of its
-    own, and the tare. Where something fails the axis does not move any further. Afterwards it is
-    disabled, its parameters as before but for force_tare.
+    At rest the verb checks connection, object table, faults, enable chain, limit switches, position
+    gain, force sensor (code, noise, zero), current, encoder and travel to the limits. Then it asks
+    for your consent. The firmware tests encoder and signs in open loop, the axis moves out and back
+    within bounds, and the tare is taken. If a step fails, the axis does not move again. At the end
+    the axis is disabled and all parameters but force_tare have their earlier values.
 
-    Exit status 1 where a step fails. Without --yes and without a terminal the axis does not move.
+    The exit status is 1 if a step fails. Without --yes and without a terminal the axis stays still.
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |
     "failed", "text", "value", "limit"}]}.
     """

@@ -1,4 +1,4 @@
-"""`forceaxis axis params`: the parameters of a live axis as a file."""
+"""`forceaxis axis params`: write and read the parameters of a live axis as a file."""
 
 import json
 import sys
@@ -12,10 +12,10 @@ from forceaxis.cli.common import File, Verbs, as_json
 from forceaxis.cli.live_options import connected, live, owned
 
 skipping = click.option(
-    "--skip", multiple=True, metavar="NAME", help="An object of the file to leave out. Repeatable."
+    "--skip", multiple=True, metavar="NAME", help="Leave out this object of the file. Repeatable."
 )
 with_measured = click.option(
-    "--measured", is_flag=True, help="The table [measured] too: tare and points of a calibration."
+    "--measured", is_flag=True, help="Include the table [measured]: tare and calibration points."
 )
 FILE = click.argument("file", type=click.Path(dir_okay=False, exists=True))
 
@@ -28,10 +28,11 @@ FILE = click.argument("file", type=click.Path(dir_okay=False, exists=True))
     forceaxis axis params store --can can0""",
 )
 def params():
-    """Parameters of an axis as a TOML file: dump, diff, load; store, restore.
+    """Dump, compare and load the parameters of an axis as a TOML file; store or restore them.
 
-    A parameter is what the axis stores. Node id and bit rate are in no file; tare and points of a
-    calibration, which belong to one sensor, are loaded and compared only with --measured.
+    A parameter is an object that the axis can store. A file never contains node id and bit rate.
+    Tare and calibration points belong to one sensor; they are loaded and compared only with
+    --measured.
     """
 
 
@@ -40,16 +41,16 @@ def params():
     forceaxis axis params dump --all --can can0 --node 3 > axis3.toml"""
 )
 @click.argument("file", type=File(), required=False)
-@click.option("--all", "everything", is_flag=True, help="What is at its default too.")
+@click.option("--all", "everything", is_flag=True, help="Include default values.")
 @live
 @as_json
 def dump(file, everything, way, as_json):
     """Write the parameters that differ from their defaults to FILE, or print them.
 
-    FILE also has what each value means (type, scale, unit, range), so that a later forceaxis can
-    tell what it cannot load. Over Modbus a file has only what has a register, and by a gateway not
-    the TPDOs and heartbeats that it sets up; `without` names them. --json prints {"file",
-    "parameters": {name: value}} of those that FILE would have.
+    FILE also contains type, scale, unit and range of each value, so that a later version can name
+    what it cannot load. Over Modbus it has only the objects with a register; through a gateway it
+    lacks the TPDOs and heartbeats that the gateway sets up. The key `without` names what is
+    missing. --json prints {"file", "parameters": {name: value}}.
     """
     from forceaxis.axis import params as parameters
 
@@ -77,9 +78,10 @@ def dump(file, everything, way, as_json):
 @live
 @as_json
 def diff(file, skip, measured, way, as_json):
-    """Show what the axis has otherwise than FILE: name, axis, file, unit.
+    """Print each parameter whose value in the axis differs from FILE: name, axis, file, unit.
 
-    Exit status 1 where anything differs. What a dump does not name is compared with the defaults.
+    A parameter that a dump does not contain is compared with its default. The exit status is 1 if
+    a value differs.
     --json: {"differences": [{"name", "axis", "file", "unit"}]}.
     """
     from forceaxis.axis import params as parameters
@@ -99,19 +101,20 @@ def diff(file, skip, measured, way, as_json):
     forceaxis axis params load out/law/bank.toml --can can0 --node 1"""
 )
 @FILE
-@click.option("--dry-run", is_flag=True, help="Show what would be written, write nothing.")
+@click.option("--dry-run", is_flag=True, help="Print the changes, write nothing.")
 @skipping
 @with_measured
 @live
 @as_json
 def load(file, dry_run, skip, measured, way, as_json):
-    """Set the parameters of the axis, which is disabled, to those of FILE: all of them or none.
+    """Set the parameters of a disabled axis to the values of FILE, all of them or none.
 
-    FILE is one of `dump`, then what it does not name is set to its default; or the bank.toml of
-    `forceaxis design`, then nothing else changes. What does not fit this object table is named and
-    nothing is written; if the axis refuses a value, everything is put back. It is in force at once
-    and kept by `params store`. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}],
-    "unchanged": n, "bank": {...}, "managed": [names that the gateway sets itself: left out]}.
+    FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that it does not
+    contain get their defaults; with a bank nothing else changes. If the object table of the axis
+    does not match a value, the verb names it and writes nothing. If the axis refuses a value, all
+    earlier values are written back. The values are active at once; `params store` keeps them over
+    a power cut. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}], "unchanged": n,
+    "bank": {...}, "managed": [names that the gateway sets itself and that are left out]}.
     """
     from forceaxis.axis import params as parameters
 
@@ -139,9 +142,10 @@ def load(file, dry_run, skip, measured, way, as_json):
 @live
 @as_json
 def store(way, as_json):
-    """Keep all parameters of the axis over a power cut; waits until they are stored.
+    """Store all parameters of the axis in its non-volatile memory and wait until that is done.
 
-    The axis is disabled meanwhile. Exit status 1 where the store fails: the set before it counts.
+    The axis is disabled while it stores. If storing fails, the exit status is 1 and the parameter
+    set that was stored before remains valid.
     """
     from forceaxis.axis import params as parameters
 
@@ -152,14 +156,14 @@ def store(way, as_json):
 
 
 @params.command(epilog="forceaxis axis params restore --axis 1 --yes")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--yes", is_flag=True, help="Do not ask for consent.")
 @live
 @as_json
 def restore(yes, way, as_json):
-    """Forget what is stored: the axis has its defaults from the next power-up on.
+    """Delete the stored parameters; from its next power-up the axis has the default values.
 
-    A reset of the node (NMT) does the same. Until then nothing changes, and `params store` takes it
-    back. The node id is forgotten too.
+    The defaults also become active with a reset of the node (NMT). Before that nothing changes, and
+    `params store` cancels the deletion. The stored node id is deleted too.
     """
     from forceaxis.axis import params as parameters
 
@@ -177,7 +181,7 @@ def restore(yes, way, as_json):
 
 
 def table(rows, columns):
-    """Lines of {column: value} rows under their names; none where there are no rows."""
+    """Yield the lines of a table with a header; no line if there are no rows."""
     if not rows:
         return
     cells = [

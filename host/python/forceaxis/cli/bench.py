@@ -1,4 +1,4 @@
-"""`forceaxis bench`."""
+"""`forceaxis bench`: measure the speed of the simulator."""
 
 import json
 import sys
@@ -23,28 +23,30 @@ from forceaxis.cli.common import Verb, as_json
     "tools",
     multiple=True,
     type=click.Choice(["forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy"]),
-    help="Default: all that are installed. Repeatable, as --case.",
+    help="Default: all that are installed. Repeatable, like --case.",
 )
 @click.option("--repeat", type=click.IntRange(1, 1000), default=10, show_default=True)
-@click.option("--sweeps", is_flag=True, help="Also runs/s of sweeps, and cost against events.")
-@click.option("--linear", is_flag=True, help="Also frequency responses, critical gains, advice.")
+@click.option("--sweeps", is_flag=True, help="Also sweeps: runs per second, time per event.")
+@click.option("--linear", is_flag=True, help="Also the linear analysis and `advise`.")
 @click.option(
     "--link",
     "links",
     is_flag=True,
-    help="Only the lock-step's rate over LCM and SocketCAN, as a share of a ping-pong between two "
-    "bare programs; exit status 1 unless what is promised holds.",
+    help="Only the rate of the lock-step over LCM and SocketCAN, relative to two programs that "
+    "only exchange messages. The exit status is 1 if a promised rate is missed.",
 )
 @click.option(
-    "--check", is_flag=True, help="Everything; exit status 1 unless every ratio promised holds."
+    "--check",
+    is_flag=True,
+    help="Measure everything; the exit status is 1 if a promised ratio is missed.",
 )
 @as_json
 def bench_(cases, tools, repeat, sweeps, linear, links, check, as_json):
-    """Time the simulator on its benchmark, beside odeint, MuJoCo and SciPy where installed.
+    """Measure the speed of the simulator, and of odeint, MuJoCo and SciPy if they are installed.
 
-    Prints how many times faster than real time one thread runs 2 s of a force loop, and how far
-    the contact force is from an independent extended-precision integration. Run it on an idle
-    machine.
+    The verb prints how many times faster than real time one thread simulates 2 s of a force loop,
+    and the error of the contact force against an independent integration with extended precision.
+    Run it on an idle machine.
     """
     from forceaxis.bench import bench
     from forceaxis.bench import link as bench_link

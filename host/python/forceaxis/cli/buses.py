@@ -1,4 +1,4 @@
-"""Verbs of axes on buses: the gateway, the monitor, logs."""
+"""Verbs for axes on buses: gateway, monitor and logs."""
 
 import json
 import os
@@ -27,50 +27,52 @@ log_file = click.argument(
     # one snapshot for a script
     forceaxis monitor --once --json""",
 )
-@click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else liblcm's own, this machine.")
-@click.option("--axis", type=click.IntRange(1, 127), help="Only this axis. Default: all.")
+@click.option("--url", help="LCM bus. Default: LCM_DEFAULT_URL, else that of liblcm, this machine.")
+@click.option("--axis", type=click.IntRange(1, 127), help="Show only this axis. Default: all.")
 @click.option(
-    "--record", type=File(), metavar="FILE.log", help="Record from the start; a new file."
+    "--record", type=File(), metavar="FILE.log", help="Record all messages into a new file."
 )
 @click.option(
     "--replay",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE.log",
-    help="Show a log instead of a bus, of this program or lcm-logger.",
+    help="Show a log of this program or of lcm-logger instead of a bus.",
 )
-@click.option("--speed", type=Positive(0.01, 1000), help="Of the replay. Default: 1, as recorded.")
-@click.option("--once", is_flag=True, help="Print one snapshot after --seconds, without a screen.")
+@click.option(
+    "--speed", type=Positive(0.01, 1000), help="Speed of --replay. Default: 1, real time."
+)
+@click.option("--once", is_flag=True, help="Print one snapshot after --seconds and end.")
 @click.option(
     "--seconds",
     type=Positive(0.05, 3600),
     default=1.0,
     show_default=True,
-    help="How long --once listens.",
+    help="Time in s for which --once receives.",
 )
-@click.option("--codes", is_flag=True, help="Counts and DAC codes, not N, mm, V; key u changes it.")
+@click.option("--codes", is_flag=True, help="Show counts and DAC codes, not N, mm, V (key u).")
 @click.option(
     "--model",
     type=Subject(paths.MODELS),
     metavar="MODEL",
-    help="Positions in mm by this model's encoder, for axes without units of their own (6092h).",
+    help="Model whose encoder converts positions to mm, for axes without user units (6092h).",
 )
-@click.option("--web", is_flag=True, help="Serve the screen to browsers, read-only, until Ctrl-C.")
-@click.option("--host", metavar="ADDRESS", help="Of --web. Default: 127.0.0.1, this machine only.")
+@click.option("--web", is_flag=True, help="Serve the screen to web browsers, read-only.")
+@click.option("--host", metavar="ADDRESS", help="For --web. Default: 127.0.0.1, this machine.")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), help="Of --web. Default: 8780; 0: one that is free."
+    "--port", type=click.IntRange(0, 65535), help="For --web. Default: 8780; 0: any free port."
 )
 @as_json
 def monitor(
     url, axis, record, replay, speed, once, seconds, codes, model, web, host, port, as_json
 ):
-    """Watch axes live over LCM: state, mode and fault in words, values, strip charts, losses.
+    """Show axes live over LCM: state, mode, fault, values, strip charts and lost messages.
 
-    Shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing to any axis.
-    Forces are in N by the axis's own scale, positions in its own unit, in mm by --model, or in
-    counts of its encoder, commands in V.
-    Keys: f freeze, r record into a new log here, c capture, u counts and codes, arrows or 1 to 9
-    choose the axis, + and - the time shown, q quit. With --once the exit status is 1 if no state
-    was received.
+    The monitor shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing
+    to an axis. Forces are in N by the scale of the axis. Positions are in its user unit, in mm with
+    --model, or in encoder counts. Commands are in V.
+    Keys: f freezes the display, r records into a new log in this folder, c shows a capture, u
+    changes between units and counts, arrows or 1 to 9 select the axis, + and - change the time
+    span, q quits. With --once the exit status is 1 if no state was received.
     """
     if replay and (record or url):
         raise click.UsageError("--replay: expected without --url and --record")
@@ -112,7 +114,7 @@ def monitor(
 
 
 def encoder_mm(model):
-    """mm of one count of a model's encoder."""
+    """Return the length in mm of one encoder count of a model."""
     from forceaxis.linear import system
 
     encoder = system.facts(model)["encoder"]
@@ -122,7 +124,7 @@ def encoder_mm(model):
 
 
 def serve(settings, host, port):
-    """The monitor in browsers until a signal ends it; its status is as for that signal."""
+    """Serve the monitor to browsers until a signal ends it; exit with the status of the signal."""
     try:
         from forceaxis.bus import monitor_web
     except ImportError:
@@ -134,7 +136,7 @@ def serve(settings, host, port):
 
 
 def snapshot(watch, source, axis, seconds, as_json):
-    """Prints the states received until now; exit status 1 if there is none."""
+    """Print the states received so far; exit with status 1 if there is none."""
     if source.replayed:
         source.play_all()
     else:
@@ -155,7 +157,7 @@ def snapshot(watch, source, axis, seconds, as_json):
 
 
 def describe(shown):
-    """A snapshot for a reader: one line for each axis."""
+    """Return a snapshot as text with one line for each axis."""
     lines = []
     for number, a in shown["axes"].items():
         force = "-"
@@ -198,9 +200,10 @@ def position(a):
     forceaxis log export out/axis2.log --out out/axis2""",
 )
 def log():
-    """LCM logs: what they hold, and tables of it.
+    """Show the contents of LCM logs, or export them as tables.
 
-    Any LCM log: recorded with `forceaxis monitor --record` or lcm-logger, with other channels too.
+    A log may come from `forceaxis monitor --record` or from lcm-logger, and may have further
+    channels.
     """
 
 
@@ -208,9 +211,9 @@ def log():
 @log_file
 @as_json
 def info(log_path, as_json):
-    """Channels, types, counts, rates, span and lost messages of a log.
+    """Print channels, types, numbers of messages, rates, time span and lost messages of a log.
 
-    A log that is damaged or cut off is read all the same; one line reports what was skipped.
+    A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """
     from forceaxis.bus import log as logs
 
@@ -224,16 +227,16 @@ def info(log_path, as_json):
     forceaxis log export out/axis2.log --out out/axis2 --npz --json"""
 )
 @log_file
-@click.option("--out", type=Folder(), required=True, help="Folder for one table per channel.")
-@click.option("--csv", is_flag=True, help="Only CSV, unless --npz is given too.")
-@click.option("--npz", is_flag=True, help="Only NPZ, unless --csv is given too.")
+@click.option("--out", type=Folder(), required=True, help="Folder for the tables.")
+@click.option("--csv", is_flag=True, help="Write CSV only, unless --npz is given too.")
+@click.option("--npz", is_flag=True, help="Write NPZ only, unless --csv is given too.")
 @as_json
 def export(log_path, out, csv, npz, as_json):
-    """Write states, events, commands, captures, clock and truth of a log as CSV and NPZ.
+    """Write states, events, commands, captures, clock and plant signals of a log as CSV and NPZ.
 
-    One table per channel, named as it is; each capture is one of its own, AXIS_1_CAPTURE_1. Units
-    are in the columns' names: force_cnt_q8 is in 1/256 of a count, force_count in counts, time_s in
-    seconds. A value that is not available or was lost is an empty field, in NPZ nan.
+    Each channel becomes one table with the name of the channel; each capture becomes a table, as
+    AXIS_1_CAPTURE_1. The unit is part of a column's name: force_cnt_q8 is in 1/256 count,
+    force_count in counts, time_s in s. A missing value is an empty field in CSV and nan in NPZ.
     """
     from forceaxis.bus import log_tables
 
@@ -262,9 +265,9 @@ def report_damage(summary):
 )
 @click.argument("args", nargs=-1, type=click.UNPROCESSED)
 def gateway(args):
-    """Supervise axes on a CAN bus: CANopen master, LCM, Modbus TCP. Ends on SIGTERM or SIGINT.
+    """Run the gateway: CANopen master of the axes on a CAN bus, served on LCM and Modbus TCP.
 
-    `forceaxis gateway --help` lists its options.
+    SIGTERM or SIGINT ends it. `forceaxis gateway --help` lists its options.
     """
     from forceaxis.experiments import link
 

@@ -1,4 +1,4 @@
-"""Shared by verbs: the form of their help, options, errors."""
+"""Code that all verbs share: layout of the help, common options, error messages."""
 
 import contextlib
 import io
@@ -27,8 +27,8 @@ OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\
 
 
 class Printed(io.TextIOWrapper):
-    """A standard stream on which texts of buses and files do nothing but show: control sequences
-    that are not the program's own colours come out as escapes."""
+    """A standard stream that shows control sequences from buses and files as plain characters, so
+    that they cannot change the terminal. The colours of the program itself still work."""
 
     def __init__(self, stream):
         super().__init__(
@@ -36,7 +36,7 @@ class Printed(io.TextIOWrapper):
         )
 
     def write(self, text):
-        """Write `text`, in which every second piece is a sequence of the program's own."""
+        """Write `text` and return its length; see the class for what is escaped."""
         pieces = OWN_SEQUENCES.split(text)
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))
@@ -45,7 +45,7 @@ class Printed(io.TextIOWrapper):
 
 @contextlib.contextmanager
 def printed_streams():
-    """Standard output and error as Printed streams. Bytes (to `sys.stdout.buffer`) pass."""
+    """Replace standard output and error by Printed streams; binary output is not changed."""
     before = sys.stdout, sys.stderr
     streams = [Printed(s) if hasattr(s, "buffer") else s for s in before]
     sys.stdout, sys.stderr = streams
@@ -59,7 +59,7 @@ def printed_streams():
 
 
 class Verb(click.Command):
-    """A verb whose help keeps the example's line breaks."""
+    """A verb whose help keeps the line breaks of its example."""
 
     def format_epilog(self, ctx, formatter):
         if self.epilog:
@@ -70,7 +70,7 @@ class Verb(click.Command):
 
 
 class Slow(Verb):
-    """A verb that may compute for seconds, which a terminal then shows until the verb prints."""
+    """A verb that may compute for seconds; a terminal shows its progress until it prints."""
 
     def invoke(self, ctx):
         with waiting(self.name):
@@ -78,19 +78,19 @@ class Slow(Verb):
 
 
 def done_waiting():
-    """Clear what `waiting` shows, before a verb prints."""
+    """Clear the progress line of `waiting` before a verb prints."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
 def listed(context, formatter, verbs):
-    """A list of verbs, each with its first sentence, which wraps."""
+    """Write a list of verbs, each with the first sentence of its help, wrapped."""
     found = [(name, context.command.get_command(context, name)) for name in verbs]
     formatter.write_dl([(name, verb.get_short_help_str(SENTENCE)) for name, verb in found])
 
 
 class Verbs(click.Group):
-    """A verb that has verbs of its own."""
+    """A verb that is a group of verbs."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
@@ -101,7 +101,7 @@ class Verbs(click.Group):
 
 
 class Folder(click.Path):
-    """A folder to write to; the writer creates it."""
+    """The name of a folder to write to; the code that writes creates it."""
 
     def __init__(self):
         super().__init__(file_okay=False, path_type=Path)
@@ -113,7 +113,7 @@ class Folder(click.Path):
 
 
 class Positive(click.ParamType):
-    """A number from `low` to `high`, which are above 0."""
+    """A number from `low` to `high`; both bounds are above 0."""
 
     name = "float"
 
@@ -132,14 +132,14 @@ class Positive(click.ParamType):
 
 
 class File(click.Path):
-    """A file to write."""
+    """The name of a file to write."""
 
     def __init__(self):
         super().__init__(dir_okay=False, path_type=Path)
 
 
 class Kind(click.Choice):
-    """The kinds of a link, which load with the verb that takes one."""
+    """The kinds of a link. Their module is loaded only for a verb with the option --link."""
 
     def __init__(self):
         from forceaxis.experiments import link
@@ -148,8 +148,8 @@ class Kind(click.Choice):
 
 
 class Subject(click.ParamType):
-    """A file that a verb reads: a path, or the stem of a file in one of `folders` of sim. Gives
-    the text as it was typed; with `as_path` a Path, of a stem the file's."""
+    """A file that a verb reads. The user gives its path, or for a file in one of `folders` its
+    name without ".toml". The value is the typed text, or with `as_path` the Path."""
 
     name = "file"
 
@@ -157,7 +157,7 @@ class Subject(click.ParamType):
         self.folders, self.as_path = folders, as_path
 
     def files(self):
-        """{stem: path}; the first folder goes first."""
+        """Return {name without ".toml": path}; a file of the first folder takes precedence."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
     def convert(self, value, param, ctx):
@@ -187,7 +187,7 @@ class Subject(click.ParamType):
 
 
 class Override(click.ParamType):
-    """NAME=VALUE; completes the parameters of the verb's file, firmware.NAME and its texts."""
+    """A text NAME=VALUE. A shell can complete names of parameters, objects and their values."""
 
     name = "override"
 
@@ -196,28 +196,28 @@ class Override(click.ParamType):
 
 
 def set_option(text):
-    """--set, with this text as its help."""
+    """Return the option --set with the help `text`."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
     )
 
 
 def mode_option(name):
-    """--mode, as the parameter of this name."""
+    """Return the option --mode; the verb receives its value as the parameter `name`."""
     return click.option(
         "--mode",
         name,
         multiple=True,
         metavar="ELEMENT=STATE",
-        help="An element's state as in events.csv (sensor=apart, rail=stuck, "
-        "drive.amplifier=high outer). Default: contacts pressed, frictions sliding unless the "
-        "drive cannot break them loose, the play of backlashes taken up, everything else in the "
-        "middle of its range; what was taken is printed where a model has a choice. Repeatable.",
+        help="State of one element, with the names of events.csv (sensor=apart, rail=stuck, "
+        "drive.amplifier=high outer). Default: contacts are pressed, frictions slide if the drive "
+        "can overcome them, backlashes are closed, all other elements are in the middle of their "
+        "range. The verb prints the states if the model has a choice. Repeatable.",
     )
 
 
 class Parameter(click.ParamType):
-    """NAME=...; completes the parameters of the verb's model."""
+    """A text NAME=VALUE. A shell can complete the names of the model's parameters."""
 
     name = "parameter"
 
@@ -226,7 +226,7 @@ class Parameter(click.ParamType):
 
 
 class Object(click.ParamType):
-    """The name of a firmware object, with `=` NAME=VALUE of one that can be written."""
+    """The name of a firmware object, or with `end="="` a text NAME=VALUE for a writable object."""
 
     name = "object"
 
@@ -241,8 +241,8 @@ class Object(click.ParamType):
 
 
 def completed(ctx, text):
-    """What `--set TEXT` may become: firmware.NAME=, texts of an enumeration, the parameters of the
-    verb's own file, verdict and duration. Never raises."""
+    """Return the completions of `--set TEXT`: objects, values of enumerations, parameters of the
+    model, verdict and duration. Raises no exception."""
     from forceaxis import objects
 
     name, equals, _ = text.partition("=")
@@ -256,7 +256,7 @@ def completed(ctx, text):
 
 
 def _parameters(ctx):
-    """NAME= for each parameter of the model that the words before name."""
+    """Return "NAME=" for each parameter of the model that is on the command line."""
     from forceaxis import _core, toml
     from forceaxis.linear import settings
 
@@ -279,25 +279,36 @@ def _parameters(ctx):
         return []
 
 
-as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object, only that.")
+as_json = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
+)
 threads = click.option(
-    "--threads", type=click.IntRange(1, 256), default=None, help="Default: one per core."
+    "--threads",
+    type=click.IntRange(1, 256),
+    default=None,
+    help="Number of threads. Default: one per core.",
 )
 
 
 def linked(command):
-    """The options of a verb that can run the firmware as another process."""
+    """Add the options of a verb that can run the firmware as a separate process."""
     for option in (
         click.option("--inject", default="", hidden=True, help="For tests: faults of the link."),
-        click.option("--link-can", default="vcan1", show_default=True, help="CAN interface."),
-        click.option("--lcm-url", default="", help="Default: a port of the run's own."),
+        click.option(
+            "--link-can",
+            default="vcan1",
+            show_default=True,
+            help="CAN interface of --link socketcan.",
+        ),
+        click.option("--lcm-url", default="", help="LCM bus of --link lcm. Default: a free port."),
         click.option(
             "--link",
             "kind",
             type=Kind(),
-            help="Run the firmware as a process of its own, in lock-step over this; inproc: as "
-            "usual, but both sides hash the trace; pil-BOARD: a board's image on its emulator. "
-            "Where the kernel has no CAN, socketcan runs in a guest (tools/vcan).",
+            help="Run the firmware as a separate process, in lock-step with the plant over this "
+            "link. inproc: in one process, but both sides compute the trace hash. pil-BOARD: the "
+            "image of a board on its emulator. If the kernel has no CAN, socketcan runs in a "
+            "guest kernel (tools/vcan).",
         ),
     ):
         command = option(command)
@@ -305,7 +316,7 @@ def linked(command):
 
 
 def link_of(kind, lcm_url, link_can, inject):
-    """The Link of the options, or None; may restart the command in a guest that has CAN."""
+    """Return the Link that the options select, or None. May restart the verb in a guest kernel."""
     if kind is None:
         return None
     from forceaxis.experiments import link
@@ -323,15 +334,15 @@ COLOURS = {
 
 
 def coloured(text, word=None):
-    """A text in the colour of the outcome that it, or `word`, is; plain under NO_COLOR. click.echo
-    takes colours out where standard output is no terminal."""
+    """Return `text` in the colour of a result such as "stable"; `word` names the result if it is
+    not the text itself. The text stays plain if the variable NO_COLOR is set."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
 def fitted(text, indent=0):
-    """A line within the width of the terminal that standard output is; what follows is indented."""
+    """Wrap a line to the width of the terminal and indent its continuation lines."""
     if not sys.stdout.isatty():
         return text
     width = max(shutil.get_terminal_size().columns, 40)
@@ -340,14 +351,14 @@ def fitted(text, indent=0):
 
 
 def fitted_lines(text):
-    """Lines "key          text" within the width of the terminal; rows of a table stay."""
+    """Wrap lines "key          text" to the width of the terminal, except rows of a table."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
 def show(rows):
-    """Print (key, text) rows; on a terminal within its width, the verdict in its colour."""
+    """Print rows of (key, text). A terminal shows them wrapped, with the verdict in colour."""
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
@@ -361,8 +372,8 @@ def show(rows):
 
 @contextlib.contextmanager
 def waiting(what):
-    """On a terminal, say after two seconds what is under way, for how long, and how much of it is
-    done. Elsewhere each phase that the computation names is one line on standard error."""
+    """Show the progress of a computation on standard error: after two seconds one line that is
+    updated on a terminal, elsewhere one line for each phase."""
     if not sys.stderr.isatty():
         with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
             yield
@@ -398,6 +409,6 @@ def waiting(what):
 
 
 def fail(message, status=2):
-    """Print one line on standard error and exit."""
+    """Print the message on one line of standard error and exit with `status`."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
     sys.exit(status)

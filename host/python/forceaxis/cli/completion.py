@@ -1,4 +1,4 @@
-"""`forceaxis completion`, and what a shell completes."""
+"""`forceaxis completion`: install the completion script of a shell."""
 
 import os
 import shlex
@@ -19,7 +19,7 @@ def _script(shell):
 
 
 def _places(shell):
-    """(the file of the script, the file that each new shell reads or None where it finds it)."""
+    """Return the path of the script and the start-up file that has to read it, None for fish."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":
@@ -33,7 +33,7 @@ def _places(shell):
 
 @click.group(cls=Verbs, epilog="forceaxis completion install")
 def completion():
-    """Completion of verbs, options, models, experiments and firmware objects in a shell."""
+    """Let a shell complete verbs, options, models, experiments and firmware objects."""
 
 
 @completion.command(
@@ -41,10 +41,10 @@ def completion():
 )
 @click.argument("shell", metavar="[SHELL]", type=SHELLS, required=False)
 def install(shell):
-    """Install it for SHELL, by default the one that SHELL in the environment names.
+    """Install the completion for SHELL; default: the shell of the environment variable SHELL.
 
-    Writes the script and, for bash and zsh, one line at the end of what a new shell reads. A second
-    call replaces the script and adds nothing.
+    The verb writes the script and, for bash and zsh, one line at the end of the start-up file of
+    the shell. A second call replaces the script and adds no line.
     """
     named = Path(os.environ.get("SHELL", "")).name
     if not shell and named not in SHELLS.choices:
@@ -66,7 +66,7 @@ def install(shell):
 @completion.command(cls=Verb, epilog="forceaxis completion show bash")
 @click.argument("shell", metavar="SHELL", type=SHELLS)
 def show(shell):
-    """Print the script of SHELL, for a place of your own."""
+    """Print the completion script of SHELL, so that you can save it where you want."""
     click.echo(_script(shell))
 
 

@@ -1,4 +1,4 @@
-"""The verb that designs a force law for a set of plants."""
+"""`forceaxis design`: design a force law for a set of plants."""
 
 import contextlib
 import itertools
@@ -26,7 +26,7 @@ from forceaxis.cli.common import (
 
 
 class Newtons(click.ParamType):
-    """One or more forces with commas; a tuple of N."""
+    """One or more forces in N with commas between them; the value is a tuple."""
 
     name = "newtons"
 
@@ -55,82 +55,92 @@ class Newtons(click.ParamType):
     multiple=True,
     type=Parameter(),
     metavar="NAME=PERCENT%|LOW..HIGH",
-    help="A parameter of the model and how far it may be off; several with commas. Repeatable.",
+    help="Tolerance of a model parameter; several with commas between them. Repeatable.",
 )
 @click.option(
     "--modes",
     type=click.Choice(["visited", "all"]),
     default="visited",
     show_default=True,
-    help="Of amplifier, contact and friction: those that a contact visits, frictions stuck and "
-    "sliding, or all.",
+    help="States of amplifier, contact and friction for which the law is designed. visited: those "
+    "that occur in a simulated contact, with frictions stuck and sliding.",
 )
-@click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
-@click.option("--ms-late", type=float, default=2.2, show_default=True, help="One tick late.")
-@click.option("--gain-margin", type=float, default=2.3, show_default=True, help="Least one.")
+@click.option("--ms", type=float, default=2.0, show_default=True, help="Largest permitted Ms.")
 @click.option(
-    "--adc-bits", type=int, help="Of the force's ADC, 8 to 16. Default: the model's; a finer one "
-    "keeps the range.",
+    "--ms-late", type=float, default=2.2, show_default=True, help="Largest Ms at latency 1."
+)
+@click.option(
+    "--gain-margin", type=float, default=2.3, show_default=True, help="Least gain margin."
+)
+@click.option(
+    "--adc-bits", type=int, help="Resolution of the force ADC, 8 to 16 bits, at the same range. "
+    "Default: that of the model.",
 )  # fmt: skip
 @click.option(
     "--hf-gain", type=common.Positive(), metavar="CODES",
-    help="Largest gain at high frequency, DAC codes per 8-bit count. Default: 80; at most 15 per "
-    "code of the ADC. It turns the reading's noise into commands.",
+    help="Largest gain at high frequency, DAC codes per force count; it amplifies the measurement "
+    "noise. Default: 80; at most 15 per code of the ADC.",
 )  # fmt: skip
 @click.option(
     "--latency",
     type=click.Choice(["both", "0", "1"]),
     default="both",
     show_default=True,
-    help="latency_ticks that one design is made for.",
+    help="Values of latency_ticks for which the design has to keep its margins.",
 )
-@set_option("A model parameter (b_w=363), in its own unit. Repeatable.")
+@set_option("A parameter of the model in its unit (b_w=363). Repeatable.")
 @mode_option("states")
 @click.option(
     "--measured", multiple=True, metavar="FOLDER",
-    help="Of `forceaxis measure --out`: MODEL is fitted to it first. Repeatable.",
+    help="Folder of `forceaxis measure --out`; MODEL is fitted to it first. Repeatable.",
 )  # fmt: skip
 @click.option(
     "--prior", "priors", multiple=True, type=Parameter(), metavar="NAME=VALUE[+-PERCENT%]",
-    help="With --measured: what is known of a parameter (m_w=4.1+-2%). Repeatable.",
+    help="With --measured: known value and error of a parameter (m_w=4.1+-2%). Repeatable.",
 )  # fmt: skip
 @click.option(
     "--force", "forces_N", multiple=True, type=Newtons(), metavar="N[,N...]",
-    help="Set-points of the simulated contacts, N: --force 75 or --force 30,100. Repeatable. "
-    "Default: three that sensor and drive allow.",
+    help="Force set-points of the simulated contacts, N: --force 75 or --force 30,100. Repeatable. "
+    "Default: three within the ranges of sensor and drive.",
 )  # fmt: skip
 @click.option(
     "--approach", "approach_mm_per_s", type=common.Positive(), metavar="MM/S",
-    help="Speed of the simulated approaches, mm/s. Default: the experiment's, else 20.",
+    help="Speed of the simulated approaches, mm/s. Default: that of EXPERIMENT, else 20.",
 )  # fmt: skip
-@click.option("--simulate/--no-simulate", default=True, help="With the firmware. Default: yes.")
+@click.option(
+    "--simulate/--no-simulate", default=True, help="Simulate with the firmware. Default: yes."
+)
 @click.option(
     "--pareto",
     metavar="bandwidth,ms|hf|gain_margin",
-    help="No design, but what bandwidth costs: several, each for one value of the second. --out: "
-    "tradeoff.png and tradeoff.json.",
+    help="Print the trade-off between bandwidth and a second figure: one design for each value of "
+    "the second. --out gets tradeoff.png and tradeoff.json.",
 )
-@click.option("--out", type=Folder(), help="A new folder for experiment, bank and page.")
+@click.option("--out", type=Folder(), help="New folder for the results.")
 @threads
 @as_json
 def design(text, overrides, states, pareto, measured, priors, out, as_json, **given):
-    """Find the force law with most bandwidth for MODEL and all that it may be.
+    """Design the force law with the largest bandwidth for MODEL and its tolerances.
 
-    The law is the firmware's: gain, integral, up to three sections of second order, its
-    coefficients as the firmware holds them. It keeps the margins at every corner of the set, in
-    every mode, for each latency, and |T| does not sag below -3 dB within its bandwidth. The
-    smallest structure within a few percent of the best is taken. Then it is simulated: contact at
-    three set-points, or those of --force, and two speeds, strikes, random members, with dry
-    friction from none to twice what MODEL has. A touch-down is to hold its force within 2 %, to
-    peak at 1.3 set-points and to lose contact once at most, beside what the impact does with a weak
-    law; the gain is reduced until every case is stable, and each cut is printed with the case and
-    the limit that it is for. fS is the lowest frequency at which |S| reaches -3 dB, of the worst
-    member. With --measured the set lies about what the responses say of MODEL's parameters and is
-    widened by what they leave open; dry friction that was measured is a damper of each response in
-    that fit. A fit that is rejected ends with exit status 1.
+    The law is a bank of the firmware: gain, integral action and up to three second-order sections,
+    with coefficients rounded as the firmware stores them. It keeps the margins for every corner of
+    the set of plants, in every mode and for each latency, and |T| stays above -3 dB within its
+    bandwidth. The verb takes the smallest structure whose bandwidth is within a few per cent of the
+    best.
 
-    --out writes contact.toml (an experiment; EXPERIMENT's copy beside it), bank.toml (the objects
-    with their certificate, as `write_all` of a gateway's client takes them) and index.html.
+    Then it simulates the law with the firmware: first contacts at three set-points (or those of
+    --force) and two speeds, impacts, and random plants of the set, with dry friction from none to
+    twice that of MODEL. After a first contact the force error has to be at most 2 % and the peak at
+    most 1.3 set-points, and contact may be lost once more than with a weak law. The gain is reduced
+    until every case is stable; each reduction is printed with its case and the limit.
+
+    fS is the lowest frequency at which |S| reaches -3 dB, for the worst plant. With --measured the
+    parameters of MODEL are fitted to the responses, and the set is widened by their confidence
+    intervals; measured dry friction becomes a damper in that fit. If the fit is rejected, the exit
+    status is 1.
+
+    --out writes contact.toml (an experiment, beside a copy of EXPERIMENT), bank.toml (the objects
+    of the bank with its certificate, for `axis params load`) and index.html.
 
     \b
     --json: {"bank": {"force_gain": DAC codes per 8-bit count,
@@ -171,7 +181,7 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
 
 
 def _identified(order, measured, priors):
-    """The order, for the plants that measured responses leave open."""
+    """Return the order with the parameters and tolerances that fit the measured responses."""
     from forceaxis.commission import freed, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
@@ -210,7 +220,7 @@ def _pareto(order, pareto, out, as_json):
 
 @contextlib.contextmanager
 def progress_on(stream):
-    """A function that shows one line of progress, cleared at the end; None without a terminal."""
+    """Give a function that shows one line of progress on a terminal; None without a terminal."""
     if not stream.isatty():
         yield None
         return

@@ -1,4 +1,4 @@
-"""Verbs of experiments: run one, replay a journal, sweep, test."""
+"""Verbs for experiments: run, replay, sweep, test."""
 
 import json
 import sys
@@ -32,7 +32,7 @@ from forceaxis.experiments import summary as summaries
 codes_option = click.option(
     "--codes",
     is_flag=True,
-    help="Plot what the converters gave, ADC, DAC and encoder, not N, mm, V.",
+    help="Plot codes of ADC and DAC and encoder counts instead of N, V and mm.",
 )
 
 
@@ -45,8 +45,8 @@ codes_option = click.option(
 @click.argument("experiment", type=Subject(paths.EXPERIMENTS, as_path=True))
 @set_option(
     "A model parameter (m_r=140), firmware object (firmware.force_gain=7, engineering units), "
-    "experiment.duration_s or a key of the verdict (verdict.window_s=2); a number or a quantity "
-    '("75 N"). Repeatable, once for each name.'
+    "experiment.duration_s or a key of the verdict (verdict.window_s=2). VALUE is a number or a "
+    'quantity ("75 N"). Repeatable, once for each name.'
 )
 @click.option(
     "--out",
@@ -57,15 +57,15 @@ codes_option = click.option(
 @linked
 @as_json
 def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_json):
-    """Run one experiment in process: the firmware's fw_tick around the plant, 1500 times a second.
+    """Run one experiment: the firmware controls the simulated plant, 1500 ticks per second.
 
-    Prints the verdict with its reasons and its window, the force held beside the set-point, the
-    events, the energy audit, the closest approach to a code edge and the trace hash. The verdict is
-    `stable`, `unstable` (it oscillates, bounces on or latches a fault), `not_met` (a limit of
-    [verdict] is missed, or a reading or the output is at an end of its range) or
-    `never_in_contact`. Each is a result: the exit status is 0 whenever the run was done.
-    With --link the firmware is a process of its own, and the status is 1 if the two sides' hashes
-    of the trace differ or one falls silent.
+    The verb prints the verdict with its reasons and window, the controlled force and its set-point,
+    the events, the energy balance, the smallest distance of a value from a code edge, and the trace
+    hash. The verdict is `stable`, `unstable` (the force oscillates, contact is lost again and
+    again, or a fault is latched), `not_met` (a limit of [verdict] is not kept, or the measured
+    force or the output is at an end of its range) or `never_in_contact`. The exit status is 0 for
+    every verdict. With --link the firmware is a separate process; the exit status is 1 if the two
+    processes compute different trace hashes or one of them does not answer.
     """
     over = link_of(kind, lcm_url, link_can, inject)
     with waiting(f"running {paths.display(experiment)}"):
@@ -88,15 +88,16 @@ def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_j
     forceaxis replay axis.journal""",
 )
 @click.argument("journal", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--out", type=Folder(), help="Folder, as for run.")
+@click.option("--out", type=Folder(), help="Folder of the results, as for run.")
 @codes_option
 @as_json
 def replay(journal, out, codes, as_json):
-    """Repeat in process the run of a firmware on buses, from the journal of its axis_node.
+    """Repeat the run of an axis_node in one process, from the journal that it has written.
 
-    The same trace hash comes out; the exit status is 1 if it does not, or if the journal ends
-    without one, because the node was killed: then the recorded part is replayed. An incident of
-    `forceaxis incident` does not hold all that a replay needs: what is missing is named.
+    The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
+    node was killed, its journal has no hash: the recorded part is replayed and the exit status is
+    1. An incident of `forceaxis incident` does not contain all inputs; the verb names those that
+    are missing.
     """
     from forceaxis.commission import incident
 
@@ -128,7 +129,7 @@ def replay(journal, out, codes, as_json):
 
 
 def named(context, option, texts):
-    """NAME=VALUE options as a dict."""
+    """Return {NAME: VALUE} for the texts "NAME=VALUE" of an option. Raises InputError."""
     given = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -168,22 +169,20 @@ def named(context, option, texts):
     type=Override(),
     metavar="NAME=FROM:TO[:log]",
     callback=named,
-    help="Draw --count points, uniform in the value or in its logarithm.",
+    help="Sample --count points, uniform in the value or in its logarithm.",
 )
-@click.option("--count", type=int, help="How many random points.")
-@click.option(
-    "--seed", type=int, default=0, show_default=True, help="Another seed, other random points."
-)
+@click.option("--count", type=int, help="Number of random points.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random points.")
 @click.option(
     "--bisect",
     multiple=True,
     type=Override(),
     metavar="NAME=FROM:TO:TOLERANCE",
     callback=named,
-    help="Halve FROM..TO down to TOLERANCE to where the verdict changes; alone, or for every "
-    "point of --grid or --random.",
+    help="Find the value at which the verdict changes, by halving FROM..TO until TOLERANCE is "
+    "reached; alone, or for every point of --grid or --random.",
 )
-@set_option("As for run, for all points.")
+@set_option("As for run; the same value for all points.")
 @click.option(
     "--out",
     type=Folder(),
@@ -194,15 +193,15 @@ def named(context, option, texts):
 @click.option(
     "--refine",
     is_flag=True,
-    help="Look closer where a point of a --grid of one or two parameters stands alone: half-way to "
-    "each of its neighbours.",
+    help="If the verdict of a point differs from that of all its neighbours, also run the points "
+    "half-way to them. Needs a --grid of one or two parameters.",
 )
 @threads
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Run on the workers of this Dask scheduler, tcp://HOST:PORT, instead of on threads. They "
-    "need this forceaxis and the experiment's files at the same path.",
+    help="Run on the workers of this Dask scheduler, tcp://HOST:PORT, instead of on threads. Each "
+    "worker needs this version of forceaxis, and the files of EXPERIMENT at the same path.",
 )
 @as_json
 def sweep(
@@ -219,13 +218,14 @@ def sweep(
     scheduler,
     as_json,
 ):
-    """Run one experiment at many points of any parameters, NAME as in `run --set`.
+    """Run one experiment at many points of any parameters; NAME as in `run --set`.
 
-    Every finished run is kept in the folder's journal: after an interruption, or with more points,
-    the same command runs only what is missing. A run that fails is a row with its error; the exit
-    status is 1 only if all fail. A boundary is the last stable value on the way to the first
-    unstable one, one change of verdict between FROM and TO; where both ends have the same verdict
-    the row reports that. A point of a grid that no neighbour is judged like is marked in the plot.
+    The journal in the folder of --out keeps every finished run. After an interruption, or with more
+    points, the same command runs only the missing points. A failed run becomes a row with its
+    error; the exit status is 1 only if all runs fail. --bisect gives a stability boundary: the last
+    stable and the first unstable value. It assumes one change of the verdict between FROM and TO;
+    if both ends have the same verdict, the row says so. The plot marks a point whose verdict
+    differs from that of all its neighbours.
     """
     from forceaxis.experiments import sweep as sweeps
 
@@ -247,18 +247,19 @@ def sweep(
     forceaxis test axes/contact.toml --update""",
 )
 @click.argument("targets", metavar="DIR|FILE...", nargs=-1, required=True)
-@click.option("--update", is_flag=True, help="Write what came out into the [expect] tables.")
+@click.option("--update", is_flag=True, help="Write the results of today into the [expect] tables.")
 @click.option("--junit", type=File(), help="Write the results as JUnit XML.")
+@click.option("--out", type=Folder(), help="Folder for plot, table and trace of each failed test.")
 @click.option(
-    "--out", type=Folder(), help="Folder for figure, table and trace of each failed test."
-)
-@click.option(
-    "-k", "pattern", metavar="PATTERN", help="Only files with PATTERN in their name (*, ? allowed)."
+    "-k",
+    "pattern",
+    metavar="PATTERN",
+    help="Run only files with PATTERN in their name (*, ? allowed).",
 )
 @threads
 @as_json
 def test(targets, update, junit, out, pattern, threads, as_json):
-    """Run every experiment with an [expect] table at or below DIR and compare.
+    """Run every experiment in DIR that has a table [expect], and compare the results with it.
 
     \b
     [expect]                  # a verdict needs [verdict]
@@ -276,13 +277,12 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     final_s = 0.3             # default: a tenth of what follows from_s
     band = 0.05               # of the step, or { absolute = 1.5 }
 
-    A number is met within 1 % (settle_s: 10 ms, overshoot: 0.01), or as
-    { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.001 } or { min = 60, max = 80 }
-    say. --update rewrites what
-    differs, fills an [expect] that is empty or has the verdict alone, and leaves limits and the
-    rest of the file as they are.
+    The tolerance of a number is 1 % (settle_s: 10 ms, overshoot: 0.01). These forms change it:
+    { value = 69.7, tolerance = 0.5 }, { value = 69.7, relative = 0.001 }, { min = 60, max = 80 }.
+    --update replaces values that differ and fills a table [expect] that is empty or has only the
+    verdict. It changes neither limits nor the rest of the file.
 
-    Exit status 1 if a test fails, 2 if a file is wrong; all others run all the same.
+    The exit status is 1 if a test fails and 2 if a file is wrong; all other tests still run.
     """
     from forceaxis.experiments import regression
 

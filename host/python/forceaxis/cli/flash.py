@@ -1,4 +1,4 @@
-"""`forceaxis flash`: an image onto the chip."""
+"""`forceaxis flash`: write a firmware image to the chip."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ from forceaxis.cli.common import Verb, as_json
 
 
 class Address(click.ParamType):
-    """An address of 32 bits, 0x08000000 or decimal."""
+    """An address of 32 bits, hexadecimal (0x08000000) or decimal."""
 
     name = "address"
 
@@ -38,24 +38,27 @@ class Address(click.ParamType):
 @click.option(
     "--address",
     type=Address(),
-    help="Where a .bin begins.  [its board's flash]",
+    help="Start address of a .bin file. Default: that of the flash.",
 )
 @click.option(
     "--erase-parameters",
     is_flag=True,
-    help="Erase the stored parameters too; the axis then starts with defaults.",
+    help="Erase the stored parameters too; the axis then has its default values.",
 )
-@click.option("--serial", default="", help="Serial number of the probe, where there are several.")
-@click.option("--yes", is_flag=True, help="Do not ask.")
-@click.option("--dry-run", is_flag=True, help="Write nothing; the last line is openocd's command.")
+@click.option(
+    "--serial", default="", help="Serial number of the debug probe, if there are several."
+)
+@click.option("--yes", is_flag=True, help="Do not ask for consent.")
+@click.option("--dry-run", is_flag=True, help="Write nothing; print the command of openocd.")
 @as_json
 def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
-    """Write an image (.elf, .hex, .bin) onto its board through the debug probe, with openocd.
+    """Write a firmware image (.elf, .hex, .bin) to its board with openocd and a debug probe.
 
-    Shows the file's contents and the sectors they occupy, asks, writes, verifies and resets. The
-    stored parameters are kept. The drive's power should be off: a chip that is being written holds
-    no output. Exit status 1 if there is no probe, another chip, or the write or its verification
-    fails; 2 if the file is no image of this firmware for a board that is known.
+    The verb prints the contents of the file and the flash sectors that they occupy, asks for
+    consent, writes, verifies and resets the chip. The stored parameters are kept. Switch the power
+    of the drive off first: the chip controls no output while it is written. The exit status is 1 if
+    there is no probe, if the chip is a different one, or if writing or verifying fails. It is 2 if
+    the file is not an image of this firmware for a known board.
     """
     plan = flash.plan(file, address, erase_parameters, serial)
     if dry_run:
@@ -80,7 +83,7 @@ def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
 
 
 def show(plan, as_json, quiet=False):
-    """What would be written on standard output, what is odd about it on standard error."""
+    """Print the plan of the write on standard output and its warning on standard error."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:

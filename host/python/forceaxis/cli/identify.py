@@ -1,4 +1,4 @@
-"""Verbs of identification: the procedures of 4.4, the fit of parameters."""
+"""Verbs for identification: the procedures of section 4.4 of the thesis, and parameter fits."""
 
 import json
 import tempfile
@@ -22,7 +22,7 @@ from forceaxis.cli.common import (
 
 
 class Known(click.ParamType):
-    """VALUE or VALUE+-ERROR, above 0: an earlier measurement, ERROR half of its 95 % interval."""
+    """A known value above 0, typed as VALUE or VALUE+-ERROR; the 95 % interval is +-ERROR."""
 
     name = "VALUE[+-ERROR]"
 
@@ -47,15 +47,15 @@ class Known(click.ParamType):
     forceaxis identify fit fig4_19 out/measured --fit m_r --fit k_w""",
 )
 def identify():
-    """Identify parameters from recordings and measured responses, with 95 % intervals.
+    """Identify parameters from recordings and measured responses, with 95 % confidence intervals.
 
-    decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1); fit fits
-    any parameters of a model to a response that `forceaxis measure` has measured.
+    decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1). fit
+    determines parameters of a model from a frequency response of `forceaxis measure`.
     """
 
 
 def show(result, as_json, rows):
-    """Print a procedure's result, or its `rows` of (name, text)."""
+    """Print the result of a procedure as JSON, or as text from its `rows` (name, text)."""
     if as_json:
         click.echo(json.dumps(result, allow_nan=False))
     else:
@@ -71,24 +71,26 @@ csv_file = click.argument("data", type=click.Path(dir_okay=False), metavar="DATA
     forceaxis identify decrement base.csv --signal base.position --from-s 0.1 --mass 500+-20"""
 )
 @csv_file
-@click.option("--signal", "column", help="Column of the vibration. Default: the one beside time_s.")
-@click.option("--from-s", type=float, default=float("-inf"), help="Use it from this time on.")
-@click.option("--to-s", type=float, default=float("inf"), help="Use it up to this time.")
+@click.option("--signal", "column", help="Column of the vibration. Default: the one after time_s.")
+@click.option(
+    "--from-s", type=float, default=float("-inf"), help="Start of the part that is used, s."
+)
+@click.option("--to-s", type=float, default=float("inf"), help="End of the part that is used, s.")
 @click.option(
     "--floor",
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     default=0.05,
     show_default=True,
-    help="Fraction of the largest amplitude down to which cycles count.",
+    help="Smallest amplitude of a cycle that is used, as a fraction of the largest amplitude.",
 )
-@click.option("--mass", type=Known(), help="kg; gives stiffness and damping.")
-@click.option("--stiffness", type=Known(), help="N/m; gives mass and damping.")
+@click.option("--mass", type=Known(), help="Known mass, kg; gives stiffness and damping.")
+@click.option("--stiffness", type=Known(), help="Known stiffness, N/m; gives mass and damping.")
 @as_json
 def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
-    """Frequency and damping of a recorded ring-down, by its logarithmic decrement.
+    """Identify frequency and damping of a decaying vibration by its logarithmic decrement.
 
-    DATA.csv has a column time_s and a signal of any unit and offset. At least 3 cycles. A damped
-    sine is fitted to the record; what is not one vibration that dies out is refused.
+    DATA.csv has a column time_s and a signal of any unit and offset, with at least 3 cycles. A
+    damped sine is fitted to the signal. A signal that is not one decaying vibration is refused.
     """
     from forceaxis.identify import procedures
 
@@ -125,19 +127,19 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
 @identify.command(
     epilog="forceaxis identify split --total-mass 132.4 --stiffness 665000 --frequency-hz 33+-0.1"
 )
-@click.option("--total-mass", type=Known(), required=True, help="kg, of both masses.")
-@click.option("--stiffness", type=Known(), required=True, help="N/m, of the spring between them.")
+@click.option("--total-mass", type=Known(), required=True, help="Sum of the masses, kg.")
+@click.option("--stiffness", type=Known(), required=True, help="Stiffness between them, N/m.")
 @click.option(
-    "--frequency-hz", type=Known(), required=True, help="Of the mode in free space, undamped."
+    "--frequency-hz", type=Known(), required=True, help="Undamped frequency, both masses free."
 )
 @as_json
 def split(total_mass, stiffness, frequency_hz, as_json):
-    """Two masses on either side of a spring, from their sum and their frequency (4.4.2).
+    """Identify two masses on either side of a spring from their sum and frequency (thesis 4.4.2).
 
-    Both solutions; chosen is the one whose actuator side m_r1 has more than half of the mass. The
-    equations are those of both masses free. With the motor's shaft locked, as the thesis describes
-    its measurement, the frequency would be that of m_r2 alone: the masses for that case are
-    printed too.
+    There are two solutions; the verb chooses the one in which the actuator side m_r1 has more than
+    half of the mass. The equations assume that both masses are free. With a locked motor shaft, as
+    in the measurement of the thesis, the frequency is that of m_r2 alone; the verb prints the
+    masses for that case too.
     """
     from forceaxis.identify import procedures
 
@@ -163,20 +165,20 @@ def split(total_mass, stiffness, frequency_hz, as_json):
 
 
 def with_offset(verb):
-    """The option of both regressions."""
-    return click.option("--offset", is_flag=True, help="A line with an offset, not through 0.")(
+    """Add the option --offset of the regressions."""
+    return click.option("--offset", is_flag=True, help="Fit a line with an offset, not through 0.")(
         verb
     )
 
 
 @identify.command(epilog="forceaxis identify tach speeds.csv --offset")
 @csv_file
-@click.option("--speed", default="speed_rad_per_s", show_default=True, help="Column, rad/s.")
+@click.option("--speed", default="speed_rad_per_s", show_default=True, help="Column of the speed.")
 @click.option("--tach", default="tach_V", show_default=True, help="Column, V.")
 @with_offset
 @as_json
 def tach(data, speed, tach, offset, as_json):
-    """Tachometer constant: slope of its voltage over the measured speed (4.1.2)."""
+    """Identify the tachometer constant: slope of its voltage over the speed (thesis 4.1.2)."""
     from forceaxis.identify import procedures
 
     found = procedures.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
@@ -190,18 +192,19 @@ def tach(data, speed, tach, offset, as_json):
     --k-torque 0.5 --k-back-emf 0.5 --k-tach 0.039+-0.0002 --resistance 4.5+-0.05"""
 )
 @csv_file
-@click.option("--motor", default="motor_V", show_default=True, help="Column, V at the terminals.")
+@click.option("--motor", default="motor_V", show_default=True, help="Column of the motor voltage.")
 @click.option("--tach", default="tach_V", show_default=True, help="Column, V.")
-@click.option("--k-torque", type=Known(), required=True, help="N m/A.")
-@click.option("--k-back-emf", type=Known(), required=True, help="V s/rad.")
-@click.option("--k-tach", type=Known(), required=True, help="V s/rad.")
-@click.option("--resistance", type=Known(), required=True, help="ohm, of motor and leads.")
+@click.option("--k-torque", type=Known(), required=True, help="Torque constant, N m/A.")
+@click.option("--k-back-emf", type=Known(), required=True, help="Back-EMF constant, V s/rad.")
+@click.option("--k-tach", type=Known(), required=True, help="Tachometer constant, V s/rad.")
+@click.option("--resistance", type=Known(), required=True, help="Of motor and leads, ohm.")
 @with_offset
 @as_json
 def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, as_json):
-    """Motor damping b_m from steady voltages of motor and tachometer, shaft uncoupled (4.1.2).
+    """Identify the motor damping b_m from constant motor and tachometer voltages (thesis 4.1.2).
 
-    V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at DC. Errors of the constants count.
+    The shaft is uncoupled. At constant speed V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t). The
+    errors of the constants enter the confidence interval.
     """
     from forceaxis.identify import procedures
 
@@ -229,19 +232,21 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 @click.argument("response", type=click.Path())
 @click.option(
     "--fit", "names", multiple=True, required=True, type=Parameter(), metavar="NAME[=START]",
-    help="Parameter to fit, and where to start if not from the model's value. Repeatable.",
+    help="Parameter to fit and its start value. Default: the value of MODEL. Repeatable.",
 )  # fmt: skip
-@set_option("Parameter that is held.")
-@click.option("--input", help="Signal. Default: as recorded; of a CSV file drive.command.")
-@click.option("--output", help="Signal. Default: as recorded; required with a CSV file.")
-@click.option("--averages", type=click.IntRange(2), help="Required with a CSV file.")
+@set_option("Parameter of MODEL that is not fitted.")
+@click.option("--input", help="Input signal. Default: as recorded; drive.command with a CSV file.")
+@click.option("--output", help="Output signal. Default: as recorded; required with a CSV file.")
+@click.option(
+    "--averages", type=click.IntRange(2), help="Number of averages. Required with a CSV file."
+)
 @click.option(
     "--dt",
     type=click.FloatRange(0, min_open=True),
-    help="s a sample. Default: as recorded; required with a CSV file.",
+    help="Sampling period, s. Default: as recorded; required with a CSV file.",
 )
 @click.option(
-    "--scale", type=float, help="What the output was multiplied by. Default: as recorded."
+    "--scale", type=float, help="Factor that the output was multiplied by. Default: as recorded."
 )
 @click.option("--out", type=Folder(), help="Folder for result.json and plot.png.")
 @as_json
@@ -249,16 +254,17 @@ def fit(model, response, names, overrides, out, as_json, **given):
     """Fit parameters of MODEL to a measured frequency response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
-    coherence and magnitude, phase_deg (or real, imag). Prints for each parameter its 95 % interval
-    and a wider one that holds for all at once, whether the model explains the data (chi-square),
-    and which parameters are poorly determined or nearly indistinguishable. A model that does not
-    (p < 0.001) is rejected: it has best values, but no intervals and nothing to --set.
+    coherence and magnitude, phase_deg (or real, imag). For each parameter the verb prints its 95 %
+    confidence interval and a wider interval that is valid for all parameters together. A chi-square
+    test shows whether the model explains the data. The verb names parameters that are poorly
+    determined or nearly indistinguishable. A model that does not explain the data (p < 0.001) is
+    rejected: its best values are printed, but no intervals.
 
-    Where that is for dry friction that MODEL lacks, it is fitted once more with a damper in the
-    place of the friction, of this response alone: the line `friction` says its N s/m, what it is in
-    newtons, and the [[friction]] to add. A response whose file tells of friction that no damper
-    explains is refused as `friction`, with the same lines and exit status 1. --json: "friction" is
-    null or {"freed": [{"name", "between", "damping", "newton", "declared"}], "lines": ...}.
+    If MODEL lacks dry friction that was measured, the response is fitted again with a damper in
+    its place. The line `friction` then gives the damping in N s/m, the friction in N, and the table
+    [[friction]] to add to MODEL. If no damper explains the friction, the response is refused as
+    `friction` with exit status 1. --json: "friction" is null or
+    {"freed": [{"name", "between", "damping", "newton", "declared"}], "lines": ...}.
     """
     from forceaxis import linear
     from forceaxis.commission import freed
@@ -302,20 +308,24 @@ def fit(model, response, names, overrides, out, as_json, **given):
 )
 @click.argument("model", type=Subject(paths.MODELS))
 @click.argument("response", type=click.Path())
-@click.option("--rigid", required=True, help="Signal of MODEL that RESPONSE would be if rigid.")
+@click.option("--rigid", required=True, help="Signal of MODEL that a rigid structure would give.")
 @click.option("--modes", type=click.IntRange(1, 50), default=5, show_default=True)
 @click.option(
-    "--prominence-db", type=float, default=1.0, show_default=True, help="A peak stands out by this."
+    "--prominence-db",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Least height of a peak, dB.",
 )
-@click.option("--refine", is_flag=True, help="Least squares in dB after the five steps.")
+@click.option("--refine", is_flag=True, help="Refine the result by least squares in dB.")
 @set_option("A parameter of MODEL.")
 @as_json
 def resonances(model, response, rigid, modes, prominence_db, refine, overrides, as_json):
-    """The polynomial resonance model of a measured response, by the five steps of 4.2.
+    """Identify resonances of a measured response, by the five steps of thesis section 4.2.
 
-    MODEL is the rigid body that the resonances multiply (fig4_11), out of contact; RESPONSE what
-    `forceaxis measure --out` wrote. Only magnitudes are fitted; the phase fits too where the data
-    are of a minimum-phase system. JSON: resonances (peak_hz, peak_damping, trough_hz and
+    MODEL is a rigid body out of contact (fig4_11), whose response the resonances multiply. RESPONSE
+    is the folder of `forceaxis measure --out`. Only the magnitude is fitted; the phase matches too
+    if the system has minimum phase. JSON: resonances (peak_hz, peak_damping, trough_hz and
     trough_damping or null), rms_db, max_db, phase_error_deg, and zeros, poles (1/s) of the cascade.
     """
     from forceaxis import linear

@@ -1,4 +1,4 @@
-"""`forceaxis incident`: what the black box of an axis has kept."""
+"""`forceaxis incident`: read the recording of the black box of an axis."""
 
 import json
 
@@ -18,17 +18,23 @@ from forceaxis.cli.live_options import connected, live
 )
 @live
 @click.option("--out", type=Folder(), help="Folder for incident.json and incident.png.")
-@click.option("--clear", is_flag=True, help="End the incident; the black box records again.")
-@click.option("--wait", "wait_s", type=Positive(0, 1e6), help="Wait so long for one, s.")
-@click.option("--counts-per-mm", type=Positive(1e-6, 1e9), help="Of the encoder: ways in mm.")
+@click.option(
+    "--clear", is_flag=True, help="Delete the incident, so that the black box records again."
+)
+@click.option(
+    "--wait", "wait_s", type=Positive(0, 1e6), help="Longest time to wait for an incident, s."
+)
+@click.option(
+    "--counts-per-mm", type=Positive(1e-6, 1e9), help="Encoder counts per mm; the text then has mm."
+)
 @as_json
 def incident(way, out, clear, wait_s, counts_per_mm, as_json):
-    """Fetch the last second before an error: which fault, and what led to it.
+    """Read the recording of the last second before an error, and explain the fault.
 
-    The black box of an axis keeps the first incident, over a reset too, until it is cleared or a
-    recording is armed; the first since power-up, and one in 24 hours, also over a power cut, until
-    it is cleared. Exit status 1 where there is none. The axis is owned meanwhile, so it has to
-    be disabled, as it is after a fault.
+    The black box of an axis keeps the first incident, also over a reset, until it is cleared or a
+    recording is started. The first incident since power-up is also kept over a power cut, at most
+    one in 24 hours. The exit status is 1 if there is no incident. The verb owns the axis while it
+    reads, so the axis has to be disabled, as it is after a fault.
     """
     from forceaxis.commission import incident as incidents
     from forceaxis.commission import story

@@ -1,4 +1,4 @@
-"""Options of every verb of a live axis, and the contexts that connect to it or acquire it."""
+"""Options of the verbs for a live axis, and context managers that connect to an axis."""
 
 import contextlib
 import dataclasses
@@ -20,7 +20,7 @@ WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
 
 @dataclass(frozen=True)
 class Way:
-    """One way to an axis, as the options name it."""
+    """The connection to one axis that the options select."""
 
     axis: int | None = None
     lcm_url: str | None = None
@@ -34,7 +34,7 @@ class Way:
     model: str | None = None  #: whose encoder says what a count is in mm
 
     def link(self):
-        """Connects. Raises InputError, NoAnswer."""
+        """Connect to the axis and return the link. Raises InputError, NoAnswer."""
         found = self._connect()
         if self.model is not None:
             from forceaxis import linear
@@ -64,7 +64,7 @@ class Way:
         return SimLink(self.sim, self.overrides, self.store)
 
     def expect_one(self):
-        """Raises InputError unless the options name one way, and nothing of another."""
+        """Raise InputError unless the options select exactly one connection."""
         given = [way for way in (self.axis, self.can, self.modbus, self.sim) if way is not None]
         if len(given) != 1:
             raise InputError(f"expected one way to an axis: {WAYS}")
@@ -79,39 +79,47 @@ class Way:
 
 
 OPTIONS = (
-    click.option("--axis", type=click.IntRange(1, 127), help="Axis of a gateway, over LCM."),
     click.option(
-        "--lcm-url", help="LCM bus of --axis. Default: LCM_DEFAULT_URL, else liblcm's own."
+        "--axis", type=click.IntRange(1, 127), help="Number of an axis behind a gateway, over LCM."
     ),
-    click.option("--can", metavar="INTERFACE", help="CAN interface: can0, vcan0."),
+    click.option(
+        "--lcm-url", help="LCM bus of --axis. Default: LCM_DEFAULT_URL, else that of liblcm."
+    ),
+    click.option("--can", metavar="INTERFACE", help="CAN interface, as can0 or vcan0."),
     click.option(
         "--node",
         type=click.IntRange(1, 127),
         default=1,
         show_default=True,
-        help="Node id with --can, unit with --modbus.",
+        help="Node id of the axis with --can, Modbus unit with --modbus.",
     ),
     click.option(
         "--own-node",
         type=click.IntRange(1, 127),
         default=OWN_NODE,
         show_default=True,
-        help="Node id of this program's heartbeat with --can, which the axis watches.",
+        help="Node id of this program with --can; the axis supervises its heartbeat.",
     ),
-    click.option("--modbus", metavar="URL", help="tcp://HOST[:PORT] or /dev/ttyUSB0[:BAUD]."),
+    click.option(
+        "--modbus",
+        metavar="URL",
+        help="Modbus connection: tcp://HOST[:PORT] or /dev/ttyUSB0[:BAUD].",
+    ),
     click.option(
         "--sim",
         type=Subject(paths.EXPERIMENTS, as_path=True),
         metavar="EXPERIMENT",
-        help="A simulated axis, in its own time.",
+        help="A simulated axis that runs this experiment; it does not run in real time.",
     ),
-    set_option("A model's parameter; of --sim as with run."),
-    click.option("--store", default="", metavar="FILE", help="Parameter store of --sim."),
+    set_option("A parameter of the model. With --sim: as in `forceaxis run`."),
+    click.option(
+        "--store", default="", metavar="FILE", help="File of the parameter store of --sim."
+    ),
 )
 
 
 def options(command):
-    """Adds the options; the command gets `way`, a Way that was not checked."""
+    """Add the options of a connection. The command gets them unchecked, as a `Way`."""
 
     @functools.wraps(command)
     def with_way(*arguments, axis, lcm_url, can, node, own_node, modbus, sim, overrides, store,
@@ -125,7 +133,7 @@ def options(command):
 
 
 def live(command):
-    """Adds the options; the command gets `way`, a Way that names one axis."""
+    """Add the options of a connection; exactly one axis must be selected. See Way."""
 
     @functools.wraps(command)
     def with_one(*arguments, way, **others):
@@ -136,7 +144,7 @@ def live(command):
 
 
 def live_in_mm(command):
-    """As live(), with --model for lengths in mm."""
+    """As live(), with the option --model, whose encoder converts counts to mm."""
 
     @functools.wraps(command)
     def with_model(*arguments, way, model, **others):
@@ -145,15 +153,15 @@ def live_in_mm(command):
     option = click.option(
         "--model",
         type=Subject(paths.MODELS),
-        help="Its encoder says what a count is in mm. A simulated axis knows; so does one with "
-        "units of its own (6092h, 60A8h).",
+        help="Model whose encoder converts counts to mm. Not needed for a simulated axis or for an "
+        "axis with user units (6092h, 60A8h).",
     )
     return option(live(with_model))
 
 
 @contextlib.contextmanager
 def connected(way):
-    """An Axis. Ctrl-C and SIGTERM end the verb with one line and status 130 or 143."""
+    """Connect to an axis for a `with` block. Ctrl-C ends the verb with status 130, SIGTERM 143."""
     from forceaxis.axis.axis import Axis
 
     axis, before = None, signal.signal(signal.SIGTERM, _terminate)
@@ -174,8 +182,8 @@ def connected(way):
 
 
 def warn_of_newtons(axis, way):
-    """On standard error, where nobody has set the scale by which an axis takes newtons. That of a
-    simulated one is compared with its model's."""
+    """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
+    For a simulated axis the link compares the scale with the model instead."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
@@ -190,8 +198,8 @@ def warn_of_newtons(axis, way):
 
 @contextlib.contextmanager
 def owned(way, shared=False):
-    """As connected(), acquired, and disabled and released at the end. shared: see
-    Axis.acquire()."""
+    """Connect to an axis and own it for a `with` block; at its end the axis is disabled and
+    released. `shared`: see Axis.acquire()."""
     with connected(way) as axis:
         axis.acquire(shared)
         yield axis
@@ -199,7 +207,7 @@ def owned(way, shared=False):
 
 @contextlib.contextmanager
 def errors():
-    """A refusal, or a missing response, is one line and status 1."""
+    """Print a refusal or a missing response of the axis as one line; exit with status 1."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     try:

@@ -1,4 +1,4 @@
-"""Verbs of a force loop: its limit, root locus, Nyquist plot, step."""
+"""Verbs for a force loop: critical gain, root locus, Nyquist plot, step response."""
 
 import click
 
@@ -30,22 +30,24 @@ from forceaxis.cli.models import (
 @law_options
 @over_options
 @click.option(
-    "--output", default="reading", help="Feed back this signal. Default: what ADC 0 converts."
+    "--output", default="reading", help="Feed back this signal. Default: the input of ADC 0."
 )
 @as_json
 def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
-    """The critical gain of a force loop around MODEL|EXPERIMENT.
+    """Compute the critical gain of a force loop around MODEL|EXPERIMENT.
 
-    Of an EXPERIMENT, a path or a stem of sim/experiments, counts what its firmware is set to: law,
-    or bank as quantised, gain and latency; options take precedence. The loop is linear: the model's
-    equations in one mode, in contact. Prints every gain at which a closed-loop pole crosses the
-    stability boundary, the largest setting of the firmware below the first, and at a gain the
-    margins and the bandwidth. JSON: critical_gain in `unit` (null: stable for all gains, or up to
-    known_to, above which rounding decides; 0: unstable however small, see reason), frequency_hz,
-    crossings, of which those at gain 0 are undamped poles of the plant, and `at`.
+    With an EXPERIMENT (a path or a name in sim/experiments) the verb takes the control law or the
+    quantised bank, the gain and the latency of its firmware; options take precedence. The loop is
+    linear: the equations of the model in one mode, in contact. The verb prints every gain at which
+    a closed-loop pole crosses the stability boundary, the largest setting of the firmware below the
+    first of them, and, if a gain is given, margins and bandwidth at that gain. JSON: critical_gain
+    in `unit` (null: stable for all gains, or up to known_to, above which rounding errors dominate;
+    0: unstable for every gain, see reason), frequency_hz, crossings (those at gain 0 are undamped
+    poles of the plant), and `at`.
 
-    With --over, --modes or --timing both, over a set: the largest gain that all bear, whose it is
-    (`member`), and at the gain the worst of each figure with its member.
+    With --over, --modes or --timing both, the verb analyses a set of plants. It prints the largest
+    gain at which all of them are stable, the plant that limits it (`member`), and at the given gain
+    the worst value of each figure with its plant.
     """
     from forceaxis.linear import limits, sets
 
@@ -74,17 +76,17 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
 @click.option(
     "--span-hz",
     type=Positive(),
-    help="Height of the frame, Hz. Default: the structural dynamics around the crossing.",
+    help="Height of the figure, Hz. Default: the range of the poles around the crossing.",
 )
 @drawn
 @as_json
 def rlocus(model, out, as_json, **given):
-    """Root locus of a force loop around MODEL|EXPERIMENT, with its critical gain.
+    """Draw the root locus of a force loop around MODEL|EXPERIMENT, with its critical gain.
 
-    x: open-loop poles, o: zeros; in Hz, the upper half-plane; of a sampled loop log(z) / T. A
-    filled diamond is the critical gain, as `forceaxis limit` gives it; --gain or --firmware-gain
-    mark the poles there, as does an experiment's gain. JSON: loci, each with gains, branches,
-    poles, zeros in 1/s, crossings.
+    The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
+    poles of a sampled loop are drawn as log(z) / T. A filled diamond is the critical gain of
+    `forceaxis limit`. --gain, --firmware-gain or the gain of an experiment marks the poles at that
+    gain. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
     """
     from forceaxis.linear import locus
 
@@ -107,12 +109,12 @@ def rlocus(model, out, as_json, **given):
 @drawn
 @as_json
 def nyquist(model, out, as_json, ranges, visit, **given):
-    """Nyquist plot of a force loop around MODEL|EXPERIMENT.
+    """Draw the Nyquist plot of a force loop around MODEL|EXPERIMENT.
 
-    The gain is that of the options, of the experiment, or half the critical one.
-    JSON: as `forceaxis limit` with that gain (margins under "at"), and the curve:
-    frequency_hz_of_curve, real, imag, magnitude, phase_deg of the loop gain. Over a set: the worst
-    under "at", and `curves`, the nominal one first.
+    The gain is that of the options, of the experiment, or half the critical gain. JSON: as
+    `forceaxis limit` at that gain (margins under "at"), and the curve of the loop gain:
+    frequency_hz_of_curve, real, imag, magnitude, phase_deg. For a set of plants: the worst values
+    under "at", and `curves`, the nominal plant first.
     """
     from forceaxis.linear import curves, limits, sets
 
@@ -140,13 +142,13 @@ def nyquist(model, out, as_json, ranges, visit, **given):
 @drawn
 @as_json
 def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **given):
-    """Step response of the closed loop around MODEL|EXPERIMENT, linear and in contact.
+    """Compute the step response of the closed loop around MODEL|EXPERIMENT, linear, in contact.
 
-    The gain is that of the options, of the experiment, or half the critical one. The set-point
-    steps by 1 (N, or what --output has) at 0. JSON: time_s, value, and rise_s (10 to
-    90 %), settle_s (2 %), overshoot, final and stable; null where the loop is unstable, the
-    final value 0, or the response needs longer than --duration-s. Over a set: `members`, the
-    nominal one first, each with these, and the worst.
+    The gain is that of the options, of the experiment, or half the critical gain. At time 0 the
+    set-point steps by 1 N, or by 1 in the unit of --output. JSON: time_s, value, and rise_s (10 to
+    90 %), settle_s (2 %), overshoot, final and stable. A figure is null if the loop is unstable,
+    the final value is 0, or the response takes longer than --duration-s. For a set of plants:
+    `members`, the nominal plant first, each with these keys, and the worst values.
     """
     from forceaxis.linear import curves, limits, sets
 

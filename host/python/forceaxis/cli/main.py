@@ -18,17 +18,17 @@ import forceaxis.cli
 from forceaxis.cli.common import Verb, fail, listed, printed_streams
 
 JOBS = """\
-Judge my axis
-  forceaxis new press               its model, from what the data sheets say
+Check my axis
+  forceaxis new press               writes its model from the data sheets
   forceaxis run press/contact.toml --out out/press
-  forceaxis report press            one page: recommended gain, margins, runs
+  forceaxis report press            one page: gain, margins, runs
 Put it on the bus
-  forceaxis axis list --can can0    who is there, in which state
+  forceaxis axis list --can can0    lists the axes and their states
   forceaxis axis check --can can0   guided first motion
-  forceaxis tune --help             measured, designed, verified, stored
+  forceaxis tune --help             measures, designs, verifies, stores a law
 Keep it from breaking in CI
-  forceaxis test press --update     keep what comes out today as expected
-  forceaxis test press              status 1 where it changed, with the figures"""
+  forceaxis test press --update     records the results of today
+  forceaxis test press              status 1 and the figures if one changed"""
 
 # {group: {verb: the module beside this one whose VERBS hold it}}; a module loads with its verb, and
 # with it the modules NAME_..., which add verbs to it.
@@ -95,7 +95,7 @@ def show_versions(context, _parameter, wanted):
 
 
 class Program(click.Group):
-    """All verbs; each is loaded when it is used."""
+    """The group of all verbs; the module of a verb is loaded when the verb is used."""
 
     def list_commands(self, ctx):
         return list(MODULES)
@@ -141,7 +141,7 @@ class Program(click.Group):
 )
 @click.pass_context
 def cli(context):
-    """Firmware for force-controlled axes: run it around an exact plant first."""
+    """Simulate the firmware of a force-controlled axis before you flash it."""
     if context.invoked_subcommand is None:
         formatter = context.make_formatter()
         cli.format_commands(context, formatter)
@@ -149,7 +149,7 @@ def cli(context):
 
 
 def with_help(error):
-    """A message of wrong usage; one that lacks what was expected names the help that has it."""
+    """Return the message of a usage error; it names `--help` if it lacks what was expected."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if re.search(r"\bexpected\b", text):
@@ -160,7 +160,7 @@ def with_help(error):
 
 
 def with_table(message):
-    """The message about a name of [set] that is no parameter, where it is one of another table."""
+    """Return the message about an unknown name in [set], with the table that has this name."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
         from forceaxis.experiments.points import meant
@@ -170,13 +170,13 @@ def with_table(message):
 
 
 def main():
-    """Entry point: every mistake of the user is one line on standard error and exit status 2."""
+    """Run the program. An input error prints one line on standard error and exits with status 2."""
     with printed_streams():
         command_line()
 
 
 def command_line():
-    """One verb, or the one line that says why not."""
+    """Run one verb, or print one line that says why it cannot be run."""
     try:
         for text in sys.argv:
             text.encode()  # what is not UTF-8 is refused before anything sees it

@@ -1,4 +1,4 @@
-"""The verb that measures frequency responses, of models and of live axes."""
+"""`forceaxis measure`: measure frequency responses of models and of live axes."""
 
 import contextlib
 import json
@@ -22,7 +22,7 @@ from forceaxis.cli.common import (
 
 
 def band(context, option, text):
-    """LOW:HIGH in Hz."""
+    """Parse a text "LOW:HIGH" into two frequencies in Hz. Raises InputError."""
     if text is None:
         return None
     try:
@@ -33,7 +33,7 @@ def band(context, option, text):
 
 
 def newtons(context, option, text):
-    """N,N: forces above 0."""
+    """Parse a text such as "30,75" into forces in N, all above 0. Raises InputError."""
     if text is None:
         return ()
     try:
@@ -46,7 +46,7 @@ def newtons(context, option, text):
 
 
 def measure_axis(way, out, as_json, live, options):
-    """`measure` on a live axis."""
+    """Run `forceaxis measure` on a live axis."""
     from forceaxis import linear
     from forceaxis.commission import analyzer, as_found, measuring
     from forceaxis.commission.refusal import Refusal
@@ -98,43 +98,61 @@ def measure_axis(way, out, as_json, live, options):
     forceaxis measure --can can0 --free --force 30,75 --force-max 120 --model press/model.toml""",
 )
 @click.argument("target", required=False)
-@click.option("--output", help="Signal, or adc0, adc1, encoder with --inject codes.")
-@click.option("--input", help="Signal, or dac_code. Default: what is injected.")
-@click.option("--inject", type=click.Choice(["volts", "codes"]), help="Default: volts.")
+@click.option("--output", help="Output signal; with --inject codes adc0, adc1, encoder.")
+@click.option("--input", help="Input signal. Default: the excitation.")
+@click.option("--inject", type=click.Choice(["volts", "codes"]), help="Unit. Default: volts.")
 @click.option("--excitation", type=click.Choice(["noise", "sine", "chirp"]), help="Default: noise.")
-@click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:200.")
-@click.option("--resolution", "resolution_hz", type=float, help="Hz. Default: the lowest.")
-@click.option("--level", type=float, help="V rms (noise), V amplitude, or codes of amplitude.")
-@click.option("--bias", type=float, help="V or code about which it swings.")
-@click.option("--averages", type=int, help="Default: 16.")
+@click.option(
+    "--band",
+    "band_hz",
+    metavar="LOW:HIGH",
+    callback=band,
+    help="Frequency band in Hz. Default: 1:200.",
+)
+@click.option(
+    "--resolution",
+    "resolution_hz",
+    type=float,
+    help="Spacing of the lines, Hz. Default: the lowest frequency.",
+)
+@click.option("--level", type=float, help="Excitation: V rms (noise), V or codes.")
+@click.option("--bias", type=float, help="Mean of the excitation, V or codes.")
+@click.option("--averages", type=int, help="Number of averages. Default: 16.")
 @click.option(
     "--window",
     type=click.Choice(["none", "hann"]),
-    help="Default: none, periodic excitation. hann begins at the third line.",
+    help="Default: none, with periodic excitation. With hann the results begin at the third line.",
 )
 @click.option(
-    "--clamped", is_flag=True, default=None, help="Contacts pull as well as they push (3.2.2)."
+    "--clamped", is_flag=True, default=None, help="Contacts transmit tension too (thesis 3.2.2)."
 )
 @click.option(
     "--free", is_flag=True, default=None,
-    help="The model has its contacts apart; see that the plant has, too (--set approach=0.5). Of "
-    "an axis: the response apart, commands to the encoder.",
+    help="Contacts of the model are open; make sure that those of the plant are open too (--set "
+    "approach=0.5). For an axis: the response from commands to the encoder, out of contact.",
 )  # fmt: skip
 @click.option(
-    "--force", "forces", callback=newtons, metavar="N[,N]", help="Of an axis: forces in contact."
+    "--force",
+    "forces",
+    callback=newtons,
+    metavar="N[,N]",
+    help="For an axis: forces in contact, N.",
 )
-@click.option("--force-max", "force_max_N", type=Positive(), help="N. Of an axis: never more.")
+@click.option("--force-max", "force_max_N", type=Positive(), help="For an axis: force bound, N.")
 @click.option(
-    "--travel", type=click.IntRange(1), help="Counts. Of an axis: never further. Default: 500."
+    "--travel", type=click.IntRange(1), help="For an axis: travel bound, counts. Default: 500."
 )
-@click.option("--settle", "settle_s", type=Positive(), help="s. Of an axis. Default: 1.")
 @click.option(
-    "--model", type=Subject(paths.MODELS), help="Of an axis: compare with this model, under --set."
+    "--settle",
+    "settle_s",
+    type=Positive(),
+    help="For an axis: settling time before each measurement, s. Default: 1.",
 )
-@click.option("--seed", type=int, help="Of excitation and converters. Default: 0.")
+@click.option("--model", type=Subject(paths.MODELS), help="For an axis: compare with this model.")
+@click.option("--seed", type=int, help="Seed of all noise. Default: 0.")
 @click.option(
     "--plant-set", multiple=True, type=Parameter(), metavar="NAME=VALUE",
-    help="Parameter of the plant alone, behind the analyzer's back.",
+    help="Parameter of the plant only; the model for the comparison keeps its value.",
 )  # fmt: skip
 @click.option(
     "--out", type=Folder(), help="Folder for response.csv, .npz, plot.png and result.json."
@@ -142,30 +160,32 @@ def measure_axis(way, out, as_json, live, options):
 @live_options.options
 @as_json
 def measure(target, way, plant_set, out, as_json, **options):
-    """Measure a frequency response: of a model with a virtual signal analyzer, or of a live axis.
+    """Measure a frequency response of a model, with a simulated signal analyzer, or of a live axis.
 
-    TARGET is a measurement file (or the stem of one in sim/measurements: fig3_6 to fig3_12), or a
-    model (path, or stem in sim/models) with at least --output. Options replace keys of the file.
-    The excitation goes into the drive as volts, or runs through the firmware's excitation mode as
-    codes. Prints the gain at the lowest line, the corner if the first octave is flat, phase
-    crossings, how long contacts were pressed, coherence and error, how many points have the model
-    inside their 95 % band, and whether the model as a whole fits; it not fitting is a result.
+    TARGET is a measurement file (a path, or one of fig3_6 to fig3_12 in sim/measurements), or a
+    model (a path, or a name in sim/models) together with --output. Options replace keys of the
+    file. The excitation is a voltage at the drive, or codes from the excitation mode of the
+    firmware. The verb prints the gain at the lowest frequency, the corner frequency if the first
+    octave is flat, phase crossings, time in contact, coherence and error, the share of points whose
+    95 % band contains the model, and whether the whole model matches. The exit status is 0 even if
+    it does not match.
 
-    Of an axis --free and --force say what is measured: codes to the encoder, apart, from where it
-    stands; codes to the reading in contact, inside the force law that the axis has, in mode 4. The
-    amplitude is searched from one code on unless --level gives it. The axis itself ends the
-    excitation where the reading falls to 0.6 of the force or comes near --force-max, where the
-    contact is lost or the position is further than --travel; half the amplitude is tried then.
+    For an axis, --free measures the response from codes to the encoder, out of contact, around the
+    present position. --force measures the response from codes to the measured force, in contact in
+    mode 4 with the force law of the axis. Without --level the verb increases the amplitude from one
+    code. The axis ends the excitation if the measured force falls to 0.6 of the set-point or comes
+    near --force-max, if contact is lost, or if the travel exceeds --travel; the verb then tries
+    half the amplitude.
 
-    Dry friction is looked for first: apart by constant codes both ways, in contact by a slow change
-    of the force there and back, within the same bounds. Where it shows, the amplitude is raised
-    until the axis slides, and the line `friction` says what guide and gear take in codes, and in
-    newtons with --model, what is under the workpiece, and the [[friction]] that the model lacks;
-    --json and the file have all of it as "friction". Noise that does not slide within the bounds is
-    refused as `friction`.
+    The verb measures dry friction first, within the same bounds: out of contact by constant codes
+    in both directions, in contact by a slow change of the force up and down. If there is friction,
+    it increases the amplitude until the axis slides. The line `friction` gives the friction of
+    guide and gear in codes (with --model in N), that of the workpiece, and the table [[friction]]
+    that the model lacks; --json and result.json have them as "friction". If the axis does not slide
+    within the bounds, the measurement is refused as `friction`.
 
-    --out has a folder for each response. At the end the axis is as it was, disabled; after a kill
-    the same command with --out puts back what was changed.
+    --out gets one folder for each response. At the end the axis is disabled and has its earlier
+    parameters. After a kill, the same command with --out restores them.
     """
     from forceaxis import linear
     from forceaxis.identify import result as analyzer

@@ -1,4 +1,4 @@
-"""Verbs of a model's linear equations: state space, poles, modes, frequency response; the beam."""
+"""Verbs for linear models: state space, poles, modes, frequency response, and the beam."""
 
 import json
 
@@ -20,7 +20,7 @@ from forceaxis.cli.common import (
 
 
 def check_drawing(out):
-    """Refuse a file name that no figure can have, before the work."""
+    """Check the suffix of a figure file before the computation starts. Raises InputError."""
     if out:
         from forceaxis import drawing
 
@@ -28,7 +28,7 @@ def check_drawing(out):
 
 
 def draw(out, make):
-    """Write the figure that make(linear.plots) gives to `out`, if one is wanted."""
+    """Draw a figure with make(linear.plots) and write it to `out`, unless that is None."""
     if out:
         from forceaxis import drawing
         from forceaxis.linear import plots
@@ -37,7 +37,7 @@ def draw(out, make):
 
 
 def present(summary, as_json, describe, out=None):
-    """Print a verb's result: one JSON object, or its description and the file that was drawn."""
+    """Print the result of a verb as a JSON object or as text, with the name of the figure file."""
     done_waiting()
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
@@ -51,7 +51,7 @@ def _model_options(subject, *folders):
     def add(verb):
         for decorate in (
             mode_option("modes"),
-            set_option("A model parameter (b_m=0.02), in its own unit. Repeatable."),
+            set_option("A parameter of the model in its unit (b_m=0.02). Repeatable."),
             click.argument("model", metavar=subject, type=Subject(*folders)),
         ):
             verb = decorate(verb)
@@ -74,27 +74,28 @@ TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
 def law_options(verb):
-    """--law, its parameters, and a gain."""
+    """Add the option --law, the parameters of the laws, and the options for a gain."""
     for name, text in reversed(
         {
-            "--integral-rad-per-s": "pi: k (1 + w_i / s); w_i.",
-            "--derivative-s": "pd and derivative: k (f_d - f - T_d f'); T_d. pd differentiates the "
-            "reading, derivative has a sensor of f' (LINK.spring_force_rate).",
-            "--lead-zero-hz": "lead: k (1 + s / w_z) / (1 + s / w_p).",
-            "--lead-pole-hz": "lead.",
-            "--stiffness-n-per-m": "stiffness and impedance: K_fs; x from the encoder.",
-            "--damping-ns-per-m": "damping and impedance: K_fd.",
-            "--velocity-gain-vs-per-m": "Inner damping K_v of the force laws and stiffness, V s/m.",
-            "--gain": "A gain k (V/N).",
-            "--firmware-gain": "The same as firmware.force_gain, DAC codes per 8-bit count.",
+            "--integral-rad-per-s": "w_i of law pi: k (1 + w_i / s).",
+            "--derivative-s": "T_d of laws pd and derivative: k (f_d - f - T_d f'). pd "
+            "differentiates the measured force; derivative has a sensor of its rate "
+            "(LINK.spring_force_rate).",
+            "--lead-zero-hz": "w_z of law lead: k (1 + s / w_z) / (1 + s / w_p).",
+            "--lead-pole-hz": "w_p of law lead.",
+            "--stiffness-n-per-m": "K_fs of laws stiffness and impedance; x from the encoder.",
+            "--damping-ns-per-m": "K_fd of laws damping and impedance.",
+            "--velocity-gain-vs-per-m": "Velocity gain K_v of the force laws and of stiffness.",
+            "--gain": "Gain k of the law, V/N.",
+            "--firmware-gain": "Gain as firmware.force_gain, DAC codes per force count.",
         }.items()
     ):
         verb = click.option(name, type=float, help=text)(verb)
     return click.option(
         "--law",
         type=LAWS,
-        help="Feedback of force, or of force and motion (thesis 1.1.3, 6.2.1); bank: the bank that "
-        "an experiment selects. Default: the experiment's, else p.",
+        help="Control law of force, or of force and motion (thesis 1.1.3, 6.2.1). bank: the bank "
+        "that an experiment selects. Default: that of the experiment, else p.",
     )(verb)
 
 
@@ -103,11 +104,11 @@ vary = click.option(
     multiple=True,
     type=Parameter(),
     metavar="NAME=VALUE,VALUE",
-    help="One curve for each value of a model parameter. Repeatable, all combinations.",
+    help="Draw one curve for each value of a model parameter. Repeatable: all combinations.",
 )
 
 
-free = click.option("--free", is_flag=True, help="Contacts are apart.")
+free = click.option("--free", is_flag=True, help="Contacts are open.")
 
 
 outputs_option = click.option(
@@ -116,29 +117,28 @@ outputs_option = click.option(
     multiple=True,
     default=["reading"],
     show_default=True,
-    help="A signal of the model; reading, what ADC 0 converts; adc0, adc1, encoder. Repeatable.",
+    help="A signal of the model, reading (the input of ADC 0), adc0, adc1, encoder. Repeatable.",
 )
 
 
-drawn = click.option("--out", type=File(), help="Draw it: FILE.png, .svg or .pdf.")
+drawn = click.option("--out", type=File(), help="Draw a figure: FILE.png, .svg or .pdf.")
 
 
 loop_timing = click.option(
-    "--timing", type=TIMINGS, help="Default: the experiment's latency_ticks, else zoh."
+    "--timing", type=TIMINGS, help="Default: latency_ticks of the experiment, else zoh."
 )
 
 
 def over_options(verb):
-    """--over and --modes, and --timing with both delays."""
+    """Add the options --over, --modes and --timing; --timing also accepts "both" here."""
     for decorate in (
         click.option(
             "--modes",
             "visit",
             type=click.Choice(["visited", "all", "nominal"]),
-            help="Modes of amplifier, contact and friction in which all must hold: those that a "
-            "run of the EXPERIMENT visits, all, or the one of --mode; frictions stuck and sliding "
-            "in either of the first two, saturated ones left out. Default: visited, of a MODEL "
-            "all.",
+            help="States of amplifier, contact and friction that belong to the set. visited: those "
+            "that occur in a run of EXPERIMENT; nominal: that of --mode. visited and all have "
+            "frictions stuck and sliding, without saturation. Default: visited; all for a MODEL.",
         ),
         click.option(
             "--over",
@@ -146,14 +146,15 @@ def over_options(verb):
             multiple=True,
             type=Parameter(),
             metavar="NAME=RANGE",
-            help="A parameter's range, k_w=30% or m_w=4..9: corners, random members, and a search "
-            "for the worst. Repeatable, or several with commas between.",
+            help="Tolerance of a parameter, k_w=30% or m_w=4..9. The set has its corners, random "
+            "plants and the result of a search for the worst. Repeatable, or several with commas.",
         ),
         click.option(
             "--timing",
             type=click.Choice([*TIMINGS.choices, "both"]),
-            help="zoh: sampled and held at 1500 Hz, as the axis runs; zoh+1: codes act one tick "
-            "later; both: a set of the two. Default: the experiment's latency_ticks, else zoh.",
+            help="zoh: sampled at 1500 Hz with zero-order hold, as the axis; zoh+1: with a latency "
+            "of one tick; both: a set of the two. Default: latency_ticks of the experiment, else "
+            "zoh.",
         ),
     ):
         verb = decorate(verb)
@@ -161,7 +162,7 @@ def over_options(verb):
 
 
 loop_output = click.option(
-    "--output", default="reading", show_default=True, help="The signal that is fed back."
+    "--output", default="reading", show_default=True, help="Signal that is fed back."
 )
 
 
@@ -178,24 +179,24 @@ loop_output = click.option(
     "input_",
     default="drive.force",
     show_default=True,
-    help="drive.force, the drive's pair of forces, or BODY.force.",
+    help="drive.force (between the two sides of the drive) or BODY.force.",
 )
 @click.option(
     "--output",
-    help="A signal (tip.acceleration). Default: what the force reading shows; apart, the position "
-    "of the body that would touch.",
+    help="A signal (tip.acceleration). Default: the measured force; with --free the position of "
+    "the body that makes contact.",
 )
 @drawn
 @as_json
 def modes_(model, overrides, modes, free, input_, output, out, as_json):
-    """Modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
+    """Compute the modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
 
-    MODEL is a file or the stem of one in sim/models. Modes are those of the undamped mechanics with
-    the drive removed. The label compares the sign of a mode's residue, from input to output, with
-    that of the lowest mode; the comparison with the mode below is printed where it differs. A mode
-    of residue 0 is colocated if dampers couple it (its poles and zeros lie side by side), else
-    neither. Beside each mode stands the pole of the whole damped system, drive included, that it
-    becomes.
+    MODEL is a path or a name in sim/models. The modes are those of the mechanics without damping
+    and without drive. The label compares the sign of the residue of a mode, from input to output,
+    with that of the lowest mode; a different result for the next lower mode is printed too. A mode
+    with residue 0 is colocated if dampers couple it (its poles and zeros lie close together), else
+    neither. The verb also prints the corresponding pole of the complete system with damping and
+    drive.
 
     \b
     --json: {"model": "fig4_19", "title": ...,
@@ -235,20 +236,21 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
 @click.option(
     "--timing",
     type=TIMINGS,
-    help="Default: continuous for the plant, with a gain the experiment's, else zoh.",
+    help="Default: continuous for the plant; with a gain that of the experiment, else zoh.",
 )
 @free
 @click.option("--input", "input_", help="drive.command, drive.force or BODY.force.")
-@click.option("--output", help="A signal of the model. Default: reading, what ADC 0 converts.")
-@click.option("--span-hz", type=Positive(), help="Half-width of the frame of --out, Hz.")
+@click.option("--output", help="A signal of the model. Default: the input of ADC 0.")
+@click.option("--span-hz", type=Positive(), help="Half-width of the figure, Hz.")
 @drawn
 @as_json
 def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
-    """Poles, zeros and transfer function of MODEL, or of a loop closed around it with a gain.
+    """Compute poles, zeros and transfer function of MODEL, or of a loop closed around it.
 
-    Without a gain: from --input (default drive.command, V) to --output. With one: from the law's
-    set-point to the signal that it controls. Of an EXPERIMENT the loop is closed with its law and
-    gain unless --input is given. Zeros include those that cancel poles.
+    Without a gain the transfer function is from --input (default drive.command, V) to --output.
+    With a gain it is from the set-point of the law to the controlled signal. With an EXPERIMENT the
+    loop is closed with its law and gain unless --input is given. Zeros that cancel poles are
+    printed too.
     """
     from forceaxis.linear import limits
 
@@ -274,20 +276,20 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     "--of",
     "part",
     type=click.Choice(["plant", "loop", "closed", "sensitivity"]),
-    help="The plant from --input to --output, the loop gain L, T from set-point to signal, or "
-    "S = 1 / (1 + L). Default: plant of a MODEL, loop of an EXPERIMENT or with --law.",
+    help="plant: from --input to --output; loop: loop gain L; closed: T from set-point to signal; "
+    "sensitivity: S = 1 / (1 + L). Default: plant for a MODEL, loop for an EXPERIMENT or --law.",
 )
 @click.option(
     "--input",
     "input_",
     default="drive.command",
     show_default=True,
-    help="Of the plant: drive.command (V), drive.force (N) or BODY.force (N).",
+    help="Input of the plant: drive.command (V), drive.force (N) or BODY.force (N).",
 )
 @outputs_option
 @click.option(
     "--measured", multiple=True, metavar="FOLDER",
-    help="Of `forceaxis measure --out`: points over MODEL between the same signals. Repeatable.",
+    help="Folder of `forceaxis measure --out`; its points are drawn over MODEL. Repeatable.",
 )  # fmt: skip
 @click.option("--from-hz", type=float, default=0.5, show_default=True)
 @click.option("--to-hz", type=float, default=500.0, show_default=True)
@@ -295,14 +297,14 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
 @as_json
 @click.pass_context
 def bode(context, model, out, as_json, measured, **given):
-    """Frequency response around MODEL|EXPERIMENT: amplitude and phase, curves over each other.
+    """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of its force loop.
 
     The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
-    the plant, and the experiment's, else zoh, for the others. JSON: curves, each with output, unit,
-    frequency_hz, magnitude, phase_deg and, from drive.command, loop: as `forceaxis limit`, with
-    the margins at the gain under "at". Over a set: the worst under "at", the nominal curve first.
-    With --measured: "measured", each with the points, their 95 % radius, coherence, and whether
-    MODEL fits.
+    the plant; for the others it is that of the experiment, else zoh. JSON: curves, each with
+    output, unit, frequency_hz, magnitude, phase_deg; if the input is drive.command, also loop, as
+    `forceaxis limit`, with the margins at the gain under "at". For a set of plants: the worst
+    values under "at", the nominal curve first. With --measured: "measured", each with the points,
+    their 95 % radius, coherence, and whether MODEL matches.
     """
     from forceaxis.linear import curves, sets
 
@@ -319,7 +321,7 @@ OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz
 
 
 def _overlay(context, model, out, as_json, measured):
-    """bode with --measured: signals, states and timing are those of the measurement."""
+    """Draw measured points over the model, with signals, states and timing of the measurement."""
     from forceaxis import linear
     from forceaxis.identify import overlay
 
@@ -359,15 +361,15 @@ def _overlay(context, model, out, as_json, measured):
     help="drive.command (V), drive.tach (V), drive.force (N) or BODY.force (N). Repeatable.",
 )
 @outputs_option
-@click.option("--load", is_flag=True, help="Without the drive: the load of 2.3.2.")
+@click.option("--load", is_flag=True, help="Leave out the drive (thesis 2.3.2).")
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--out", type=File(), help="Write the matrices: FILE.npz or FILE.mat.")
 @as_json
 def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out, as_json):
-    """State space of MODEL in one mode: x' = A x + B u, y = C x + D u, in SI units.
+    """Compute the state space of MODEL in one mode: x' = A x + B u, y = C x + D u, in SI units.
 
-    Sampled timings give x(k+1) = A x(k) + B u(k). JSON, .npz and .mat hold A, B, C, D, dt (null
-    or 0: continuous) and the names of states, inputs and outputs.
+    With a sampled timing the equation is x(k+1) = A x(k) + B u(k). JSON, .npz and .mat contain A,
+    B, C, D, dt in s (null or 0: continuous) and the names of states, inputs and outputs.
     """
     from forceaxis.linear import system as linear
     from forceaxis.linear import working
@@ -401,11 +403,12 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
 @click.option("--modes", type=click.IntRange(1, 200), default=4, show_default=True)
 @as_json
 def beam(modes, as_json, **given):
-    """The distributed beam of 2.4.4, sliding at the actuator and free at the tip.
+    """Compute poles and zeros of the elastic beam of thesis section 2.4.4.
 
-    Its poles and zeros (undamped) and the error of its polynomial approximation by the first n
-    modes, through the fourth. JSON: modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s
-    (imaginary pairs) and tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
+    The beam slides at the actuator; its tip is free. The verb prints the undamped poles and zeros
+    and the error of an approximation by the first n modes, for the first four modes.
+    JSON: modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
+    tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
     """
     from forceaxis.linear import beam as bending
 

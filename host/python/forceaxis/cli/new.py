@@ -1,4 +1,4 @@
-"""`forceaxis new`."""
+"""`forceaxis new`: write a model and experiments from data sheets."""
 
 import json
 import sys
@@ -11,7 +11,7 @@ from forceaxis.design import data_sheet, new
 
 
 def options(command):
-    """One command-line option per field."""
+    """Add one command-line option for each value of the data sheets."""
     for field in reversed(data_sheet.FIELDS):
         default = field.why if callable(field.default) else data_sheet.shown(field, field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
@@ -22,7 +22,7 @@ def options(command):
 
 
 def prompt(field, proposed, number):
-    """Ask for one value on the terminal until it is one, or the question before is wanted."""
+    """Ask for one value until the answer is valid, or until the user asks to go back."""
     count = len(data_sheet.FIELDS)
     if number == 1:
         click.echo(
@@ -49,20 +49,21 @@ def prompt(field, proposed, number):
 )
 @click.argument("name", type=Folder())
 @options
-@click.option("--yes", is_flag=True, help="Ask nothing: defaults for what is not given.")
-@click.option("--force", is_flag=True, help="Replace the files if they are there.")
+@click.option("--yes", is_flag=True, help="Do not ask; use defaults for missing values.")
+@click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--no-design", is_flag=True, help="Leave out the bank and held.toml.")
 @as_json
 def new_(name, yes, force, no_design, as_json, **given):
-    """Write a model and experiments of your own axis into folder NAME.
+    """Write a model and experiments of your axis into the folder NAME.
 
-    Asks for what the data sheets of motor, amplifier, transmission, sensor and workpiece say, or
-    takes it as options: plain numbers in the unit of the option's name. What nobody gives gets a
-    default that is marked in the model. Asks nothing without a terminal.
+    The verb asks for values from the data sheets of motor, amplifier, transmission, sensor and
+    workpiece. Options give them instead: plain numbers in the unit that the name of the option ends
+    with. A missing value gets a default, which the model marks. Without a terminal the verb does
+    not ask.
 
-    At the end a bank of the force law is designed for what it presses on, +-30 %, and simulated
-    with the firmware; held.toml runs with it. JSON: design, with the bandwidth fS in Hz over that
-    set for the bank and for P.
+    At the end the verb designs a bank for the workpiece with a tolerance of 30 %, simulates it with
+    the firmware, and writes held.toml, an experiment with this bank. JSON: design has the bandwidth
+    fS in Hz over that set of plants, for the bank and for the P law.
     """
     new.refuse_existing(name, force)
     talk = not (yes or as_json) and sys.stdin.isatty()

@@ -1,4 +1,4 @@
-"""`forceaxis objects`: the firmware's objects, and files about them for other programs."""
+"""`forceaxis objects`: list the objects of the firmware and export their descriptions."""
 
 import json
 import shutil
@@ -19,7 +19,7 @@ FILES = {
 
 
 def addresses(o):
-    """(CANopen address, Modbus register) as texts."""
+    """Return the CANopen address and the Modbus register of an object as texts."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -47,7 +47,7 @@ def line(o):
 
 
 def details(o):
-    """Every property of one object."""
+    """Yield lines with all properties of one object."""
     yield f"{o.name}: {o.meaning}"
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
@@ -81,12 +81,15 @@ def details(o):
 @click.option("--modbus", type=File(), metavar="FILE", help=f"Write the {FILES['modbus'][1]}.")
 @as_json
 def objects_(pattern, as_json, **files):
-    """List the firmware's objects: what `--set firmware.NAME` and [firmware] accept, with CANopen
-    index:sub-index and Modbus register (h holding, i input) in hexadecimal. With an object's full
-    name, everything about it. Or write the files that describe them to other programs.
+    """List the objects of the firmware, or write files that describe them to other programs.
 
-    A value is a number in the object's unit, or a quantity that the model's converters turn into
-    it: "75 N", "12 mm/s", "0.5 V", "40 Hz", "2 ms", "400 kN/m"; prefixes n u m c k M."""
+    The list has name, CANopen index:sub-index and Modbus register (h holding, i input) in
+    hexadecimal, access, meaning and range. PATTERN selects objects by a part of their name; the
+    full name of an object prints all its properties. `--set firmware.NAME` and the table [firmware]
+    of an experiment accept these names.
+
+    A value is a number in the unit of the object, or a quantity that the model converts to it:
+    "75 N", "12 mm/s", "0.5 V", "40 Hz", "2 ms", "400 kN/m", with the prefixes n u m c k M."""
     wanted = {kind: path for kind, path in files.items() if path}
     if wanted and pattern:
         raise click.UsageError(f"{pattern}: expected no pattern, the files describe every object")

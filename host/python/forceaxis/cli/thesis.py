@@ -1,4 +1,4 @@
-"""Verbs of the thesis: its tables, claims and session, and the report over all."""
+"""Verbs for the thesis (tables, claims, session), and the report of a folder."""
 
 import json
 import signal
@@ -14,15 +14,15 @@ from forceaxis.thesis import tables
 
 
 @click.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
-@click.option("--fit", is_flag=True, help="Find the fitted constants again instead of using them.")
+@click.option("--fit", is_flag=True, help="Fit the constants again instead of using stored ones.")
 @threads
 @linked
 @as_json
 def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
-    """Run the 55 cells of the thesis's stability tables and set ours beside the measurement.
+    """Simulate the 55 cells of the stability tables of the thesis and compare the results.
 
-    Exit status 1 if fewer cells match than the parameter file is known for. With --link the
-    firmware is one process of its own for all cells.
+    The exit status is 1 if fewer cells match than the parameter file records. With --link the
+    firmware is one separate process for all cells.
     """
     if fit and kind:
         raise click.UsageError("expected --fit without --link; a fit is thousands of runs")
@@ -54,11 +54,12 @@ def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
 @threads
 @as_json
 def report(folder, out, threads, as_json):
-    """Run every experiment below FOLDER and write one self-contained page.
+    """Run every experiment in FOLDER and write one self-contained HTML page.
 
-    Of the models it gives the recommended P gain and the margins of each designed bank, of the
-    experiments verdict, force held and traces. Without FOLDER: the thesis's own, with its tables.
-    Exit status 1 if an experiment could not be run; the page shows the others.
+    For each model the page shows the recommended P gain and the margins of each designed bank, for
+    each experiment the verdict, the controlled force and the traces. Without FOLDER the verb runs
+    the experiments and tables of the thesis. The exit status is 1 if an experiment could not be
+    run; the page then shows the others.
     """
     from forceaxis.report import report as page
 
@@ -89,12 +90,13 @@ def report(folder, out, threads, as_json):
 )
 @as_json
 def session(out, as_json):
-    """Hold a whole session of the thesis through the gateway alone, on virtual CAN in real time.
+    """Repeat a laboratory session of the thesis through the gateway, on virtual CAN in real time.
 
-    Boot, gains, a move of 36,000 counts, contact at k_f = 5 and f_d = 30, a strike, the recorder's
-    upload, a plot; plant, firmware and gateway are processes of their own. Files: session.png and
-    .svg, and axis.journal, which `forceaxis replay` runs again to the same trace hash. Where the
-    kernel has no CAN it runs in a guest (tools/vcan).
+    The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
+    f_d = 30, applies an impact, reads the recorder and draws a plot. Plant, firmware and gateway
+    are separate processes. The verb writes session.png, session.svg and axis.journal; `forceaxis
+    replay` of the journal gives the same trace hash. If the kernel has no CAN, the session runs in
+    a guest kernel (tools/vcan).
     """
     link.under_vcan(link.Link("socketcan"))
     from forceaxis.thesis import session as thesis_session
@@ -125,10 +127,10 @@ def session(out, as_json):
 )
 @as_json
 def check_thesis(as_json):
-    """Set the numbers that the thesis quotes beside what its models give.
+    """Compare the numbers in the thesis with the results of its models.
 
-    Frequencies, crossovers, damping ratios, improvements; a line gives the reason for each
-    difference. Exit status 1 if one differs without a reason.
+    The numbers are frequencies, crossovers, damping ratios and improvements. Each difference has a
+    line with its reason. The exit status is 1 if a difference has no known reason.
     """
     from forceaxis.thesis import claims
 

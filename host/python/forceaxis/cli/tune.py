@@ -1,4 +1,4 @@
-"""The verb that gives a live axis its force law."""
+"""`forceaxis tune`: identify a live axis and design its force law."""
 
 import json
 
@@ -31,41 +31,55 @@ from forceaxis.cli.measure import band, newtons
     "--model",
     type=Subject(paths.MODELS),
     required=True,
-    help="What is known of it, as of `forceaxis new`.",
+    help="Model of the axis, as written by `forceaxis new`.",
 )
 @click.option(
-    "--force", "forces", required=True, callback=newtons, metavar="N,N", help="Two or more, N."
+    "--force",
+    "forces",
+    required=True,
+    callback=newtons,
+    metavar="N,N",
+    help="Two or more forces, N.",
 )
 @click.option(
     "--over", multiple=True, required=True, type=Parameter(), metavar="NAME=PERCENT%",
-    help="How far a parameter may be off what is identified; several with commas. Repeatable.",
+    help="Tolerance about the identified value; several with commas between them. Repeatable.",
 )  # fmt: skip
 @click.option(
     "--prior", "priors", multiple=True, type=Parameter(), metavar="NAME=VALUE[+-PERCENT%]",
-    help="What is known better, or worse, than by the part it plays: m_w=2.35 as exact as a mass "
-    "that was weighed. SI. Repeatable.",
+    help="Known value and error of a parameter in SI units, if the default error of its kind is "
+    "wrong: m_w=2.35 has the error of a weighed mass. Repeatable.",
 )  # fmt: skip
 @mode_option("states")
-@click.option("--force-max", "force_max_N", type=Positive(), required=True, help="N: never more.")
-@click.option("--ms", type=float, default=2.0, show_default=True, help="Largest peak of |S|.")
-@click.option("--band", "band_hz", metavar="LOW:HIGH", callback=band, help="Hz. Default: 1:100.")
-@click.option("--averages", type=click.IntRange(4, 64), help="Of each response. Default: 8.")
-@click.option("--travel-mm", type=Positive(), help="While it is excited. Default: 1.")
-@click.option("--only", help="This step alone, done before or not.")
-@click.option("--out", type=Folder(), required=True, help="Folder; with one of before it goes on.")
+@click.option("--force-max", "force_max_N", type=Positive(), required=True, help="Force bound, N.")
+@click.option("--ms", type=float, default=2.0, show_default=True, help="Largest permitted Ms.")
+@click.option(
+    "--band",
+    "band_hz",
+    metavar="LOW:HIGH",
+    callback=band,
+    help="Frequency band in Hz. Default: 1:100.",
+)
+@click.option("--averages", type=click.IntRange(4, 64), help="Averages per response. Default: 8.")
+@click.option("--travel-mm", type=Positive(), help="Travel bound of the excitation. Default: 1.")
+@click.option("--only", help="Run this step only, even if it is done.")
+@click.option("--out", type=Folder(), required=True, help="Folder; tune continues an earlier one.")
 @as_json
 def tune(way, only, out, as_json, **options):
-    """Give a live axis the force law with most bandwidth: measured, designed, verified, stored.
+    """Measure a live axis, design the force law with the largest bandwidth, verify and store it.
 
-    Steps: check (at rest, tare), free (response apart), measure (responses in contact at each
-    force), fit (what MODEL leaves open), design (over the set about it), simulate (contact, strikes
-    and members of the set with the firmware), write (the bank with its certificate), verify
-    (touch-downs and responses with it, Ms beside what is predicted), store. What is done is kept in
-    --out: the same command goes on after a break; after a kill it first resets the fault that the
-    kill has left and puts back what was changed. A step that refuses names why, with exit status 1;
-    the axis is disabled then and has what it had before. What has never been set on the axis
-    (position_gain, force_scale, approach_velocity_max, contact_force) is taken from MODEL and
-    written with the bank, so is a slower approach than one that would strike; all else stays.
+    The steps are: check (sensors at rest, tare), free (response out of contact), measure (response
+    in contact at each force), fit (parameters of MODEL), design (law for the set of plants),
+    simulate (first contacts, impacts and plants of the set with the firmware), write (bank with its
+    certificate), verify (first contacts and responses with the bank, Ms compared with its
+    prediction), store.
+
+    The folder --out keeps the results of each step: after an interruption the same command
+    continues. After a kill it first resets the fault of the axis and restores the parameters. A
+    step that refuses prints its reason; the exit status is then 1, and the axis is disabled with
+    its earlier parameters. Objects that were never set on the axis (position_gain, force_scale,
+    approach_velocity_max, contact_force) are taken from MODEL and written with the bank. The
+    approach is made slower if its impact would be too hard. Nothing else changes.
 
     \b
     --json: {"parameters": {name: {"value", "interval", "unit"}},
@@ -73,7 +87,7 @@ def tune(way, only, out, as_json, **options):
      "on_fitted": {"before", "designed": margins on the fitted plant},
      "Ms_predicted": over the set, "Ms_verified": the largest,
      "levels": {name: {"Ms": measured, "Ms_predicted": at the same lines,
-      "peak_N": of the touch-down, ...}},
+      "peak_N": of the first contact, ...}},
      "stored": true, "seconds": {step: ...},
      "refused": null | {"step", "name", "text", "lines"}}
     """
