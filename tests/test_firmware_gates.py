@@ -426,8 +426,8 @@ def test_a_changed_table_makes_the_files_stale(tree):
 
 
 def test_a_native_law_is_two_names_in_the_table_and_one_row(tree):
-    """As DESIGN.md has it: nothing else in table, generator or rows has the number of modes or a
-    bound of their numbers."""
+    """As CONTRIBUTING.md has it: nothing else in table, generator or rows has the number of modes
+    or a bound of their numbers."""
     path, modes = tree / TABLE, tree / "firmware/drive/modes.c"
     operation = objects.BY_NAME["modes_of_operation"]
     least = operation.min - 1

@@ -9,7 +9,7 @@
 // and comes back (contact_scene.hpp), in every force mode, with caps, limits, laws and bias drawn
 // anew.
 //
-// The oracle is written from the rules in DESIGN.md, docs/ and the meanings in axis_objects.toml,
+// The oracle is written from the rules in docs/ and the meanings in axis_objects.toml,
 // not from the firmware. It knows the answer to each write, the owner after each tick, whether the
 // axis is held or halted, that the amplifier is on only for an owner who enabled it and off in the
 // first tick after a stop and after a fault between two ticks; what the axis may do in a tick is

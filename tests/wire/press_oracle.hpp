@@ -18,7 +18,7 @@ inline std::int32_t WayFrom(std::int32_t from, std::int32_t to) {
 }
 
 // The speed out of contact in modes -1, -6, -7 and -8, from touch_velocity_max, position_gain, the
-// encoder and the codes. As DESIGN.md and touch.h have it, the mean speed is held: for each count
+// encoder and the codes. As the guide and touch.h have it, the mean speed is held: for each count
 // that the axis is ahead of it, the largest code that presses falls by a quarter of position_gain.
 // So codes that press never drive the axis further ahead, from any tick on, than it takes until the
 // code of that tick has fallen to 0. The code from which an approach begins is 0; after a lost
@@ -73,7 +73,7 @@ class SpeedOracle {
 
 // What no master may bring an axis to that presses, bounces and is struck, in each tick: codes
 // (code_oracle.hpp), demanded forces, speeds before and after a contact, faults, and an amplifier
-// that is on in a state without power. Written from DESIGN.md, docs/ and the meanings in
+// that is on in a state without power. Written from docs/ and the meanings in
 // axis_objects.toml; of what the firmware computes it takes only what it shows: mode, state, demand
 // and fault.
 class PressOracle {
