@@ -57,21 +57,3 @@ def test_the_bandwidth_is_many_times_that_of_p_or_what_limits_is_said(rows):
 def test_a_tuning_takes_less_than_three_minutes_of_the_axis_time(rows):
     for row in rows:
         assert row["axis_s"] < 180, row
-
-
-# Dry friction in guide, gear and under the workpiece: FORCEAXIS_RUBS=12 of them, else two that
-# are tuned at once, and one whose dampings were fitted 40 times too large.
-RUBS = range(int(os.environ["FORCEAXIS_RUBS"])) if "FORCEAXIS_RUBS" in os.environ else (1, 4, 9)
-
-
-def test_axes_that_rub_are_tuned_as_promised_or_refused_with_their_newtons(tmp_path):
-    held = []
-    for seed in RUBS:
-        row = tune_study.tuned(seed, tmp_path, friction=True)
-        print(tune_study.shown_rub(row))
-        assert row["force_max_N"] < row["force_bound_N"], row
-        assert row["drive_state"] != "operation_enabled"
-        if not row["refused"]:  # no plant may be nearer to instability than what was promised
-            assert row["stable"] and row["Ms"] <= row["Ms_predicted"] + tune_study.MS_WITHIN, row
-        held.append(tune_study.promise_held(row))
-    assert sum(held) >= 8 / 12 * len(held), held
