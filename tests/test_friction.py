@@ -9,6 +9,7 @@ import pytest
 import tomlkit
 import verbs
 from forceaxis import linear
+from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import design
@@ -226,6 +227,28 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
             work.run(step)
         lows, highs = mass_of(work)
         assert 0.5 * 6.0 < lows < highs < 1.5 * 6.0
+
+
+def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, tmp_path):
+    """A kill leaves the axis to coast toward the workpiece: the next glide would touch."""
+    with Axis(link(press)) as axis:
+        work = tuning(press, axis, tmp_path / "out")
+        work.run("check")
+        start = work.result("check")["rest"]["position"]
+        axis.set(position_gain=work.result("check")["settings"]["position_gain"])
+        axis.enable("profile position")
+        axis.move(start + 780)
+        axis.disable()
+        actions.wait_to_stand(axis)
+        with pytest.raises(Refusal, match="it touched; start further away") as refused:
+            work.run("free")
+        assert refused.value.name == "contact"
+        work = tuning(press, axis, tmp_path / "out")
+        work.coasted = True
+        actions.wait_to_stand(axis)
+        work.run("free")
+        assert abs(axis.read("position") - start) < 400
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
 
 
 def mass_of(work):

@@ -34,10 +34,12 @@ SET_UP = (
 
 
 class Folder:
-    """JSON files about an owned, disabled Axis. say(text): a line for what is done to it."""
+    """JSON files about an owned, disabled Axis. say(text): a line for what is done to it. coasted:
+    a run that was killed has left the axis enabled, which has come to rest somewhere else."""
 
     def __init__(self, axis, folder, say=lambda text: None):
         self.axis, self.folder, self.say = axis, Path(folder), say
+        self.coasted = False
 
     def read(self, name):
         """A file's value, or None. Raises InputError for one that is damaged."""
@@ -126,6 +128,7 @@ def _recover(folder):
         axis.link.wait(0.05)
         folder.say(f"the run before was killed: its fault {fault} is reset")
         actions.wait_to_stand(axis)  # disabled by the fault, it may still coast
+        folder.coasted = True
     count = put_back(folder)
     if count:
         folder.say(f"the run before was killed: {count} objects are as they were before it")

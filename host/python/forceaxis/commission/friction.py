@@ -200,7 +200,10 @@ def _speed(analyzer, code: int, travel: int) -> float | None:
     for _ in range(round(GLIDE_S / LOOK_S) + 1):
         analyzer.wait(LOOK_S, lambda: None)
         state = axis.get("position", "contact")
-        if abs(state["position"] - analyzer.home) > BEYOND * travel or state["contact"]:
+        if state["contact"]:
+            axis.disable()
+            raise Refusal("contact", "expected the axis apart, it touched; start further away")
+        if abs(state["position"] - analyzer.home) > BEYOND * travel:
             axis.disable()
             raise Refusal(
                 "travel", f"expected {code} codes to move the axis within its travel of {travel} "

@@ -24,6 +24,7 @@ PEAKY = known.PEAKY
 
 SMALLER = 3  # the second amplitude that is measured is so many times smaller
 LOWER = 0.6  # the slow change of the force begins at this share of the smallest one
+COASTED = 5  # an axis that a killed run has left within so many travels goes back
 BETWEEN, SHAKEN = "between", "shaken"
 
 
@@ -32,6 +33,15 @@ def free(tuning):
     off(tuning.axis)
     with Settings(tuning.axis, settings_of(tuning)), analyzer_of(tuning) as measures:
         measures.rest()
+        if (
+            tuning.coasted
+        ):  # a run that was killed has moved it; its encoder still counts from there
+            start = tuning.result("check")["rest"]["position"]
+            if abs(tuning.axis.read("position") - start) <= COASTED * measures.order.travel:
+                tuning.say("back to where this tuning began")
+                measures.home = start
+                measures.go_home()
+                tuning.axis.disable()
         newton = newton_per_code(tuning)
         newton = newton if math.isfinite(newton) else 0.0
         found = friction.glide(measures, measures.order.most, tuning.say, newton=newton)
