@@ -200,9 +200,6 @@ def _speed(analyzer, code: int, travel: int) -> float | None:
     for _ in range(round(GLIDE_S / LOOK_S) + 1):
         analyzer.wait(LOOK_S, lambda: None)
         state = axis.get("position", "contact")
-        if state["contact"]:
-            axis.disable()
-            raise Refusal("contact", "expected the axis apart, it touched; start further away")
         if abs(state["position"] - analyzer.home) > BEYOND * travel:
             axis.disable()
             raise Refusal(
@@ -210,6 +207,9 @@ def _speed(analyzer, code: int, travel: int) -> float | None:
                 "counts to either side, it goes beyond: its speed is not that of its codes; check "
                 "the drive, or start further away"
             )  # fmt: skip
+        if state["contact"]:
+            axis.disable()
+            raise Refusal("contact", "expected the axis apart, it touched; start further away")
     held = axis.link.recording(5.0)
     axis.set(modes_of_operation=1)
     analyzer.set(open_loop_code=0)
