@@ -19,12 +19,9 @@ from forceaxis.identify import result as results
 from forceaxis.linear.bank import Bank
 
 FEWEST = 5  # averages at least
-PEAKY = known.PEAKY
-
-
 SMALLER = 3  # the second amplitude that is measured is so many times smaller
 LOWER = 0.6  # the slow change of the force begins at this share of the smallest one
-COASTED = 5  # an axis that a killed run has left within so many travels goes back
+COASTED = 5  # travels; an axis that a killed run has moved farther does not return
 BETWEEN, SHAKEN = "between", "shaken"
 
 
@@ -33,15 +30,8 @@ def free(tuning):
     off(tuning.axis)
     with Settings(tuning.axis, settings_of(tuning)), analyzer_of(tuning) as measures:
         measures.rest()
-        if (
-            tuning.coasted
-        ):  # a run that was killed has moved it; its encoder still counts from there
-            start = tuning.result("check")["rest"]["position"]
-            if abs(tuning.axis.read("position") - start) <= COASTED * measures.order.travel:
-                tuning.say("back to where this tuning began")
-                measures.home = start
-                measures.go_home()
-                tuning.axis.disable()
+        if tuning.coasted:
+            _back_to_start(tuning, measures)
         newton = newton_per_code(tuning)
         newton = newton if math.isfinite(newton) else 0.0
         found = friction.glide(measures, measures.order.most, tuning.say, newton=newton)
@@ -55,6 +45,18 @@ def free(tuning):
     if found.rubs:
         line += f"; a dead zone of {found.dead_zone:.2g} codes, dry friction of {newtons:.3g} N"
     return about, line
+
+
+def _back_to_start(tuning, measures):
+    """Moves an axis that a killed run has left moving back to its position, counts, at `check`, and
+    disables it; farther than COASTED travels it stays. The fault of the killed run was still
+    latched, so the encoder has counted on since."""
+    start = tuning.result("check")["rest"]["position"]
+    if abs(tuning.axis.read("position") - start) <= COASTED * measures.order.travel:
+        tuning.say("the axis returns to the position at which this tuning began")
+        measures.home = start
+        measures.go_home()
+        tuning.axis.disable()
 
 
 def moving_N(tuning):
@@ -206,7 +208,7 @@ def analyzer_of(tuning, order=None, first=1, kind=analyzer.Analyzer, **given):
         band_hz=tuple(order.band_hz), averages=order.averages, fewest=min(FEWEST, order.averages),
         force_max_N=order.force_max_N,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
-        most=min(PEAKY * (known.linear_codes(model) or 1024), MOST_CODES), **given,
+        most=min(known.PEAKY * (known.linear_codes(model) or 1024), MOST_CODES), **given,
     )  # fmt: skip
     return kind(tuning.axis, asked, model, {}, tuning.say)
 

@@ -13,7 +13,6 @@ from forceaxis.commission import analyzer, as_found, contact, known, margins
 from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
 from forceaxis.commission.tune_fit import fit
 from forceaxis.commission.tune_measure import (
-    PEAKY,
     analyzer_of,
     free,
     measure,
@@ -247,7 +246,7 @@ def _hf_gain(tuning):
     linear_codes = known.linear_codes(tuning.model)
     linear_gain = math.inf
     if linear_codes is not None:  # as large as the excitation's noise, evenly drawn, may be
-        linear_gain = PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
+        linear_gain = known.PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
     return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
 
 
