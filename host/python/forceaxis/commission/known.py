@@ -141,7 +141,7 @@ def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
 
 
 def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """`states`, {element: state}, less those of the model's contacts, which are apart."""
+    """The entries of `states`, {element: state}, without the model's contacts, which are open."""
     contacts = {contact["name"] for contact in linear.facts(model)["contacts"]}
     return {name: state for name, state in states.items() if name not in contacts}
 
