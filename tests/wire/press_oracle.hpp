@@ -213,8 +213,8 @@ class PressOracle {
            fault == AXIS_FAULT_CAN_OFF || fault == AXIS_FAULT_PDO_TIMEOUT;
   }
 
-  // The force that is asked for, and the speed of an approach, in modes 4 and 10. What is beyond a
-  // bound, because that was written or the mode begins in motion, never goes further beyond it.
+  // Modes 4 and 10 bound the demanded force and the speed of an approach. A value may exceed its
+  // bound if the bound was lowered or the mode began in motion; then it never grows further.
   std::string Demand(const State &then) {
     const Parameters &limits = then.parameters;
     const int part = limits.force_limit * limits.uncertified_force / 1000;
