@@ -45,7 +45,7 @@ AXES = [
 
 def draw(rng, model, names, given):
     """Parameters {name: value} within SPREAD of the nominal ones."""
-    known = linear.facts(model, given)["parameters"]
+    known = linear.facts(model, given).parameters
     return {n: known[n][0] * math.exp(rng.uniform(-SPREAD, SPREAD)) for n in names}
 
 

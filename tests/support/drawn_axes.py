@@ -180,7 +180,7 @@ class Remote:
 
 
 def truth_of(model, off):
-    known = linear.facts(model)["parameters"]
+    known = linear.facts(model).parameters
     return {name: known[name][0] * factor for name, factor in off.items()}
 
 
@@ -196,7 +196,7 @@ def given(truth):
 
 def bounds(model, extremes):
     """Largest true force and way of an axis."""
-    scale = abs(linear.facts(model)["encoder"]["scale"])
+    scale = abs(linear.facts(model).required_encoder.scale)
     ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
     return {"force_max_N": extremes["force_N"], "travel_mm": [1e3 * end / scale for end in ends]}
 
@@ -224,7 +224,7 @@ def judged(model, truth, folder, forces, moving=None):
 def contacts(model, truth, forces, bank, designed):
     """Rows of simulate: the true plant's contacts at the forces."""
     with Design(str(model), truth) as plant:
-        scale = abs(plant.facts["encoder"]["scale"])
+        scale = abs(plant.facts.required_encoder.scale)
         objects = designed["objects"]
         speed = objects["approach_velocity_max"] / scale
         kept = {name: objects[name] for name in simulate.KEPT if name in objects}

@@ -27,7 +27,7 @@ def model(tmp_path_factory):
 
 
 def parameters(model):
-    return {n: value for n, (value, _) in linear.facts(model)["parameters"].items()}
+    return {n: value for n, (value, _) in linear.facts(model).parameters.items()}
 
 
 def true_values(model, factors=TRUTH):

@@ -126,7 +126,7 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
         work = tuning(press, axis, tmp_path / "out")
         for step in STEPS[:2]:
             work.run(step)
-        scale = abs(linear.facts(work.model)["encoder"]["scale"])
+        scale = abs(linear.facts(work.model).required_encoder.scale)
         assert (
             max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
             < (5.0 + 2 * tune.Order.travel_mm) * scale / 1e3
@@ -349,8 +349,8 @@ def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
     assert found["workpiece_N"] == 0.0 and found["glide"] is None
     # With a target of 0 N the axis comes to rest where spring and law are less than the friction.
     own = tomlkit.parse((hidden / "contact.toml").read_text())["firmware"]
-    reading = linear.facts(press / "model.toml")["reading"]
-    count_N = abs(reading["per_count"]) * 2 ** (reading["bits"] - 8)
+    reading = linear.facts(press / "model.toml").reading
+    count_N = abs(reading.per_count) * 2 ** (reading.bits - 8)
     pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / count_N
     assert 0 < found["left_N"] * (1 + pulls) / newton < 1.05
 
@@ -573,7 +573,7 @@ def test_a_model_whose_friction_is_a_parameter_loses_that_with_it(worn, tmp_path
     assert [(rub.name, rub.newton, rub.declared) for rub in rubs] == [("seals", 35.0, True)]
     for text in (rubbing.damped(model, rubs), rubbing.with_friction(model, rubs)):
         (tmp_path / "model.toml").write_text(text)
-        left = linear.facts(tmp_path / "model.toml")["parameters"]
+        left = linear.facts(tmp_path / "model.toml").parameters
         assert "coulomb" not in left and {"play", "k_trans", "k_torque"} <= left.keys()
 
 
@@ -592,7 +592,7 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
     assert (rub["name"], rub["declared"]) == ("seals", True)
     assert rub["newton"] == pytest.approx(40.0, rel=0.05)
     # Dampings, which a response cannot tell from friction: half to twice what the model has.
-    given = linear.facts(worn / "model.toml")["parameters"]
+    given = linear.facts(worn / "model.toml").parameters
     low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit")["together"])
     assert low <= 0.5 and high == pytest.approx(2.0)
     assert work.result("fit")["values"]["b_s"] == low * given["b_s"][0]

@@ -93,11 +93,11 @@ def quick(asked, _out, say):
     with Design(asked.text, asked.overrides) as plant:
         ranges = plant_set.ranges_of(plant.model, asked.over, plant.overrides)
         plants = plant_set.PlantSet(str(plant.model), plant.overrides, ranges)
-        bits = plant.facts["reading"]["bits"]
+        bits = plant.facts.required_reading.bits
         problem = reduced.Problem(plants, Goal(ms=asked.ms, ms_late=asked.ms_late, adc_bits=bits))
         found = problem.designed()
         bank, worst = problem.exact(found["bank"])
-        units = {n: unit for n, (_, unit) in plant.facts["parameters"].items()}
+        units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
         return outcome.Outcome(
             asked, plants, units, bits, bank, outcome.plain(worst), {}, Bank(0.0), [],
             reduced.NAME, "",

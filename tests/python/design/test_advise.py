@@ -173,9 +173,9 @@ def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
     assert found["fS_Hz"] > 1.3 * present["fS_Hz"]
     # P at the margins, by python-control at every corner, with both slopes of the amplifier.
     gain, bandwidths, peaks = present["firmware_gain"] * (20 / 4096), [], []
-    scale = linear.facts("fig4_19")["reading"]["per_count"]
+    scale = linear.facts("fig4_19").required_reading.per_count
     for k_w, m_w in ((a, b) for a in (0.7, 1.3) for b in (0.7, 1.3)):
-        known = linear.facts("fig4_19")["parameters"]
+        known = linear.facts("fig4_19").parameters
         values = {"k_w": k_w * known["k_w"][0], "m_w": m_w * known["m_w"][0]}
         for modes in (None, {"drive.amplifier": "high outer"}):
             plant = linear.linearise("fig4_19", overrides=values, modes=modes)

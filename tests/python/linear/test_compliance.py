@@ -28,7 +28,7 @@ def test_a_stiffer_contact_needs_less_motion_and_leaves_p_more_error(soft):
     low, high = result["rows"]
     assert result["element"] == "k_g" and result["over"] == ["k_w=30%", "m_w=30%"]
     # In series with the workpiece, at rest: x = f (1/k_s + 1/k_g + 1/k_w).
-    known = {n: v for n, (v, _) in linear.facts("fig5_2")["parameters"].items()}
+    known = {n: v for n, (v, _) in linear.facts("fig5_2").parameters.items()}
     for row in (low, high):
         way = sum(1 / k for k in (known["k_s"], row["stiffness"], known["k_w"]))
         assert row["motion_m"] == pytest.approx(result["setpoint_N"] * way, rel=1e-3)

@@ -11,9 +11,9 @@ MODELS = sorted(p.stem for p in paths.MODELS.glob("*.toml") if p.stem != "thesis
 
 def output_of(name):
     """What the force loop reads; the tachometer's model shows its motor's velocity instead."""
-    signal = linear.facts(name)["reading"]
-    if signal is None or signal["signal"].startswith("drive."):
-        return f"{linear.facts(name)['drive']['body']}.velocity"
+    signal = linear.facts(name).reading
+    if signal is None or signal.signal.startswith("drive."):
+        return f"{linear.facts(name).required_drive.body}.velocity"
     return "reading"
 
 

@@ -13,7 +13,7 @@ FREQUENCIES = np.geomspace(0.3, 700, 60)
 
 def force_models():
     """Models with a drive and an ADC 0."""
-    found = [n for n in MODELS if (f := linear.facts(n))["drive"] and f["reading"]]
+    found = [n for n in MODELS if (f := linear.facts(n)).drive and f.reading]
     assert len(found) > 30
     return found
 

@@ -28,7 +28,7 @@ BANK = BANK.quantised()
 NO_READING = {
     p.stem
     for p in paths.MODELS.glob("*.toml")
-    if p.stem == "thesis" or not linear.facts(p.stem)["reading"]
+    if p.stem == "thesis" or not linear.facts(p.stem).reading
 }
 # Stuck or in its backlash nothing moves what is read; the mode in which something does.
 MOVES = {

@@ -22,7 +22,7 @@ TICK = 1 / 1500
 SAMPLED = ("zoh", "zoh+1")
 
 STEMS = {p.stem for p in paths.MODELS.glob("*.toml")} - {"thesis"}
-NO_READING = {n for n in STEMS if not linear.facts(n)["reading"]}
+NO_READING = {n for n in STEMS if not linear.facts(n).reading}
 # Their friction or backlash lets them settle above the linear limit, or nothing move below it.
 BESIDES_LINEAR = {"nl_friction", "nl_stiction", "nl_stick_slip", "nl_backlash"}
 MODELS = sorted(STEMS - NO_READING)
@@ -399,9 +399,9 @@ PARAMETERS = {
 def law_by_hand(name, law, timing, s):
     """L / k at s from python-control's plant and the law's own formula."""
     p = {"velocity_gain_Vs_per_m": 0.0} | PARAMETERS[law]
-    base = linear.facts(name)["drive"]["reaction"]
+    base = linear.facts(name).required_drive.reaction
     bodies = ["robot"] if base == "ground" else ["robot", base]
-    reading = linear.facts(name)["reading"]["signal"]
+    reading = linear.facts(name).required_reading.signal
     outputs = [reading, f"{reading.partition('.')[0]}.spring_force_rate"]
     outputs += [f"{b}.{q}" for q in ("position", "velocity") for b in bodies]
     plant = linear.linearise(name, outputs=outputs)
@@ -618,7 +618,7 @@ def bilateral(name, folder):
 def simulated(model, loop, gain, ticks):
     """The reading, tick by tick, of the sampled loop around the stepper, from a small push."""
     plant = _core.Plant(str(model))
-    for i, (body, mass) in enumerate(linear.facts(model)["masses_kg"].items()):
+    for i, (body, mass) in enumerate(linear.facts(model).masses_kg.items()):
         plant.apply_impulse(body, 1e-6 * mass / (1 + i))
     filtered = "adc0.filtered" in loop.whole.states
     late = loop.timing == "zoh+1"

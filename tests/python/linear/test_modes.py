@@ -139,7 +139,7 @@ def test_every_model(free):
         if not result["modes"]:  # the shaft is locked: nothing can vibrate
             assert path.stem in ("fig3_7", "fig3_8")
             continue
-        masses = linear.facts(path)["masses_kg"]
+        masses = linear.facts(path).masses_kg
         shapes = np.array([[m["shape"][b] for b in masses] for m in result["modes"]])
         assert np.abs(shapes).max(axis=1) == pytest.approx(1.0)
         gram = shapes @ np.diag(list(masses.values())) @ shapes.T

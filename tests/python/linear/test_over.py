@@ -312,7 +312,7 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
     own = settings.of("hold_p", given)
     assert own.law == law
     facts = linear.facts("laboratory")
-    per_count, scale = facts["reading"]["per_count"], facts["encoder"]["scale"]
+    per_count, scale = facts.required_reading.per_count, facts.required_encoder.scale
     K, D = 0.25 * abs(per_count) * scale, 2.0 * abs(per_count) * scale * TICK
     wanted = {"stiffness_N_per_m": K, "damping_Ns_per_m": D}
     for name, value in own.parameters.items():

@@ -292,7 +292,7 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
     # 5 mm at 3.75 mm/s in place of 7.5.
     assert done.slowed.longer_s == pytest.approx(5 / 3.75 - 5 / 7.5)
     assert "approach     3.75 mm/s, as at 7.5 mm/s a touch-down loses contact " in text
-    scale = abs(linear.facts(tmp_path / "soft/model.toml")["encoder"]["scale"])
+    scale = abs(linear.facts(tmp_path / "soft/model.toml").required_encoder.scale)
     objects = tomllib.loads((out / "bank.toml").read_text())["firmware"]
     assert objects["approach_velocity_max"] == round(3.75e-3 * scale)
 
@@ -327,7 +327,7 @@ def test_a_coarser_adc_keeps_range_and_gain():
     with changes.Design("fig4_19") as design:
         coarse, fine = simulate.Bench(design, 8), simulate.Bench(design, 16)
         assert coarse.count_N == fine.count_N == 2.5
-        assert coarse.facts["reading"]["bits"] == 8
+        assert coarse.facts.required_reading.bits == 8
         assert coarse.setpoints_N == fine.setpoints_N == [30.0, 75.0, 150.0]
 
 

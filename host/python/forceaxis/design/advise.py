@@ -93,7 +93,7 @@ def ratios(new, old):
 
 def strain(model, overrides, shape):
     """The element that holds most of a mode's elastic energy, or None."""
-    signals = linear.facts(model, overrides)["signals"]
+    signals = linear.facts(model, overrides).signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
     if not elements:
         return None
@@ -195,9 +195,9 @@ class _Over:
         elif modes_ == "all":
             self.modes = sets.slopes(design.model, design.overrides, design.states)
         else:
-            bench = simulate.Bench(design, design.facts["reading"]["bits"])
+            bench = simulate.Bench(design, design.facts.required_reading.bits)
             self.modes = for_set.plant_set(bench, Order("", self.over)).modes
-        self.goal = Goal(timings=(design.timing,), adc_bits=design.facts["reading"]["bits"])
+        self.goal = Goal(timings=(design.timing,), adc_bits=design.facts.required_reading.bits)
 
     def problem(self, change=None, goal=None, **how):
         """The reduced.Problem of a change."""
@@ -261,7 +261,7 @@ def advise(
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"--factor: expected a number above 1, got {factor:g}")
     with Design(text, overrides, timing, states) as design:
-        if design.facts["reading"] is None:
+        if design.facts.reading is None:
             raise InputError(
                 f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is "
                 "none"
@@ -273,7 +273,7 @@ def advise(
         result = {
             "model": paths.display(design.model),
             "experiment": paths.display(design.experiment) if design.experiment else None,
-            "title": design.facts["title"],
+            "title": design.facts.title,
             "timing": design.timing,
             **working.summary(loop.working),
             "unit": loop.unit,

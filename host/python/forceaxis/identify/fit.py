@@ -324,7 +324,7 @@ def response_of_csv(file, averages):
 
 def starts_of(texts, measured):
     """NAME or NAME=START texts as {name: start}, by default the model's value; {name: unit}."""
-    known = linear.facts(measured.model, measured.overrides)["parameters"]
+    known = linear.facts(measured.model, measured.overrides).parameters
     starts = {}
     for text in texts:
         name, given, value = text.partition("=")

@@ -199,8 +199,8 @@ def measure_setup(setup, where, plant_set=None):
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
     facts = linear.facts(setup.model, setup.set)
-    overrides = {name: facts["parameters"][name][0] for name in setup.set}
-    units = facts["signals"] | {
+    overrides = {name: facts.parameters[name][0] for name in setup.set}
+    units = facts.signals | {
         "adc0": "count",
         "adc1": "count",
         "encoder": "count",
