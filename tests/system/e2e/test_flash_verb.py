@@ -454,7 +454,7 @@ def test_other_machines(bench, tmp_path):
         ("text.bin", b"hello", "expected one identity"),
         ("cut.elf", b"\x7fELF\x01\x01", "the file ends too early"),
         ("elf.bin", b"\x7fELF\x01\x01", "this is an ELF file"),
-        ("sum.hex", b":0100000001FF\n", "hex:1: expected a checksum"),
+        ("sum.hex", b":0100000001FF\n", "hex:1: expected the checksum"),
         ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got 7"),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
         ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected nothing behind"),
