@@ -66,8 +66,8 @@ void Elements::read_bodies() {
                            "; add or remove [[body]] tables");
 }
 
-// A slope, or several with the breaks between them: values of the argument or, for springs, of the
-// curve (`loads`).
+// Reads a slope, or several slopes with the breaks between them. Breaks are values of the argument,
+// or of the force of a spring (`loads`).
 Slopes read_slopes(Section &section, const char *key) {
   Slopes curve;
   curve.slopes = section.numbers(key);
@@ -89,7 +89,8 @@ Slopes read_slopes(Section &section, const char *key) {
                      std::to_string(curve.slopes.size()) + "; add or remove values");
   if (!by_load) return curve;
 
-  // The deflection at a load: the sum of the shares of all slopes between 0 and it.
+  // The deflection at a load is the sum of the deflections of all slopes between the force 0 and
+  // the load.
   const std::vector<double> loads = curve.breaks;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   for (double &at : curve.breaks) {
@@ -120,7 +121,7 @@ Link Elements::link(Section &section) {
 
 double read_damping(Section &section) { return section.number("damping"); }
 
-// Reads a link that acts where its ends touch: a contact, or either side of a stop.
+// Reads the keys of a contact, or of either side of a stop.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);

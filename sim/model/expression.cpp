@@ -21,7 +21,7 @@ struct Factor {
   std::string_view text;  // a name or a number
 };
 
-// The end of a number or name that begins the text.
+// Returns the index after the number or name with which the text begins.
 std::size_t factor_end(std::string_view text) {
   std::size_t end = 0;
   const bool number = is_quantity(text);
@@ -39,7 +39,7 @@ void skip_blanks(std::string_view &text) {
   text.remove_prefix(std::min(text.find_first_not_of(' '), text.size()));
 }
 
-// The factors of an expression; empty where it is none.
+// Returns the factors of an expression, or an empty list if the text is not an expression.
 std::vector<Factor> factors_of(std::string_view text) {
   std::vector<Factor> factors;
   bool divides = false;
