@@ -16,11 +16,11 @@
 namespace forceaxis::host {
 namespace {
 
-// An axis_node keeps its claim for a quarter of a second after its run, to answer repeats.
+// An axis_node keeps its claim for 0.25 s after its run, in which it answers repeated records.
 constexpr int kClaimTries = 50;
 constexpr std::chrono::milliseconds kClaimWait{10};
 
-// A name in the abstract space belongs to one socket of a network namespace.
+// The name of a socket in the abstract namespace. One socket of a network namespace can have it.
 struct Name {
   Name(const std::string &where, const std::string &role) {
     path.sun_family = AF_UNIX;

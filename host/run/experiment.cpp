@@ -29,7 +29,7 @@ bool has_body(const sim::Model &model, std::string_view name) {
                      [name](const sim::Body &b) { return b.name == name; });
 }
 
-// A text that is not empty.
+// Returns a text that must not be empty.
 std::string words(Section &section, std::string_view key) {
   std::string text = section.text(key, "a text");
   if (text.empty()) section.fail(key, "expected a text, got an empty one; write it");
@@ -80,7 +80,7 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
   return action;
 }
 
-// contact_held: true, false, a contact or a list of contacts.
+// Reads contact_held: true, false, the name of a contact or a list of names.
 void read_contact_held(Section &section, const sim::Model &model, Criterion &criterion) {
   const toml::node *node = section.find("contact_held");
   if (node == nullptr) return;
@@ -203,7 +203,7 @@ Plot read_plot(Section &section, const sim::Model &model,
   return plot;
 }
 
-// Sets `key` of `table` from an override's text: a number, true, false, or a text.
+// Sets `key` of `table` to the value of an override: a number, true, false or a text.
 void put(toml::table &table, std::string_view key, const std::string &text) {
   double number = 0;
   const char *end = text.data() + text.size();
@@ -255,7 +255,7 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   }
 }
 
-// The overrides of [set]; adds the parameters that it refers to by name to `named`.
+// Returns the overrides of [set]. Adds the parameters that their values refer to to `named`.
 std::vector<sim::Override> read_set(Section &section, std::set<std::string> &named) {
   std::vector<sim::Override> overrides;
   for (const auto &[key, entry] : section.table()) {
@@ -275,7 +275,7 @@ std::vector<sim::Override> read_set(Section &section, std::set<std::string> &nam
   return overrides;
 }
 
-// The model's converters must be those of the firmware.
+// Refuses a model whose ADCs or DAC do not have the resolution of the firmware's converters.
 void check_converters(const Section &root, const Experiment &experiment) {
   const sim::Model &model = *experiment.model;
   if (model.dac.bits != 12) {
@@ -299,7 +299,8 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
                         std::span<const std::string> overrides,
                         const std::optional<std::string> &text) {
   std::set<std::string> files{model.file};
-  std::set<std::string> contents;  // by content: the hash does not depend on where files are
+  std::set<std::string> contents;  // contents of files, so that the hash does not depend on their
+                                   // paths
   if (text)
     contents.insert(*text);
   else
@@ -317,13 +318,13 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 }  // namespace
 
-// A model with [set] applied, and its modes.
+// A model with the overrides of [set], and its modes.
 struct ExperimentFile::Variant {
   std::string key;
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;
-  std::set<std::string> named;  // parameters that [set] refers to by name
+  std::set<std::string> named;  // parameters to which [set] refers
 };
 
 struct ExperimentFile::Contents {
@@ -331,7 +332,7 @@ struct ExperimentFile::Contents {
   std::string name;
   toml::table table;
   std::mutex mutex;
-  std::list<std::shared_ptr<Variant>> variants;  // the one used last first
+  std::list<std::shared_ptr<Variant>> variants;  // in the order of use, the last used variant first
 };
 
 ExperimentFile::ExperimentFile(const std::filesystem::path &file,
@@ -378,7 +379,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.figure = optional_words(root, "figure");
   experiment.shows = optional_words(root, "shows");
   const double duration_s = root.number("duration_s");
-  if (duration_s > kLongestRun_s)  // its trace is held in memory
+  if (duration_s > kLongestRun_s)  // limits the memory for the trace
     root.fail("duration_s", "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
                                 sim::number_text(duration_s) +
                                 "; `axis_node` and `plant_node` with --endless run for longer");
@@ -402,7 +403,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   });
   experiment.model = plant->model;
   experiment.modes = plant->modes;
-  // From here on `used` marks the parameters that the experiment itself refers to.
+  // From here on, `used` marks the parameters to which the experiment refers.
   source.parameters = experiment.model->parameters;
   for (sim::Parameter &p : source.parameters) p.used = plant->named.contains(p.name);
   root.one("firmware", [&](Section &section) {
