@@ -1,4 +1,4 @@
-// axis_node: the firmware of one or several axes as a process of its own, in lock-step with a
+// axis_node: the firmware of one or several axes in a process of its own, in lock-step with a
 // plant.
 #include <poll.h>
 #include <unistd.h>
@@ -33,10 +33,11 @@ using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
 constexpr milliseconds kServe{100};
-// If the last answer is lost the plant repeats its inputs, at least every 100 ms.
+// Time after the last tick in which the axis answers repeated inputs. If the last answer is lost,
+// the plant repeats its inputs at least every 100 ms.
 constexpr milliseconds kLinger{250};
 
-// Checks that the nodes of all axes have ids.
+// Checks that the node ids of all axes are in the range of CANopen.
 void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) {
   const int axes = static_cast<int>(options.files.size());
   if (!own.node_id || *own.node_id == FW_NODE_ID_BY_LSS) return;
@@ -50,7 +51,7 @@ void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) 
   }
 }
 
-// Whether standard input has data or was closed.
+// Returns whether standard input has data or was closed.
 bool asked_on_input() {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   return poll(&input, 1, 0) == 1;
@@ -63,8 +64,8 @@ void receive_modbus(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort 
   }
 }
 
-// Serves the buses after the silence, at the pace of the wall clock, so that clients can read the
-// fault.
+// Serves the buses after the plant has become silent, one tick per 1/1500 s of the wall clock, so
+// that clients can read the fault.
 void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
   const auto start = Clock::now();
   const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
@@ -75,14 +76,15 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
   }
 }
 
-// The firmware's end of a session: stalls of this process, and a plant that is silent.
+// The firmware's end of a session. It handles suspensions of this process and a silent plant.
 class Session {
  public:
   Session(const nodes::NodeOptions &options, std::vector<std::unique_ptr<Axis>> &axes,
           nodes::ModbusPort *modbus)
       : options_(options), axes_(axes), modbus_(modbus), stall_(options.link.timeouts.running) {}
 
-  // Before each tick. If this process was stopped, every axis has a tick without sensors first.
+  // To be called before each tick. If this process was suspended, every axis first computes a tick
+  // without sensor values.
   void before_tick(int axis) {
     check_self();
     if (!begun_) {
@@ -98,8 +100,8 @@ class Session {
            ", the axis disabled");
   }
 
-  // Serves until the session is ended, by a signal or because plant_node has ended; the axes are
-  // then disabled. Returns the axes whose plant never came, as bits axis - 1.
+  // Serves until the session ends, by a signal or because plant_node has ended. Then the axes are
+  // disabled. Returns the axes whose plant has never sent a record, with bit axis - 1 for each.
   unsigned serve(host::AxisExchange &exchange) {
     while (stopped == 0 && ended.empty()) {
       const unsigned silent = exchange.serve(absent_ != 0 ? milliseconds{1} : kServe);
@@ -113,7 +115,7 @@ class Session {
   }
 
   host::Interruptions interruptions;
-  std::string ended;  // why, unless by a signal
+  std::string ended;  // reason for the end, unless a signal ended it
 
  private:
   static unsigned bit(int axis) { return 1U << (axis - 1); }
@@ -125,7 +127,7 @@ class Session {
   }
   void report(const std::string &text) const { std::cerr << "axis_node: " << text << std::endl; }
 
-  // Whether this process was stopped.
+  // Returns whether this process was suspended.
   bool check_self() {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
@@ -143,7 +145,8 @@ class Session {
     }
   }
 
-  // The plant of these axes is silent: it has ended, or the axes wait for it.
+  // To be called if the plant of these axes is silent. If plant_node has ended, the session ends;
+  // otherwise the axes wait.
   void lose(unsigned axes) {
     for (const auto &axis : axes_) {
       const unsigned of = bit(axis->number());
@@ -163,7 +166,7 @@ class Session {
     absent_ |= newly;
   }
 
-  // The ticks without sensors that are due, at the pace of the wall clock.
+  // Computes the ticks without sensor values that are due by the wall clock.
   void hold() {
     constexpr std::chrono::nanoseconds kTick{2000000 / 3};
     const Clock::time_point now = Clock::now();
@@ -179,12 +182,12 @@ class Session {
   nodes::ModbusPort *modbus_;
   host::StallWatch stall_;
   bool begun_ = false;
-  unsigned visible_ = 0;  // bits axis - 1: this machine sees whether its plant_node has ended
-  unsigned absent_ = 0;   // bits axis - 1: its plant is silent
+  unsigned visible_ = 0;  // bits axis - 1 for each plant_node whose claim this machine can check
+  unsigned absent_ = 0;   // bits axis - 1 for each axis with a silent plant
   Clock::time_point silent_since_{}, due_{};
 };
 
-// One run from ready to report.
+// Executes one run, from the line "ready" to the report.
 int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   expect_node_ids(options, own);
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
@@ -287,8 +290,9 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   return stopped != 0 && !session ? 128 + stopped : 1;
 }
 
-// Runs requested on standard input, one a line: run number, experiment and overrides, separated by
-// tabs. A failed one is reported as {"error": ..., "status": 1 or 2}, and the next line is read.
+// Executes the runs that are requested on standard input. Each line has the run number, the
+// experiment and the overrides, separated by tabs. A failed run is reported as {"error": ...,
+// "status": 1 or 2}, and the next line is read.
 int serve(const nodes::NodeOptions &base, const AxisOptions &own) {
   for (std::string line; std::getline(std::cin, line);) {
     if (line.empty()) continue;

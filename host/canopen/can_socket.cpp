@@ -16,7 +16,7 @@
 namespace forceaxis::canopen {
 namespace {
 
-constexpr int kDeepBytes = 4 << 20;  // the kernel's default loses bursts
+constexpr int kDeepBytes = 4 << 20;  // in bytes; the default of the kernel is too small for bursts
 
 }  // namespace
 

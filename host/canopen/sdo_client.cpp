@@ -8,7 +8,7 @@
 namespace forceaxis::canopen {
 namespace {
 
-// Command specifiers, bits 5 to 7 (CiA 301, 7.2.4.3).
+// Command specifiers in bits 5 to 7 (CiA 301, 7.2.4.3).
 constexpr unsigned kDownloadSegment = 0, kDownloadBegin = 1, kUploadBegin = 2, kUploadSegment = 3,
                    kAbort = 4;
 constexpr unsigned kAnswerUploadSegment = 0, kAnswerDownloadSegment = 1, kAnswerUpload = 2,
@@ -161,7 +161,7 @@ std::optional<Frame> SdoClient::upload_segment(const Frame &answer) {
     toggle_ = !toggle_;
     return request(static_cast<std::uint8_t>(kUploadSegment << 5 | (toggle_ ? kToggle : 0)));
   }
-  // Detects segments that were lost in transfer.
+  // A difference from the announced length means that segments were lost.
   if (size_ && *size_ != data_.size()) return abort(kAbortLength);
   result_.data = std::move(data_);
   data_.clear();
@@ -197,7 +197,7 @@ std::optional<Frame> SdoClient::receive(const Frame &answer) {
       toggle_ = !toggle_;
       break;
   }
-  // The server has accepted all that was sent so far.
+  // The server has accepted all data that was sent so far.
   if (sent_ < data_.size() || (data_.empty() && state_ == State::download)) return next_segment();
   state_ = State::idle;
   return std::nullopt;

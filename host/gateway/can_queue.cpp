@@ -31,7 +31,8 @@ std::string error_text(const can_frame &frame) {
 
 }  // namespace
 
-// The kernel keeps back what receive() would only pass over, however much of it comes.
+// A filter in the kernel discards frames that receive() would ignore, so that even many of them
+// need no time here.
 CanQueue::CanQueue(const std::string &interface)
     : socket_(interface,
               {.filter = {0, CAN_EFF_FLAG | CAN_RTR_FLAG}, .errors = CAN_ERR_MASK, .deep = true}) {}

@@ -17,12 +17,12 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr int kMostNodes = 127;
-// Identifiers that the pre-defined connection set of CiA 301 leaves free and does not restrict,
-// 680h to 6DFh: four for the SDO channels of each axis.
+// First of the identifiers 680h to 6DFh, which the predefined connection set of CiA 301 neither
+// uses nor restricts. The SDO channels of each axis need four of them.
 constexpr std::uint32_t kFirstSdo = 0x680;
 constexpr int kSdosOfAxis = 4, kMostAxes = 24;
 
-// "1,2" or "1-6".
+// Returns the numbers in a text such as "1,2" or "1-6".
 std::vector<int> axes_of(const std::string &text) {
   const auto fail = [&text] {
     throw UsageError("--axes " + text + ": expected numbers from 1 to 127 such as 1,2 or 1-6");
@@ -54,8 +54,9 @@ std::vector<int> axes_of(const std::string &text) {
   }
 }
 
-// The identifiers of each axis: those of its node id modulo 24 if they are free, so that they are
-// the same ones whatever other axes a gateway has, else the next free ones.
+// Returns the first identifier of each axis. It follows from the node id modulo 24 if these
+// identifiers are free, so that it does not depend on the other axes of the gateway. Otherwise it
+// is the next free one.
 std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector<int> &axes) {
   if (axes.size() > kMostAxes) {
     throw UsageError("--axes " + o.axes + ": expected at most " + std::to_string(kMostAxes) +
@@ -73,7 +74,7 @@ std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector
   return found;
 }
 
-// "NAME=VALUE" in engineering units or an enum's text.
+// Reads "NAME=VALUE", with a value in the unit of the object or a text of an enumeration.
 AxisSettings::Parameter parameter_of(const std::string &set, const std::string &assignment) {
   const auto fail = [&set](const std::string &what) {
     throw UsageError("--set " + set + ": " + what);
@@ -165,7 +166,7 @@ void finish_gateway_options(GatewayOptions &o) {
     if (!network) throw UsageError("--lcm-remote " + text + ": " + trouble);
     o.remote.push_back(*network);
   }
-  // 0.0.0.0 is every address of this machine; no other address of network 0 is one.
+  // 0.0.0.0 means every address of this machine. Other addresses of the network 0 do not exist.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
       (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {

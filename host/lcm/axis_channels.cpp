@@ -9,7 +9,8 @@ namespace forceaxis::lcm_bus {
 
 namespace {
 
-// So that a flood does not keep the gateway from its other buses.
+// Limit of datagrams for one call, so that many datagrams cannot delay the other buses of the
+// gateway.
 constexpr int kMostAtOnce = 128;
 
 }  // namespace

@@ -33,7 +33,7 @@ std::optional<std::uint32_t> group_of(std::string_view text) {
   return group;
 }
 
-// "NAME=VALUE" of a URL; what of it concerns a receiver goes to `place`.
+// Reads "NAME=VALUE" of a URL. Options of a receiver are stored in `place`.
 bool read_option(std::string_view text, Place &place) {
   const std::size_t equals = text.find('=');
   if (equals == text.npos) return false;
