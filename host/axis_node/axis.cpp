@@ -168,7 +168,7 @@ std::string Axis::json() {
 void Axis::report_broken_journal() {
   if (!journal_broken() || std::exchange(reported_broken_, true)) return;
   std::cerr << "axis_node: " << journal_file_
-            << ": expected to be able to write the journal, it is not whole\n";
+            << ": cannot write the journal, so it is incomplete\n";
 }
 
 void Axis::transmit(ModbusPort *modbus) {

@@ -42,11 +42,12 @@ void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) 
   const int axes = static_cast<int>(options.files.size());
   if (!own.node_id || *own.node_id == FW_NODE_ID_BY_LSS) return;
   if (*own.node_id == 0 && axes > 1) {
-    throw nodes::UsageError("--node-id 0: expected one axis, several would have one stored id");
+    throw nodes::UsageError(
+        "--node-id 0: expected one axis, because several axes would have the same stored id");
   }
   if (*own.node_id + axes - 1 > 127) {
     throw nodes::UsageError("--node-id " + std::to_string(*own.node_id) +
-                            ": expected ids up to 127, the last would be " +
+                            ": expected ids up to 127, but the last would be " +
                             std::to_string(*own.node_id + axes - 1));
   }
 }
@@ -96,7 +97,7 @@ class Session {
     if ((absent_ & bit(axis)) == 0) return;
     absent_ &= ~bit(axis);
     report("plant_node (axis " + std::to_string(axis) + ") was silent for " +
-           interruptions.add(since(silent_since_)) + "; goes on at tick " + tick_of(axis) +
+           interruptions.add(since(silent_since_)) + "; continues at tick " + tick_of(axis) +
            ", the axis disabled");
   }
 
@@ -132,7 +133,7 @@ class Session {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
     if (begun_) {
-      report("stopped for " + interruptions.add(*stalled) + "; goes on at tick " +
+      report("suspended for " + interruptions.add(*stalled) + "; continues at tick " +
              tick_of(options_.first_axis) + ", the axis disabled");
       lose_sensors(~absent_);
     }
@@ -152,13 +153,13 @@ class Session {
       const unsigned of = bit(axis->number());
       if ((axes & visible_ & of) == 0 || host::plant_held(options_.link, axis->number())) continue;
       ended = "plant_node has ended at tick " + tick_of(axis->number()) +
-              ", the session is over, the axis disabled";
+              "; the session ends, the axis is disabled";
       return;
     }
     const unsigned newly = axes & ~absent_;
     if (newly == 0) return;
     report("plant_node silent (" + host::axes_text(newly) + ") at tick " +
-           tick_of(options_.first_axis) + ": waits for it, the axis disabled");
+           tick_of(options_.first_axis) + ": the axis waits for it, disabled");
     if (absent_ == 0) {
       due_ = Clock::now();
       silent_since_ = due_ - options_.link.timeouts.running;
@@ -265,13 +266,13 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
     failure = "plant_node silent for " +
               std::to_string((ever ? timeouts.running : timeouts.start).count()) + " ms (" +
               host::axes_text(silent) + "): " +
-              (ever ? "it ended or hangs; the axis is disabled, code 0"
-                    : "it never asked; is it running, on this link and with this run id?");
+              (ever ? "it has ended or does not respond; the axis is disabled, DAC code 0"
+                    : "it never sent a tick; does it run on this link and with this run id?");
   }
   if (session && !session->ended.empty()) std::cerr << "axis_node: " << session->ended << '\n';
   if (!session && stopped != 0 && !exchange.finished()) {
     failure = std::string("ended by ") + (stopped == SIGINT ? "SIGINT" : "SIGTERM") +
-              " before the run was over";
+              " before the end of the run";
   }
   nodes::JsonObject o;
   o.add("node", "axis")
@@ -327,44 +328,48 @@ int main(int argc, char **argv) {
   nodes::NodeOptions options;
   AxisOptions own;
   CLI::App app(
-      "The firmware of one or several axes, tick by tick in lock-step with plant_node.\n"
-      "Prints one line when ready and one JSON object at the end. If the plant falls silent, the "
-      "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed "
-      "(plant_node silent) or the journal is not whole, 2 wrong usage or input, 130 and 143 ended "
-      "by SIGINT and SIGTERM, journal and report written. A session (--endless) that was ended is "
-      "0.");
+      "The firmware of one or several axes, tick by tick in lock-step with "
+      "plant_node.\n"
+      "Prints one line when ready and one JSON object at the end. If the plant becomes "
+      "silent, the axes compute one tick without sensors and are disabled. Exit "
+      "status: 0 complete, 1 the run failed (plant_node silent) or the journal is "
+      "incomplete, 2 wrong usage or input, 130 and 143 ended by SIGINT and SIGTERM "
+      "with journal and report. A session (--endless) that was ended has status 0.");
   nodes::add_options(app, options);
   app.add_option("--can", own.can, "CAN interface on which the axes are CANopen nodes (vcan0).");
-  app.add_option("--modbus", own.modbus, "Serial device on which they are Modbus RTU units.");
-  app.add_option("--modbus-baud", own.modbus_baud, "Its speed; 8 data bits, even parity.")
+  app.add_option("--modbus", own.modbus, "Serial device on which the axes are Modbus RTU units.");
+  app.add_option("--modbus-baud", own.modbus_baud,
+                 "Bit rate of the serial device; 8 data bits, even parity.")
       ->check(CLI::IsMember({9600, 19200, 38400, 57600, 115200, 230400}))
       ->capture_default_str();
-  app.add_option(
-         "--node-id", own.node_id,
-         "CANopen node and Modbus unit of the first axis, the others follow; 0: the stored "
-         "one, else 1; 255: the stored ones, else silent until LSS gives them. Default: the "
-         "number of the axis.")
+  app.add_option("--node-id", own.node_id,
+                 "CANopen node id and Modbus unit of the first axis; the others follow. 0: the "
+                 "stored id, else 1. 255: the stored id, else the node is silent until LSS "
+                 "assigns one. Default: the number of the axis.")
       ->check(CLI::Range(0, 127) | CLI::IsMember({FW_NODE_ID_BY_LSS}));
-  app.add_option("--serial", own.serial,
-                 "Serial number of the first axis (1018h:4), the others follow. Default: made of "
-                 "this host's name and the number of the axis.");
+  app.add_option(
+      "--serial", own.serial,
+      "Serial number of the first axis (1018h:4); the others follow. Default: computed from "
+      "this host's name and the number of the axis.");
   app.add_option("--store", own.store,
-                 "File that keeps the stored parameters; of several axes FILE.1, FILE.2, ...");
-  app.add_option("--journal", own.journal,
-                 "File for everything the firmware receives, for `forceaxis replay`; of several "
-                 "axes FILE.1, FILE.2, ...");
+                 "File with the stored parameters; FILE.1, FILE.2, ... for several axes.");
+  app.add_option(
+      "--journal", own.journal,
+      "Journal file with all inputs of the firmware, for `forceaxis replay`; FILE.1, FILE.2, "
+      "... for several axes.");
   app.add_option("--hold", own.hold_s,
-                 "Seconds to go on serving the buses after the plant fell silent, disabled.")
+                 "Time in s in which the disabled axes still serve their buses after the plant "
+                 "became silent.")
       ->check(nodes::real_range(0, 86400))
       ->capture_default_str();
   app.add_flag("--serve", own.serve,
-               "Read runs from standard input, one a line: run number, experiment and overrides, "
+               "Read runs from standard input, one per line: run number, experiment and overrides, "
                "separated by tabs.");
   app.footer(
       "Example:\n"
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
       "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
-      "with its buses, in real time, for clients of every kind:\n"
+      "in real time, with CAN, a store and a journal:\n"
       "  axis_node sim/experiments/contact.toml --pace real --can vcan0 --store axis.bin \\\n"
       "    --journal axis.journal &\n"
       "  plant_node sim/experiments/contact.toml --pace real");
@@ -375,7 +380,8 @@ int main(int argc, char **argv) {
   }
   return nodes::guarded("axis_node", [&] {
     if (own.serve && options.endless) {
-      throw nodes::UsageError("--endless: expected without --serve, whose runs end");
+      throw nodes::UsageError(
+          "--endless: expected no --serve beside it, because its runs have a duration");
     }
     if (own.serve) return serve(options, own);
     if (options.files.empty()) {

@@ -132,7 +132,7 @@ void GatewayAxis::lose(const std::string &why, std::int64_t milliseconds) {
   nmt_state_ = axis_state_t::NMT_SILENT;
   publisher_.loud_event(
       axis_event_t::EVENT_HEARTBEAT_LOST, milliseconds,
-      why + ": nothing heard of the node for " + std::to_string(milliseconds) + " ms");
+      why + ": no message from the node for " + std::to_string(milliseconds) + " ms");
 }
 
 void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
@@ -190,7 +190,7 @@ Task<bool> GatewayAxis::find() {
   if (!reported_waiting_) {
     reported_waiting_ = true;
     publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                          "waiting for the node, it does not answer");
+                          "the node does not answer; set-up waits for it");
   }
   co_return false;
 }
@@ -205,7 +205,7 @@ bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
     if (!reported_locked_) {
       reported_locked_ = true;
       publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                            "set-up waits: another source owns the axis");
+                            "set-up waits, because another source owns the axis");
     }
     return true;
   }
@@ -246,7 +246,7 @@ Task<bool> GatewayAxis::set_up() {
   reported_waiting_ = false;
   publisher_.event(
       axis_event_t::EVENT_NODE, nmt_state_,
-      mismatch_ ? "watched only: its object table is another one" : "set up and started");
+      mismatch_ ? "monitored only, because its object table differs" : "set up and started");
   co_return true;
 }
 
@@ -263,10 +263,10 @@ Task<bool> GatewayAxis::identify() {
     const std::string found = !ours       ? "another product"
                               : hash.ok() ? "object table " + hash_text(table_hash_)
                                           : "no object table";
-    publisher_.loud_event(axis_event_t::EVENT_TABLE_MISMATCH, table_hash_,
-                          "expected object table " + hash_text(AXIS_OBJECTS_HASH32) +
-                              ", the axis has " + found +
-                              ": writes are refused; build gateway and firmware from one table");
+    publisher_.loud_event(
+        axis_event_t::EVENT_TABLE_MISMATCH, table_hash_,
+        "expected object table " + hash_text(AXIS_OBJECTS_HASH32) + ", the axis has " + found +
+            "; writes are refused; build gateway and firmware from one object table");
   }
   co_return true;
 }
@@ -316,8 +316,8 @@ Task<bool> GatewayAxis::watch_each_other() {
   if (!place) {
     publisher_.loud_event(
         axis_event_t::EVENT_NOTE, kNotAvailable,
-        "expected a free heartbeat consumer (1016h), all four watch other nodes: the axis "
-        "will not notice when this gateway ends");
+        "expected a free heartbeat consumer (1016h), but all four monitor other nodes; the axis "
+        "will not detect the end of this gateway");
     co_return true;
   }
   co_return co_await ensure(*place, wanted, "heartbeat consumer");

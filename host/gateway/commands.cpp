@@ -140,7 +140,8 @@ std::optional<std::string> GatewayCommands::why_not_again(Id id) {
   const auto client = forgotten_.find(id.first);
   if (client != forgotten_.end() && id.second <= client->second.command_id) {
     return "command " + std::to_string(id.second) +
-           " may have been carried out already: too many others came since; read what it wrote";
+           " may have been executed before: too many other commands came since; read the objects "
+           "that it writes";
   }
   if (forgotten_.size() >= kMostForgotten) {
     const std::int64_t now_us = lcm_bus::wall_us();
@@ -183,12 +184,12 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
   if (by_address) return std::nullopt;
   if (axis_.mismatch()) {
     return "the axis has object table " + hash_text(axis_.table_hash()) + ", this gateway " +
-           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are carried out";
+           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are executed";
   }
   if (!axis_.writes_allowed()) return std::string("the axis is not set up yet");
   if (command.objects_hash != static_cast<std::int64_t>(AXIS_OBJECTS_HASH32)) {
     return "the client has object table " + hash_text(command.objects_hash) + ", the axis " +
-           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are carried out";
+           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are executed";
   }
   return std::nullopt;
 }
@@ -259,16 +260,16 @@ std::string reason_of(const ObjectResult &result, std::uint16_t object, const Ga
                 ? std::string("another source owns the axis")
                 : "the axis belongs to " +
                       host::enum_text(AXIS_OBJ_COMMAND_SOURCE, static_cast<std::int32_t>(owner))) +
-           ", take it first (abort 08000021h)";
+           "; acquire it first (abort 08000021h)";
   }
   if (object != AXIS_OBJ_NONE) {
     const axis_object_meta_t &meta = host::object_meta(object);
     if (result.abort == 0x06090031 || result.abort == 0x06090032) {
-      return canopen::abort_text(result.abort) + ", raw values go from " +
+      return canopen::abort_text(result.abort) + ", expected a raw value from " +
              std::to_string(meta.min) + " to " + std::to_string(meta.max);
     }
     if (result.abort == canopen::kAbortState && std::string_view(meta.writable) != "any") {
-      return canopen::abort_text(result.abort) + ", it is written with the " +
+      return canopen::abort_text(result.abort) + ", write it with the " +
              (std::string_view(meta.writable) == "disabled" ? "axis disabled" : "recorder idle");
     }
   }
@@ -287,9 +288,9 @@ Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t 
       co_return refused(std::move(answer), name, value, 0, "no such object");
     }
     if (!fits(value, target->address)) {
-      co_return refused(
-          std::move(answer), name, value, 0,
-          std::to_string(value) + " is no value of type " + host::object_meta(target->object).type);
+      co_return refused(std::move(answer), name, value, 0,
+                        std::to_string(value) + " is not a value of type " +
+                            host::object_meta(target->object).type);
     }
     const ObjectResult result = co_await axis_.lcm_port().write(target->address, value);
     if (result.abort == canopen::kAbortLocked) {
@@ -354,7 +355,7 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
     co_return answer;
   }
   if (capturing_) {
-    answer.text = "another capture is under way; stop it by writing 0 to recorder_arm";
+    answer.text = "another recording is in progress; write 0 to recorder_arm to stop it";
     co_return answer;
   }
   // The recording of an incident is already complete.

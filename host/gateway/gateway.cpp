@@ -82,7 +82,7 @@ class Gateway {
     loop_.spawn(begin());
     loop_.run();
     const lcm_bus::Drops drops = lcm_.drops();
-    if (drops.total() != 0) std::cerr << "gateway: LCM in all: " << drops.text() << std::endl;
+    if (drops.total() != 0) std::cerr << "gateway: LCM in total: " << drops.text() << std::endl;
     return status_;
   }
 
@@ -295,14 +295,15 @@ class Gateway {
 int main(int argc, char **argv) {
   GatewayOptions options;
   CLI::App app(
-      "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes "
-      "their state, events and captures over LCM and takes commands there, and serves Modbus TCP, "
-      "unit id = axis. Prints one line when ready.\n"
-      "Ends on SIGTERM or SIGINT: axes of CANopen and of its own clients stop by quick stop "
-      "first, for which a second signal does not wait. If it is killed, they miss its "
-      "heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another "
-      "gateway is there, 2 wrong usage, 130 and 143 ended at once by a second SIGINT or "
-      "SIGTERM.");
+      "CANopen master of axes on a CAN bus: sets up and starts the axes, publishes "
+      "their states, events and recordings over LCM, accepts commands over LCM, and "
+      "serves Modbus TCP, where the unit is the node id of the axis. Prints one line "
+      "when ready.\n"
+      "Ends on SIGTERM or SIGINT. Axes that CANopen or a client of the gateway owns "
+      "make a quick stop first; a second signal ends the gateway without waiting for "
+      "them. If the gateway is killed, they miss its heartbeat and are disabled. Exit "
+      "status: 0 ended, 1 no CAN, LCM or port, or another gateway has its node id, 2 "
+      "wrong usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
   add_gateway_options(app, options);
   app.footer(
       "Example:\n"

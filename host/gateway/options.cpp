@@ -108,16 +108,17 @@ AxisSettings::Parameter parameter_of(const std::string &set, const std::string &
 void add_gateway_options(CLI::App &app, GatewayOptions &o) {
   app.formatter(std::make_shared<nodes::Help>());
   app.add_option("--can", o.can, "CAN interface of the axes.")->capture_default_str();
-  app.add_option("--axes", o.axes,
-                 "Node ids, which are Modbus units and LCM channels too: 1,2 or 1-6.")
+  app.add_option(
+         "--axes", o.axes,
+         "Node ids of the axes, such as 1,2 or 1-6; they are also Modbus units and LCM channels.")
       ->capture_default_str();
   app.add_option("--lcm-url", o.lcm_url,
-                 "LCM bus, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
-                 "udpm://239.255.76.67:7667?ttl=0, this machine.");
+                 "LCM URL, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
+                 "udpm://239.255.76.67:7667?ttl=0 on this machine.");
   app.add_option(
          "--lcm-remote", o.lcm_remote,
-         "Takes LCM commands from these addresses too, such as 192.168.1.0/24; default: from "
-         "this machine alone. LCM knows no passwords. Repeatable.")
+         "Also accept LCM commands from these addresses, such as 192.168.1.0/24; default: from "
+         "this machine only. LCM has no passwords. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("ADDRESS/MASK");
@@ -125,28 +126,30 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
   app.add_option("--modbus-bind", o.modbus_address,
-                 "Address it listens on; 0.0.0.0 lets other machines in, and Modbus knows no "
+                 "Address of the Modbus server; 0.0.0.0 accepts other machines, and Modbus has no "
                  "passwords.")
       ->capture_default_str();
-  app.add_option("--node-id", o.node_id, "The gateway's own node id, for its heartbeat.")
+  app.add_option("--node-id", o.node_id, "Node id of the gateway, for its heartbeat.")
       ->check(CLI::Range(1, kMostNodes))
       ->capture_default_str();
-  app.add_option("--sync-hz", o.sync_hz, "SYNCs and states published a second.")
+  app.add_option("--sync-hz", o.sync_hz, "Rate in Hz of SYNC and of published states.")
       ->check(real_range(1, 200))
       ->capture_default_str();
-  app.add_option("--heartbeat-ms", o.heartbeat_ms, "From one heartbeat to the next, both ways.")
+  app.add_option("--heartbeat-ms", o.heartbeat_ms, "Heartbeat period in ms of gateway and axes.")
       ->check(CLI::Range(10, 10000))
       ->capture_default_str();
-  app.add_option("--watch-ms", o.watch_ms,
-                 "Without a heartbeat of the gateway for that long an axis is disabled; default: "
-                 "three heartbeats.")
+  app.add_option(
+         "--watch-ms", o.watch_ms,
+         "Time in ms without heartbeat of the gateway after which an axis is disabled; default: "
+         "three heartbeat periods.")
       ->check(CLI::Range(20, 65535));
-  app.add_option("--sdo-timeout-ms", o.sdo_timeout_ms, "How long an axis may take to answer.")
+  app.add_option("--sdo-timeout-ms", o.sdo_timeout_ms,
+                 "Time in ms within which an axis must answer.")
       ->check(CLI::Range(10, 10000))
       ->capture_default_str();
   app.add_option("--set", o.sets,
                  "NAME=VALUE: a parameter that the gateway writes whenever it sets up an axis, in "
-                 "engineering units; N:NAME=VALUE for axis N alone. Repeatable.")
+                 "engineering units; N:NAME=VALUE for axis N only. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("NAME=VALUE");
@@ -175,7 +178,7 @@ void finish_gateway_options(GatewayOptions &o) {
   }
   if (o.watch_ms == 0) o.watch_ms = 3 * o.heartbeat_ms;
   if (o.watch_ms <= o.heartbeat_ms) {
-    throw UsageError("--watch-ms: expected more than one heartbeat, " +
+    throw UsageError("--watch-ms: expected more than one heartbeat period, " +
                      std::to_string(o.heartbeat_ms) + " ms");
   }
   if (o.watch_ms > 65535) throw UsageError("--heartbeat-ms: expected at most 21845");
@@ -184,7 +187,7 @@ void finish_gateway_options(GatewayOptions &o) {
   for (std::size_t i = 0; i < axes.size(); ++i) {
     if (axes[i] == o.node_id) {
       throw UsageError("--node-id " + std::to_string(o.node_id) +
-                       ": expected another than that of an axis, --axes " + o.axes);
+                       ": expected a node id that no axis has, --axes " + o.axes);
     }
     AxisSettings s;
     s.number = axes[i];

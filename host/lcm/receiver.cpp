@@ -74,7 +74,7 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   if (done) return s;
   const std::string why = std::strerror(errno);
   if (s >= 0) close(s);
-  throw LcmError(url + ": expected to be able to receive from this machine alone, " + why);
+  throw LcmError(url + ": cannot receive LCM messages, " + why);
 }
 
 // Receives the first pending datagram, or returns nothing.
@@ -126,7 +126,7 @@ std::optional<Network> network_of(const std::string &text, std::string &trouble)
     return std::nullopt;
   }
   if ((*address & ~*mask) != 0) {
-    trouble = "expected an address without bits outside its mask, here " +
+    trouble = "expected an address without bits outside its mask, such as " +
               text_of(*address & *mask) + text.substr(slash);
     return std::nullopt;
   }

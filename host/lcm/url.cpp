@@ -86,7 +86,7 @@ std::string trouble(const std::string &url) {
   close(s);
   if (there) return "";
   return url +
-         ": expected a route for multicast, there is none; give the loopback interface one: "
+         ": expected a route for multicast, got none; add one to the loopback interface with "
          "`ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo`";
 }
 

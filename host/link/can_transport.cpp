@@ -89,7 +89,7 @@ class CanTransport : public Transport<Out, In> {
         if (++tries == kRoomTries) return;
         std::this_thread::sleep_for(kRoomWait);
       } else if (n != -EINTR) {
-        throw TransportError(socket_.interface() + ": expected to be able to send, " + why(-n));
+        throw TransportError(socket_.interface() + ": cannot send, " + why(-n));
       }
     }
   }
@@ -100,7 +100,7 @@ class CanTransport : public Transport<Out, In> {
     const int n = socket_.receive({frames.data(), std::min(records.size(), kFrames)});
     if (n < 0) {
       if (n == -EAGAIN || n == -EINTR) return 0;
-      throw TransportError(socket_.interface() + ": expected to be able to receive, " + why(-n));
+      throw TransportError(socket_.interface() + ": cannot receive, " + why(-n));
     }
     std::size_t count = 0;
     for (int i = 0; i < n; ++i) {

@@ -102,9 +102,10 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
     } else if (quiet != 0) {
       throw LinkSilent("axis_node (" + axes_text(quiet) + ") silent for " + seconds_text(allowed) +
                        " at tick " + std::to_string(inputs[0].tick) +
-                       ((answered_ & quiet) != 0 ? ": it ended, hangs or runs a shorter experiment"
-                                                 : ": it never answered; is it running, on this "
-                                                   "link and with this run id?"));
+                       ((answered_ & quiet) != 0
+                            ? ": it has ended, does not respond or runs a shorter experiment"
+                            : ": it never answered; does it run on this "
+                              "link and with this run id?"));
     }
     if (late) late();
     if (now >= repeat_at) {

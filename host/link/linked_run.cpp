@@ -159,7 +159,7 @@ class LinkedPlants::Session {
     silent_since_.reset();
     session_.report(tick_, false,
                     "axis_node was silent for " + ends_.report.interruptions.add(time) +
-                        "; goes on at tick " + std::to_string(tick_));
+                        "; continues at tick " + std::to_string(tick_));
   }
 
  private:
@@ -168,8 +168,8 @@ class LinkedPlants::Session {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
     session_.report(tick_, false,
-                    "stopped for " + ends_.report.interruptions.add(*stalled) +
-                        "; goes on at tick " + std::to_string(tick_));
+                    "suspended for " + ends_.report.interruptions.add(*stalled) +
+                        "; continues at tick " + std::to_string(tick_));
     return true;
   }
 
@@ -183,7 +183,7 @@ class LinkedPlants::Session {
     silent_since_ = Clock::now() - ends_.options.timeouts.running;
     session_.report(tick_, true,
                     "axis_node (" + axes_text(axes) + ") silent at tick " + std::to_string(tick_) +
-                        ": waits for it, the plant stands still");
+                        ": the plant waits for it");
   }
 
   Ends &ends_;

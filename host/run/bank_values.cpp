@@ -34,7 +34,7 @@ void read_section(const sim::Section &section, const toml::node &node, std::int3
       section.fail("sections",
                    "expected numbers from -16 to 16, got " +
                        (cell.is_number() ? sim::number_text(value) : sim::kind_of(cell)) +
-                       "; scale the section and take the gain apart");
+                       "; scale the section and increase the gain of the bank");
     *coefficients++ = static_cast<std::int32_t>(std::lround(value * kCoefficientsPerUnit));
   }
 }

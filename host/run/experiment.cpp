@@ -48,7 +48,8 @@ ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
   section.finish();
   const std::size_t reads = section.choice("force", "choose one of them");
   if (!model.adc[0])
-    section.fail("force", "expected a model with an ADC 0, it has none; remove this sensor");
+    section.fail("force",
+                 "expected a model with ADC 0, got a model without it; remove this sensor");
   return static_cast<ForceSensor>(reads);
 }
 
@@ -129,7 +130,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
     section.fail(criterion.contact_losses_max ? "contact_losses_max"
                  : criterion.peak_force_max_N ? "peak_force_max_N"
                                               : "peak_force_max_percent",
-                 "expected a model with a contact, this one has none; remove the key");
+                 "expected a model with a contact, got a model without one; remove the key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
       !criterion.position_ripple_max_count && !criterion.judges_force() && !criterion.judges_run())
     section.fail("contact_held",
@@ -161,7 +162,7 @@ std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model
     if (std::find(columns.begin(), columns.end(), name) != columns.end() ||
         std::find(traced.begin(), traced.end(), *object) != traced.end())
       section.fail("objects", "expected each column once, got " + sim::in_quotes(name) +
-                                  ", which the trace has already; remove it");
+                                  ", which is a column of the trace already; remove it");
     traced.push_back(*object);
   }
   return traced;
@@ -279,7 +280,8 @@ std::vector<sim::Override> read_set(Section &section, std::set<std::string> &nam
 void check_converters(const Section &root, const Experiment &experiment) {
   const sim::Model &model = *experiment.model;
   if (model.dac.bits != 12) {
-    throw InputError(model.file, "dac.bits", "expected 12, the width of the firmware's codes");
+    throw InputError(model.file, "dac.bits",
+                     "expected 12, the resolution of the firmware's DAC in bits");
   }
   const std::uint16_t adc_bits = *find_object("adc_bits");
   std::int64_t bits = object_meta(adc_bits).initial;
@@ -289,7 +291,7 @@ void check_converters(const Section &root, const Experiment &experiment) {
   for (const auto &adc : model.adc) {
     if (adc && adc->bits != bits) {
       root.fail("firmware.adc_bits", "expected " + std::to_string(adc->bits) +
-                                         ", the width of the model's ADC, got " +
+                                         ", the resolution of the model's ADC in bits, got " +
                                          std::to_string(bits));
     }
   }
@@ -452,8 +454,8 @@ void expect_judged(const Experiment &experiment) {
   const auto &criterion = experiment.criterion;
   if (!criterion || !criterion->judges_force() || force_task(experiment)) return;
   throw InputError(experiment.file.string(), "verdict.held_force_error_max_percent",
-                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
-                   "reads a force; remove the limits of force, overshoot and settling");
+                   "expected an experiment whose last force set-point is not 0 and whose ADC 0 "
+                   "measures a force; remove the limits of force, overshoot and settling time");
 }
 
 void expect_used(const Experiment &experiment) {
@@ -461,10 +463,10 @@ void expect_used(const Experiment &experiment) {
   if (idle.empty()) return;
   throw InputError(experiment.file.string(), "set." + idle.front(),
                    idle.size() == 1
-                       ? "expected a parameter that the model or the experiment uses, this one "
-                         "changes nothing here; remove it"
+                       ? "expected a parameter that the model or the experiment uses, but this one "
+                         "has no effect here; remove it"
                        : "expected parameters that the model or the experiment uses, got " +
-                             sim::joined(idle) + ", which change nothing here; remove them");
+                             sim::joined(idle) + ", which have no effect here; remove them");
 }
 
 Experiment load_experiment(const std::filesystem::path &file,

@@ -99,7 +99,7 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
     frame.remote = length == "R";
     if (frame.remote == 0) {
       const auto data = line.bytes("up to 8 bytes", 8);
-      if (length != std::to_string(data.size())) line.fail("as many bytes as the length says");
+      if (length != std::to_string(data.size())) line.fail("as many bytes as the length states");
       frame.length = static_cast<std::uint8_t>(data.size());
       std::copy(data.begin(), data.end(), frame.data);
     }
@@ -142,14 +142,14 @@ int lock_journal(int opened, const std::filesystem::path &file) {
     throw sim::InputError(file.string(), kJournalOption, what);
   };
   if (flock(opened, LOCK_EX | LOCK_NB) != 0) {
-    fail("expected a file of its own, another process writes its journal here");
+    fail("expected a file that no other process uses, but one writes its journal here");
   }
   struct stat is {};
   std::string title(sizeof kJournalTitle - 1, '\0');
   if (fstat(opened, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
       (pread(opened, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
        title != kJournalTitle)) {
-    fail("expected a new file or an old journal, not to lose what is here");
+    fail("expected a new file or a journal, got another file; choose another name");
   }
   return opened;
 }

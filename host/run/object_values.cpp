@@ -54,7 +54,7 @@ class Scales {
     if (of_rated_force(meta.name)) return Scale{Dimension::force, 1e6 / rated_force_mN_};
     auto found = unit.substr(0, 5) == "count" || unit.substr(0, 4) == "code"
                      ? of_counts(meta)
-                     : std::variant<Scale, Obstacle>("it measures nothing that the model has");
+                     : std::variant<Scale, Obstacle>("the model has no quantity that it measures");
     if (auto *scale = std::get_if<Scale>(&found); scale != nullptr && meta.min >= 0)
       scale->per_unit = std::fabs(scale->per_unit);
     return found;
@@ -80,7 +80,7 @@ class Scales {
     if (gain || of_reading || of_both) {
       if (!reading_) return "the model has no ADC 0";
       if (of_reading) return Scale{*reading_, counts_per_reading_};
-      if (*reading_ != Dimension::force) return "the model's ADC 0 does not read a force";
+      if (*reading_ != Dimension::force) return "ADC 0 of the model does not measure a force";
       if (gain) return Scale{Dimension::volt_per_force, codes_per_volt_ / counts_per_reading_};
     }
     if (!encoder_) return "the model has no encoder";
@@ -93,13 +93,13 @@ class Scales {
       return Scale{Dimension::volt_per_velocity, codes_per_volt_ * kTicks / scale};
     if (drive_moved_ && std::string_view(meta.part) == "drive" && meta.min < 0 &&
         name != "home_offset")
-      return "polarity or home_offset makes it differ from the model's";
+      return "polarity or home_offset is not 0, so it differs from the position of the model";
     if (unit == "count") return Scale{Dimension::length, scale};
     if (unit == "count/s") return Scale{Dimension::velocity, scale};
     if (unit == "count/s^2") return Scale{Dimension::acceleration, scale};
     if (unit == "count/tick") return Scale{Dimension::velocity, scale / kTicks};
     if (unit == "count/tick^2") return Scale{Dimension::acceleration, scale / (kTicks * kTicks)};
-    return "its unit is not known";
+    return "the unit of this object has no conversion";
   }
 
   std::optional<sim::Encoder> encoder_;

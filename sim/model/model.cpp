@@ -219,7 +219,7 @@ void check_frictions(const Model &model) {
     if (a == b)
       throw InputError(
           model.file, std::string(key) + "[" + std::to_string(i) + "].between",
-          "expected frictions that form no loop, got a second way between the ends of " +
+          "expected frictions that form no loop, got a second path between the ends of " +
               in_quotes(friction.name) + "; remove one friction of the loop");
     std::replace(group.begin(), group.end(), a, b);
   };
@@ -248,8 +248,8 @@ void check_used(const Source &source) {
   source.fail(
       "parameters." + idle.front(),
       idle.size() == 1
-          ? "expected a parameter that this model uses, got one nothing refers "
-            "to; remove it, use its name, or mark it with documentation = true"
+          ? "expected a parameter that this model uses, but nothing refers "
+            "to this one; remove it, use its name, or mark it with documentation = true"
           : "expected parameters that this model uses, got " + joined(idle) +
                 ", which nothing refers to; remove them, use their names, or mark them with "
                 "documentation = true");
