@@ -10,9 +10,9 @@
     from_json(Margins, json.loads(text))    the dataclass; InputError where a key or a type differs
 
 The keys are the names of the fields in their order, or the field's `key`. A field with `omit_none`
-has no key while it is None, and comes after the others. NumPy's arrays and scalars become lists and numbers, paths become
-texts, tuples become lists, nan and infinities stay floats (json.dumps(allow_nan=False) refuses
-them, and so a result holds None instead).
+has no key while it is None, and comes after the others. NumPy's arrays and scalars become lists and
+numbers, paths become texts, tuples become lists. nan and infinities stay floats; a result holds
+None instead, since json.dumps(allow_nan=False) refuses them.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import cattrs
 import numpy as np
-from cattrs.gen import AttributeOverride, make_dict_structure_fn, make_dict_unstructure_fn, override
+from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
 from forceaxis._core import InputError
 
@@ -38,7 +38,7 @@ def json_field(*, key: str | None = None, omit_none: bool = False, **given: Any)
     return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none}, **given)
 
 
-def _overrides(kind: type) -> dict[str, AttributeOverride]:
+def _overrides(kind: type) -> dict[str, Any]:
     return {
         field.name: override(
             rename=field.metadata.get(KEY),
@@ -50,12 +50,12 @@ def _overrides(kind: type) -> dict[str, AttributeOverride]:
 
 def _to_dict(kind: type) -> Any:
     # Types that stand in texts and those behind `Any` are found from the value itself.
-    return make_dict_unstructure_fn(kind, _converter, **_overrides(kind))  # type: ignore[arg-type]
+    return make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
 
 
 def _from_dict(kind: type) -> Any:
     return make_dict_structure_fn(
-        kind, _converter, _cattrs_forbid_extra_keys=True, **_overrides(kind)  # type: ignore[arg-type]
+        kind, _converter, _cattrs_forbid_extra_keys=True, **_overrides(kind)
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
-from forceaxis import paths, toml
+from forceaxis import paths, progress, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, friction, reduced, sets, simulate
 from forceaxis.design.search import Goal
@@ -22,7 +22,6 @@ from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, 
 from forceaxis.linear import system as linear
 from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
-from forceaxis.progress import counted
 
 SPAN = (1 / 20, 4.0)  # of the model's own stiffness
 POINTS_MAX = 40
@@ -75,7 +74,7 @@ def compliance(
         overrides, mode = design.overrides, design.working()
     rows = [
         _point(text, element, float(value), overrides, over, bits, setpoint, threads, states)
-        for value in counted(np.geomspace(low, high, points), "stiffnesses")
+        for value in progress.each(np.geomspace(low, high, points), "stiffnesses")
     ]
     return {
         "model": paths.display(design.model),
