@@ -10,9 +10,9 @@ namespace forceaxis::lcm_bus {
 
 // The parts of a URL, with defaults for omitted parts.
 struct Place {
-  std::uint32_t group;  // multicast address in host byte order
+  std::uint32_t group;  // address of the multicast group in host byte order
   std::uint16_t port;
-  int receive_bytes;  // receive buffer of a socket in bytes; 0: default of the machine
+  int receive_bytes;  // receive buffer of the socket in bytes; 0: default of the machine
 };
 
 // Returns the parts of a URL for which url_trouble() returns an empty text.

@@ -16,8 +16,8 @@
 namespace forceaxis::host {
 
 struct FirmwareOptions {
-  bool hash = false;                    // compute the trace hash that hash() returns
-  const fw_config_t *config = nullptr;  // NULL: the axis has no bus
+  bool hash = false;                    // The trace hash for hash() is computed.
+  const fw_config_t *config = nullptr;  // configuration of the firmware; NULL: the axis has no bus
   // Called with every write of the experiment before the firmware receives it. The tick of initial
   // writes is 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};

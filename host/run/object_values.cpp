@@ -113,8 +113,8 @@ class Scales {
 // A number in the unit of the object, and its source.
 struct Value {
   double number;
-  bool converted;      // the number is rounded to the nearest raw value
-  std::string origin;  // text of the source, " (\"75 N\")", or empty
+  bool converted;      // The number is rounded to the nearest raw value.
+  std::string origin;  // text of the source for messages, " (\"75 N\")", or empty
 };
 
 // Refuses a text that is neither a quantity nor a parameter.
@@ -225,14 +225,15 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const auto written = [&](std::string_view name) -> double {
     const std::uint16_t object = *find_object(name);
     if (const toml::node *node = section.table().get(name); node != nullptr)
-      return node->value<double>().value_or(1.0);  // a quantity is assumed not to be 0
+      return node->value<double>().value_or(1.0);  // The value of a quantity is assumed not to be
+                                                   // 0.
     for (const ObjectWrite &w : before)
       if (w.object == object) return w.raw;
     return static_cast<double>(object_meta(object).initial);
   };
   Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                 written("polarity") != 0.0 || written("home_offset") != 0.0);
-  const std::string rated = "rated_force";  // may be given as a quantity
+  const std::string rated = "rated_force";  // The value of this object may be a quantity.
   const toml::node *own = section.table().get(rated);
   scales.set_rated_force(own == nullptr ? written(rated)
                                         : read_object(section, rated, *own, scales).raw);
