@@ -26,7 +26,8 @@ constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
 constexpr auto kDropsPeriod = 10s;
-// Limit of frames for one call, so that many frames cannot delay SYNC, heartbeat and LCM.
+// Limit of frames that one call processes, so that many frames cannot delay SYNC, heartbeat and
+// LCM.
 constexpr int kMostFrames = 256;
 // Time for which a gateway listens for another gateway at its start. It is longer than the allowed
 // delay of a heartbeat.

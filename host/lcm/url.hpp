@@ -1,8 +1,8 @@
 #pragma once
-// Checks LCM URLs of axis_node, plant_node and gateway: udpm://ADDRESS:PORT?ttl=N, where each part
-// is optional as for liblcm. liblcm reports an invalid URL in several lines of its own, ignores
-// many errors, and ends the process if a tcpq:// URL has no server. So liblcm gets only URLs that
-// it accepts without a message.
+// Checks the LCM URLs of axis_node, plant_node and gateway. A URL has the scheme udpm, an address,
+// a port and options such as ttl=N, and each part is optional as for liblcm. liblcm reports an
+// invalid URL in several lines of its own, ignores many errors, and ends the process if a URL of
+// the scheme tcpq has no server. So liblcm gets only URLs that it accepts without a message.
 #include <cstdint>
 #include <string>
 

@@ -56,7 +56,7 @@ class FirmwareSide {
     return run_tick(inputs, next_tick_, axis);
   }
 
-  // Appends the raw values of the experiment's traced objects.
+  // Appends the raw values of the experiment's traced objects to `objects`.
   void trace(std::vector<std::int32_t> &objects) const {
     for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
   }

@@ -115,7 +115,7 @@ class Scales {
 // A number in the unit of the object, and its source.
 struct Value {
   double number;
-  bool converted;      // The number is rounded to the nearest raw value.
+  bool converted;      // A converted quantity is rounded to the nearest raw value.
   std::string origin;  // text of the source for messages, " (\"75 N\")", or empty
 };
 

@@ -83,7 +83,7 @@ class PlantSide {
   RunResult finish();
 
  private:
-  // Peak-to-peak value over ticks.
+  // Peak-to-peak value of a quantity over several ticks.
   template <class T>
   class Span {
    public:

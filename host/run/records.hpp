@@ -16,7 +16,7 @@ struct LinkInputs {
   std::uint16_t adc0_code;
   std::uint16_t adc1_code;
   std::uint8_t din;           // digital inputs of the axis, one bit for each
-  std::uint8_t sensor_valid;  // 0: encoder and ADC codes must not be used
+  std::uint8_t sensor_valid;  // 0: the encoder and ADC codes of this record are not valid
   std::uint8_t axis;          // numbered from 1
 };
 

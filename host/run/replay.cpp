@@ -47,7 +47,7 @@ class RamStore {
   store_memory_t memory_{};
 };
 
-// Passes each kind of entry to the firmware.
+// Passes each kind of journal entry to the firmware.
 struct Applier {
   FirmwareSide &firmware;
   fw_t *axis = firmware.axis();

@@ -67,7 +67,7 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
       if (next > a && next < b) s = next;
       return s;
     }
-    // At least every third step halves the bracket.
+    // At least every third step halves the interval that contains the root.
     if (step % 3 == 2) {
       if (b - a > 0.5 * last_width) next = a + 0.5 * (b - a);
       last_width = b - a;

@@ -155,7 +155,7 @@ class Plant {
   /// elements is "off" while the drive is disabled.
   std::vector<std::string> mode() const;
 
-  /// Throws std::logic_error if PlantOptions::audit is false.
+  /// Returns the energy balance. Throws std::logic_error if PlantOptions::audit is false.
   EnergyAudit energy() const;
 
   /// State vector: position in m and velocity in m/s of each body, then the states of the drive

@@ -271,7 +271,7 @@ bool Stepper::cross(double from, double until) {
   int changes_here = 0;
   double doubt = 1.0;
   detector_.set_doubt(doubt);
-  // Several times the number of changes of a cascade through all switches.
+  // Limit of changes at one instant: several times the changes of a cascade through all switches.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;

@@ -38,14 +38,14 @@ struct Wiring {
   static constexpr int kAlways = -1;  ///< value of a selector for a wire with only one sum
   static constexpr int kEnable = -2;  ///< value of a selector between drive disabled and enabled
   struct WireNode {
-    int selector;  ///< index of a switch, or kAlways or kEnable
+    int selector;  ///< index of the switch that selects a sum, or kAlways or kEnable
     std::vector<Terms> cases;
   };
   struct Switch {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;       ///< bit field of the switch in a ModeKey, not shifted
+    ModeKey mask = 0;       ///< mask for the bit field of the switch, not shifted
     bool of_drive = false;  ///< While the drive is disabled, the switch has the state 0.
     int home = 0;
     int stuck = -1;  ///< of a friction: state in which its ends have the same velocity
