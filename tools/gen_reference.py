@@ -46,8 +46,9 @@ counts as stable.
 (`verdict.window_s=2`).
 """
 
-# The signals of a model, which an ADC, a plot and [expect] can name. tests/test_formats.py compares
-# this table with a model that has every kind of element.
+# The signals of a model, which an ADC, a plot and [expect] can name.
+# tests/python/experiments/test_formats.py compares this table with a model that has every kind of
+# element.
 SIGNALS = (
     ("BODY.position", "m", "Position of a body."),
     ("BODY.velocity", "m/s", "Its velocity."),
@@ -178,10 +179,10 @@ pressed, after the window began), `contact_losses` (in the window), `setpoint_ra
 ## Forty experiments
 
 Good and bad in ways that users name, with the verdict of version 0.1.0 and that of today. They are
-run by a test, from `tests/verdicts/cases.toml`.
+run by a test, from `tests/system/verdicts/cases.toml`.
 """
 
-CASES = Path(__file__).resolve().parents[1] / "tests/verdicts/cases.toml"
+CASES = Path(__file__).resolve().parents[1] / "tests/system/verdicts/cases.toml"
 
 
 def verdicts():

@@ -147,10 +147,10 @@ PARALLEL = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 def fuzz(tally, seconds, prefix=()):
     begin = time.monotonic()
     done = subprocess.run(
-        [*prefix, ROOT / "tests/fuzz/run.sh", str(seconds)], capture_output=True, text=True
+        [*prefix, ROOT / "tests/firmware/fuzz/run.sh", str(seconds)], capture_output=True, text=True
     )
     print(done.stdout + done.stderr, end="")
-    fuzzers = [f.stem for f in sorted((ROOT / "tests/fuzz").glob("*_fuzz.c*"))]
+    fuzzers = [f.stem for f in sorted((ROOT / "tests/firmware/fuzz").glob("*_fuzz.c*"))]
     clean = sum(
         bool(re.search(rf"^fuzz {f}: .*nothing found$", done.stdout, re.M)) for f in fuzzers
     )

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "firmware/port/host/firmware.hpp"
-#include "tests/unit/code_oracle.hpp"
+#include "tests/firmware/unit/code_oracle.hpp"
 
 // From one place to another; places wrap.
 inline std::int32_t WayFrom(std::int32_t from, std::int32_t to) {

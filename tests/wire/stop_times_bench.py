@@ -4,7 +4,7 @@ usage: tools/vcan .venv/bin/python tests/wire/stop_times_bench.py [REPETITIONS]
 
 From before a client sends, to the time stamp of the first record of the link (vcan1) with code 0
 and the amplifier off; of a halt, with another code. CANopen owns the axis. The ticks of that table
-are made by tests/unit/fw_stop_test.cpp, which leaves this column as it is.
+are made by tests/firmware/unit/fw_stop_test.cpp, which leaves this column as it is.
 """
 
 import contextlib

@@ -7,16 +7,16 @@ import signal
 import sys
 
 
-def main():
+def main() -> None:
     """The program `forceaxis`."""
     interrupted = False
 
-    def interrupt(*_):
+    def interrupt(*_: object) -> None:
         nonlocal interrupted
         interrupted = True
         raise KeyboardInterrupt
 
-    def unraisable(what):
+    def unraisable(what: "sys.UnraisableHookArgs") -> None:
         # Python drops an exception that it raises in a destructor: the interrupt is sent again.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
@@ -43,22 +43,22 @@ def main():
             signal.signal(signal.SIGINT, lambda *_: os._exit(130))
 
 
-def axis_node():
+def axis_node() -> None:
     """The program `axis_node`: the firmware on a bus."""
     _become("axis_node")
 
 
-def plant_node():
+def plant_node() -> None:
     """The program `plant_node`: the plant on a bus."""
     _become("plant_node")
 
 
-def gateway():
+def gateway() -> None:
     """The program `gateway`: CANopen master, LCM, Modbus TCP."""
     _become("gateway")
 
 
-def _become(name):
+def _become(name: str) -> None:
     from forceaxis.cli.common import fail
     from forceaxis.experiments import link
 

@@ -6,6 +6,7 @@ import io
 import re
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -14,6 +15,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import matplotlib.ticker
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from forceaxis._core import InputError
 from forceaxis.words import plain
@@ -49,7 +54,7 @@ LARGEST = 400_000  # bytes of an SVG in a page; a figure of more points becomes 
 ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
-def style(ax):
+def style(ax: Axes) -> None:
     """Light grid, no box, small type."""
     ax.set_axisbelow(True)
     ax.grid(True, linewidth=0.3, color=GRID)
@@ -61,12 +66,12 @@ def style(ax):
     ax.set_prop_cycle(color=COLORS)
 
 
-def legend(where, **more):
+def legend(where: Axes | Figure, **more: Any) -> Legend:
     """A legend of axes or of a figure: small, without a frame."""
     return where.legend(**({"fontsize": 7, "frameon": False} | more))
 
 
-def plain_ticks(axis):
+def plain_ticks(axis: Axis) -> None:
     """Numbers without powers of ten along a logarithmic axis, at 1, 2 and 5 of each decade where
     it has less than two."""
     low, high = sorted(axis.get_view_interval())
@@ -76,7 +81,7 @@ def plain_ticks(axis):
     axis.set_minor_formatter(matplotlib.ticker.NullFormatter())
 
 
-def decibels(ax, unit=""):
+def decibels(ax: Axes, unit: str = "") -> Axes:
     """A scale in dB, of 1 `unit`, on the right of a logarithmic axis whose limits are final."""
     right = ax.twinx()
     low, high = (20 * np.log10(edge) for edge in ax.get_ylim())
@@ -89,20 +94,20 @@ def decibels(ax, unit=""):
     return right
 
 
-def name_of(file):
+def name_of(file: Path | str) -> str:
     """What a figure calls the axis of a file: the file's name, or that of its folder where every
     axis has a file of that name."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 
 
-def check_name(path):
+def check_name(path: Path | str | None) -> None:
     """Refuse a file to which no figure can be written; to be called before the computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
         raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
-def save(figure, path, kind=None, dpi=DPI):
+def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:
     """Write a figure as `kind`, by default what the name of `path` ends in; equal figures, equal
     bytes."""
     if kind is None:
@@ -113,7 +118,7 @@ def save(figure, path, kind=None, dpi=DPI):
         figure.savefig(path, format=kind, dpi=dpi, metadata=metadata)
 
 
-def uri(figure):
+def uri(figure: Figure) -> str:
     """The figure as a data URI for a page, closed: without a background, so that the page's own
     shows in light and in dark."""
     text, image = io.StringIO(), io.BytesIO()
@@ -130,12 +135,12 @@ def uri(figure):
     return "data:image/png;base64," + base64.b64encode(image.getvalue()).decode()
 
 
-def page_style():
+def page_style() -> str:
     """The style sheet that all pages have in common."""
     return resources.files("forceaxis").joinpath("page.css").read_text(encoding="utf-8")
 
 
-def finish(figure, ax, title):
+def finish(figure: Figure, ax: Axes, title: str) -> None:
     """Title, layout; the figure leaves pyplot's list."""
     ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()

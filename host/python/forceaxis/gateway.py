@@ -1,6 +1,7 @@
 """`forceaxis.axis.session` by the name that scripts import: a session at an axis."""
 
-from forceaxis.axis.axis import MODES, NoAnswer, Refused, trigger_on
+from forceaxis.axis.axis import MODES, trigger_on
 from forceaxis.axis.session import Session, seconds
+from forceaxis.bus.client import NoAnswer, Refused
 
 __all__ = ["MODES", "NoAnswer", "Refused", "Session", "seconds", "trigger_on"]

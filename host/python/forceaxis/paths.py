@@ -5,6 +5,7 @@ import errno
 import os
 import shlex
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 _package = Path(__file__).resolve().parent
@@ -30,15 +31,15 @@ def display(path: Path | str) -> str:
 
 
 def quoted(path: Path | str) -> str:
-    """The same as a word of a shell, quoted where it has blanks."""
+    """The path for display as a word of a shell, quoted where it has blanks."""
     return shlex.quote(display(path))
 
 
 @contextlib.contextmanager
-def replacing(folder, *names):
-    """Paths to write to, which become files `names` of the folder (created) when the block ends
-    without an exception, Ctrl-C too: all of them or none, then without a new folder. Raises
-    OSError."""
+def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
+    """Paths to write to. They become the files `names` of the folder, which is created, when the
+    block ends without an exception (Ctrl-C is one). Otherwise no file is written and no folder
+    remains. Raises OSError."""
     fresh = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
@@ -61,8 +62,9 @@ def replacing(folder, *names):
                 folder.rmdir()  # refused where the files are there
 
 
-def replace_text(file, text):
-    """Write a file whole or not at all; its mode is kept, a link remains a link. Raises OSError."""
+def replace_text(file: Path | str, text: str) -> None:
+    """Replace the contents of a file completely or not at all. The file keeps its mode, a link
+    remains a link. Raises OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     try:

@@ -1,7 +1,10 @@
 """How far a long computation is. A verb shows it on a terminal; elsewhere it prints the phases."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
+from typing import TypeVar
+
+T = TypeVar("T")
 
 shown = ""  # such as "34/98 experiments"
 _tell: Callable[[str], None] | None = None  # of told()
@@ -31,10 +34,13 @@ def phase(text: str) -> Iterator[None]:
         shown = before
 
 
-def counted(items, what, total=None):
-    """The items one by one, while `shown` says how many of them are done. what: their plural."""
+def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+    """Yield the items one by one; meanwhile `shown` says how many of them are done. what: the
+    plural of their name; total: their number, needed where `items` has no length."""
     global shown
-    total, before = len(items) if total is None else total, shown
+    if total is None and isinstance(items, Sized):
+        total = len(items)
+    before = shown
     try:
         for done, item in enumerate(items):
             shown = ", ".join(filter(None, (before, f"{done}/{total} {what}")))

@@ -3,30 +3,33 @@
 import datetime
 import difflib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NoReturn
 
 from forceaxis import _core
 
 
-def read(path: Path | str) -> dict:
+def read(path: Path | str) -> dict[str, Any]:
     """The file's tables. Raises InputError: file, line, what was expected."""
-    return _core.read_toml(str(path))
+    table: dict[str, Any] = _core.read_toml(str(path))
+    return table
 
 
-def read_text(text: str) -> dict:
+def read_text(text: str) -> dict[str, Any]:
     """The tables of a text. Raises InputError."""
-    return _core.parse_toml(text)
+    table: dict[str, Any] = _core.parse_toml(text)
+    return table
 
 
-def write_text(value):
+def write_text(value: Mapping[str, Any]) -> str:
     """A table as TOML, with tables in it written inline; NumPy values as plain ones. Raises
     TypeError for what TOML does not have."""
     return "".join(f"{_text(str(key))} = {_text(item)}\n" for key, item in value.items())
 
 
-def _text(value):
-    """One value."""
+def _text(value: Any) -> str:
+    """One value as TOML writes it."""
     if hasattr(value, "tolist"):  # of NumPy
         value = value.tolist()
     match value:
@@ -45,9 +48,11 @@ def _text(value):
     raise TypeError(f"got {value!r}")
 
 
-def expect_keys(table, known, fail, kind=""):
+def expect_keys(
+    table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
+) -> None:
     """Refuse all keys but the known ones, at once, by fail(key, message), which raises. kind: what
-    they are, in place of the whole list."""
+    the known keys are, in place of the list of them."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

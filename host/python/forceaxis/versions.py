@@ -6,8 +6,8 @@ from importlib.metadata import version
 from forceaxis import _core, objects
 
 
-def rows():
-    """[(what, its version)]: program, firmware, object table, LCM types, formats of files."""
+def rows() -> list[tuple[str, str]]:
+    """Pairs of a name and its version: program, firmware, object table, LCM types, file formats."""
     from forceaxis.bus import messages
 
     types = (getattr(messages, name) for name in sorted(vars(messages)) if name.endswith("_t"))

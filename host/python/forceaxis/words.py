@@ -1,16 +1,17 @@
-"""Numbers as people read them, and names that they may have meant."""
+"""Numbers and texts for people: digits, plurals, control characters, suggestions for a name."""
 
 import difflib
 import re
+from collections.abc import Iterable
 
-# Characters that a terminal obeys instead of showing: control characters of ASCII and of Latin-1,
-# line and paragraph separators, and those that turn the direction of writing.
+# Characters that act on a terminal and are not shown: control characters of ASCII and of Latin-1,
+# line and paragraph separators, and those that change the direction of writing.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
-def plain(value, digits=3):
-    """A number of so many digits, thousands apart from five places on (28,890); an exponent only
-    for what is very large or small."""
+def plain(value: float, digits: int = 3) -> str:
+    """A number with `digits` significant digits; thousands are separated from five places on
+    (28,890); an exponent is used below 1e3 where %g uses it, and from 1e7 on."""
     rounded = float(f"{value:.{digits}g}")
     if not 1e3 <= abs(rounded) < 1e7:
         return f"{value:.{digits}g}"
@@ -20,17 +21,17 @@ def plain(value, digits=3):
 
 
 def printable(text: str, keep: str = "") -> str:
-    """A text that came from a bus or a file, for a terminal: each character that a terminal would
-    obey is shown as an escape (ESC as `\\x1b`). The characters of `keep` stay."""
+    """A text that came from a bus or a file, for a terminal: each character that would
+    act on the terminal is shown as an escape (ESC as `\\x1b`). The characters of `keep` stay."""
     return _OBEYED.sub(lambda c: c[0] if c[0] in keep else ascii(c[0])[1:-1], text)
 
 
-def counted(number, noun):
+def counted(number: int, noun: str) -> str:
     """ "1 mode", "2 modes"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def suggestion(name, known):
-    """The end of a message about an unknown name: what may have been meant, or nothing."""
-    meant = difflib.get_close_matches(name, known, 2, 0.65)
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: "; did you mean NAME?", or an empty text."""
+    meant = difflib.get_close_matches(name, list(known), 2, 0.65)
     return f"; did you mean {' or '.join(meant)}?" if meant else ""

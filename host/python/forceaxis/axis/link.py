@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.linear import plant_facts
 
 __all__ = ["Link", "Live", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
@@ -79,10 +79,10 @@ class Link(abc.ABC):
 
     def use_model(self, model):
         """Takes the encoder's scale of a model (a path). Raises InputError where it has none."""
-        encoder = _core.facts(str(model))["encoder"]
+        encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
             raise InputError(f"{model}: expected a model with an [encoder], it has none")
-        self.counts_per_metre = abs(encoder["scale"])
+        self.counts_per_metre = abs(encoder.scale)
 
     @abc.abstractmethod
     def read(self, names):

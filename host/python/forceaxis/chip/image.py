@@ -16,6 +16,8 @@ BYTES_MAX = 16 << 20  # no larger file is an image: reading one by mistake ends 
 
 
 class Identity(NamedTuple):
+    """What an image says of itself: version, git revision, object table, board."""
+
     version: str
     git: str
     table_hash: str  # eight digits, as objects.OBJECTS_HASH begins
@@ -23,42 +25,48 @@ class Identity(NamedTuple):
 
 
 class Segment(NamedTuple):
+    """Bytes of flash from an address on."""
+
     address: int
     data: bytes
 
     @property
-    def end(self):
+    def end(self) -> int:
+        """The first address behind the segment."""
         return self.address + len(self.data)
 
 
 class Image(NamedTuple):
+    """An image file: its contents of flash."""
+
     path: Path
     kind: str  # elf, hex or bin
     address: int | None  # of a .bin, which has none of its own
     segments: tuple[Segment, ...]  # in the order of their addresses, apart from each other
 
     @property
-    def size(self):
+    def size(self) -> int:
+        """Bytes of all segments."""
         return sum(len(s.data) for s in self.segments)
 
-    def moved(self, address):
-        """A .bin that begins there."""
-        by = address - self.address
+    def moved(self, address: int) -> "Image":
+        """The image of a .bin file, moved to begin at `address`."""
+        by = address - (self.address or 0)
         segments = tuple(Segment(s.address + by, s.data) for s in self.segments)
         return self._replace(address=address, segments=segments)
 
-    def word(self, address):
-        """The 32-bit word there, or None."""
+    def word(self, address: int) -> int | None:
+        """The 32-bit word at `address`; None where the image has no bytes."""
         for s in self.segments:
             if s.address <= address and address + 4 <= s.end:
                 return int.from_bytes(s.data[address - s.address :][:4], "little")
         return None
 
-    def __contains__(self, address):
-        return any(s.address <= address < s.end for s in self.segments)
+    def __contains__(self, address: object) -> bool:
+        return isinstance(address, int) and any(s.address <= address < s.end for s in self.segments)
 
 
-def load(path, address=None):
+def load(path: Path | str, address: int | None = None) -> Image:
     """The image in a file, whose suffix is its kind; a .bin begins at `address`, by default at 0.
     Raises InputError, OSError."""
     path = Path(path)
@@ -76,13 +84,13 @@ def load(path, address=None):
             raise InputError(f"{path}: expected a .bin, this is an ELF file")
     segments = READERS[kind](path, data, address)
     if not segments:
-        raise InputError(f"{path}: expected an image, there is nothing to be written in it")
+        raise InputError(f"{path}: expected an image, the file has no byte for the flash")
     return Image(path, kind, address, joined(path, segments))
 
 
-def joined(path, segments):
-    """Segments in order, neighbours made one."""
-    found = []
+def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
+    """The segments in the order of their addresses; neighbours become one segment."""
+    found: list[Segment] = []
     for s in sorted(segments):
         if found and s.address < found[-1].end:
             raise InputError(f"{path}: expected each byte once, {s.address:#010x} has two")
@@ -92,12 +100,14 @@ def joined(path, segments):
     return tuple(found)
 
 
-def read_bin(_path, data, address):
-    return [Segment(address, data)] if data else []
+def read_bin(_path: Path, data: bytes, address: int | None) -> list[Segment]:
+    """The whole file, as one segment at `address`."""
+    return [Segment(address or 0, data)] if data else []
 
 
-def read_elf(path, data, _address):
-    """What a loader writes: the file's part of every PT_LOAD at its physical address."""
+def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
+    """The bytes that a loader writes: the part of the file of every PT_LOAD entry, at its physical
+    address."""
     if not data.startswith(b"\x7fELF"):
         raise InputError(f"{path}: expected an ELF file")
     try:
@@ -120,23 +130,24 @@ def read_elf(path, data, _address):
             if what != LOADED or not count:
                 continue
             if offset + count > len(data):
-                raise InputError(f"{path}: expected {offset + count} bytes, it ends too early")
+                raise InputError(f"{path}: expected {offset + count} bytes, it has {len(data)}")
             segments.append(Segment(physical, data[offset : offset + count]))
     except (struct.error, IndexError):
-        raise InputError(f"{path}: expected an ELF file, it ends too early") from None
+        raise InputError(f"{path}: expected an ELF file, the file ends too early") from None
     return segments
 
 
-def read_hex(path, data, _address):
+def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
     """Intel HEX: records :nnaaaattdd..cc, addresses above 16 bits by types 2 and 4."""
-    segments, base, ended = [], 0, False
+    segments: list[tuple[int, bytearray]] = []
+    base, ended = 0, False
     for number, line in enumerate(data.split(b"\n"), 1):
         line = line.strip()
         if not line:
             continue
         where = f"{path}:{number}"
         if ended:
-            raise InputError(f"{where}: expected nothing behind the end record")
+            raise InputError(f"{where}: expected no record after the end record")
         try:
             record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
         except ValueError:
@@ -144,7 +155,7 @@ def read_hex(path, data, _address):
         if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
             raise InputError(f"{where}: expected a record of Intel HEX")
         if sum(record) % 256:
-            raise InputError(f"{where}: expected a checksum that fits")
+            raise InputError(f"{where}: expected the checksum of the record")
         at, kind, content = int.from_bytes(record[1:3], "big"), record[3], record[4:-1]
         if kind == 0 and content:
             last = segments[-1] if segments else None
@@ -159,26 +170,26 @@ def read_hex(path, data, _address):
         elif kind not in (0, 3, 5):
             raise InputError(f"{where}: expected a record of type 0 to 5, got {kind}")
     if not ended:
-        raise InputError(f"{path}: expected an end record, it ends too early")
+        raise InputError(f"{path}: expected an end record, the file ends before it")
     return [Segment(address, bytes(content)) for address, content in segments]
 
 
 READERS = {"elf": read_elf, "hex": read_hex, "bin": read_bin}
 
 
-def identity(image):
-    """The identity of an image. Raises InputError unless it holds exactly one."""
-    found = []
+def identity(image: Image) -> Identity:
+    """The identity of an image. Raises InputError unless the image has exactly one identity."""
+    found: list[tuple[bytes, bytes, int, bytes]] = []
     for s in image.segments:
         at = s.data.find(MAGIC)
         while at >= 0:
             head = s.data[at : at + IDENTITY.size]
             if (s.address + at) % 4 == 0 and len(head) == IDENTITY.size:
                 _, size, *fields = IDENTITY.unpack(head)
-                # Fields may be added behind those known here; code that holds the magic has no
-                # such size behind it.
+                # A newer firmware may have more fields. Machine code that contains the magic
+                # number is not followed by such a size.
                 if IDENTITY.size <= size <= 256:
-                    found.append(fields)
+                    found.append((fields[0], fields[1], fields[2], fields[3]))
             at = s.data.find(MAGIC, at + 1)
     if len(found) != 1:
         raise InputError(
@@ -189,6 +200,6 @@ def identity(image):
     return Identity(text(version), text(git), f"{table_hash:08x}", text(board))
 
 
-def text(field):
-    """A field's text, with control characters as '?'."""
+def text(field: bytes) -> str:
+    """The text of a field; a control character becomes "?"."""
     return "".join(chr(b) if 32 <= b < 127 else "?" for b in field.split(b"\0")[0])

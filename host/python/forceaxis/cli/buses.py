@@ -117,10 +117,10 @@ def encoder_mm(model):
     """Return the length in mm of one encoder count of a model."""
     from forceaxis.linear import system
 
-    encoder = system.facts(model)["encoder"]
+    encoder = system.facts(model).encoder
     if not encoder:
         raise InputError(f"--model {model}: expected a model with an encoder")
-    return 1e3 / encoder["scale"]
+    return 1e3 / encoder.scale
 
 
 def serve(settings, host, port):

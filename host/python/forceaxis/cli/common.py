@@ -258,7 +258,7 @@ def completed(ctx, text):
 def _parameters(ctx):
     """Return "NAME=" for each parameter of the model that is on the command line."""
     from forceaxis import _core, toml
-    from forceaxis.linear import settings
+    from forceaxis.linear import plant_facts, settings
 
     # An option without its value, which is what is completed, leaves the words in `args`.
     arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)] + [
@@ -274,7 +274,7 @@ def _parameters(ctx):
         table = toml.read(path)
         if settings.is_experiment(table):
             path = path.parent / table["model"]
-        return [f"{name}=" for name in _core.facts(str(path), {})["parameters"]]
+        return [f"{name}=" for name in plant_facts.read(str(path)).parameters]
     except (_core.InputError, OSError):
         return []
 

@@ -204,7 +204,7 @@ class _Responses:
         the lines: a sharp one is not found by steps of stiffness and mass. Dampings begin large,
         which makes it broad.
         """
-        units = {n: unit for n, (_, unit) in linear.facts(self.model)["parameters"].items()}
+        units = {n: unit for n, (_, unit) in linear.facts(self.model).parameters.items()}
         wide = {
             i: units[name] for i, (name, p) in enumerate(self.priors.items())
             if p.wide and name in units

@@ -70,8 +70,8 @@ def record(path: str | Path, model: str, overrides: dict[str, float]) -> Record:
     if moving is None and dead_zone:
         newton = known.newton_per_code(model, overrides)
         moving = dead_zone * newton if math.isfinite(newton) else None
-    encoder = linear.facts(model, overrides)["encoder"]
-    metres = None if counts is None or not encoder else counts / abs(encoder["scale"])
+    encoder = linear.facts(model, overrides).encoder
+    metres = None if counts is None or not encoder else counts / abs(encoder.scale)
     return Record(True, dead_zone, moving, table, slides, least, metres)
 
 
@@ -176,7 +176,7 @@ def _with(
             whole = about.table_N if rub in table else about.moving_N
             free[rub.damping] = _begin(measured, rub.newton * (whole or 0.0), about.speed)
     model = str(file)
-    left = linear.facts(model)["parameters"]  # those of a friction are gone with it
+    left = linear.facts(model).parameters  # those of a friction are gone with it
     held = {name: value for name, value in measured.overrides.items() if name in left}
     slides = replace(
         measured, model=model, overrides=held | stuck,
@@ -203,7 +203,7 @@ def _begin(measured: Measurement, newton: float | None, speed: float | None) -> 
     """N s/m of a damper to begin with."""
     if newton and speed:
         return friction.damping(newton, speed)
-    masses = linear.facts(measured.model, measured.overrides)["masses_kg"]
+    masses = linear.facts(measured.model, measured.overrides).masses_kg
     middle = 2 * math.pi * float(np.median(measured.frequency_hz))
     return BEGIN * sum(masses.values()) * middle
 

@@ -40,7 +40,7 @@ def priors(model, over=(), given=(), overrides=None):
 
     given: texts NAME=VALUE (as exact as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
     """
-    known = linear.facts(model, overrides)["parameters"]
+    known = linear.facts(model, overrides).parameters
     table = toml.read(linear.find_model(model))
     work = _workpiece(table)
     spreads = {}
@@ -86,31 +86,33 @@ def linear_codes(model, overrides=None):
     found = []
     for signal, key in LIMITED:
         limit = table.get(key)
-        limit = known["parameters"].get(limit, (limit,))[0]
-        if signal not in known["signals"] or not isinstance(limit, int | float):
+        limit = known.parameters.get(limit, (limit,))[0]
+        if signal not in known.signals or not isinstance(limit, int | float):
             continue
         step = linear.linearise(path, outputs=(signal,), overrides=overrides).sampled(dt=FINE_S)
         x, peak = np.zeros(len(step.A)), abs(step.D[0, 0])
         for _ in range(FINE_STEPS):
             x = step.A @ x + step.B[:, 0]
             peak = max(peak, abs((step.C @ x)[0] + step.D[0, 0]))
-        found.append(UNSATURATED * limit / (peak * known["volts_per_code"]))
+        found.append(UNSATURATED * limit / (peak * known.volts_per_code))
     return max(1, int(min(found))) if found else None
 
 
 def newton_per_code(model: str | Path, overrides: dict[str, float] | None = None) -> float:
     """N that the drive gives for a code while it stands; inf: there is an integral in it."""
     facts = linear.facts(model, overrides)
-    plant = linear.linearise(str(model), outputs=(facts["reading"]["signal"],), overrides=overrides)
+    plant = linear.linearise(
+        str(model), outputs=(facts.required_reading.signal,), overrides=overrides
+    )
     static = abs(plant.at(0.0).item()) if np.linalg.cond(plant.A) < 1e15 else math.inf
-    return static * facts["volts_per_code"]
+    return static * facts.volts_per_code
 
 
 def code_rate(model: str | Path, overrides: dict[str, float] | None = None) -> float:
     """Counts of the encoder a second for a code, apart and once it moves steadily."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
-    return (s * plant.at(s).item()).real * linear.facts(model, overrides)["volts_per_code"]
+    return (s * plant.at(s).item()).real * linear.facts(model, overrides).volts_per_code
 
 
 def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
@@ -118,7 +120,7 @@ def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -
     with Design(str(model), overrides) as plant:
         contact = contact_of(plant.table)
         stiffness = contact and value_of(plant, contact.get("stiffness"))
-        scale = abs(plant.facts["encoder"]["scale"])
+        scale = abs(plant.facts.required_encoder.scale)
     return scale / stiffness if stiffness else 0.0
 
 
@@ -129,20 +131,20 @@ def behind_counts(model: str | Path, overrides: dict[str, float] | None = None) 
         body = contact["between"][1] if contact else None
         springs = [s for s in plant.table.get("spring", ()) if body in s["between"]]
         stiffness = value_of(plant, springs[0].get("stiffness")) if len(springs) == 1 else None
-        scale = abs(plant.facts["encoder"]["scale"])
+        scale = abs(plant.facts.required_encoder.scale)
     return scale / stiffness if stiffness else 0.0
 
 
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
     """`states`, {element: state}, of what the model has: in one in which dampers stand for dry
     friction, no friction has any."""
-    switches = linear.facts(model)["switches"]
+    switches = linear.facts(model).switches
     return {name: state for name, state in states.items() if name in switches}
 
 
 def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
     """The entries of `states`, {element: state}, without the model's contacts, which are open."""
-    contacts = {contact["name"] for contact in linear.facts(model)["contacts"]}
+    contacts = {contact.name for contact in linear.facts(model).contacts}
     return {name: state for name, state in states.items() if name not in contacts}
 
 
@@ -150,11 +152,11 @@ def play_counts(model: str | Path, overrides: dict[str, float] | None = None) ->
     """Counts of the encoder of all backlash that a model has; 0: none, or no encoder."""
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
-    if facts["encoder"] is None:
+    if facts.encoder is None:
         return 0
     widths = [part.get("width", 0.0) for part in toml.read(path).get("backlash", ())]
-    play_m = sum(float(facts["parameters"].get(width, (width,))[0]) for width in widths)
-    return math.ceil(play_m * abs(facts["encoder"]["scale"]))
+    play_m = sum(float(facts.parameters.get(width, (width,))[0]) for width in widths)
+    return math.ceil(play_m * abs(facts.required_encoder.scale))
 
 
 def _workpiece(table):
@@ -171,10 +173,10 @@ class SineBounds:
         facts, table = linear.facts(path), toml.read(path).get("drive", {})
         self._limits = []
         for signal, key in LIMITED:
-            limit = facts["parameters"].get(table.get(key), (table.get(key),))[0]
-            if signal in facts["signals"] and isinstance(limit, int | float):
+            limit = facts.parameters.get(table.get(key), (table.get(key),))[0]
+            if signal in facts.signals and isinstance(limit, int | float):
                 plant = linear.linearise(path, outputs=(signal,))
-                self._limits.append((plant, UNSATURATED * limit / facts["volts_per_code"]))
+                self._limits.append((plant, UNSATURATED * limit / facts.volts_per_code))
 
     def codes(self, hz: float) -> int:
         """The largest amplitude at a frequency, at least 1."""

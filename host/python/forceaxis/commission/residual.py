@@ -161,9 +161,9 @@ def _drive_lag(problem: Any) -> Shape:
     table = toml.read(linear.find_model(problem.model)).get("drive", {})
     facts = linear.facts(problem.model)
     name = table.get({"dc_motor": "L", "first_order": "a_act"}.get(table.get("type"), ""))
-    if isinstance(name, str) and name in facts["parameters"] and name not in problem.priors:
-        value, unit = facts["parameters"][name]
-        drive = facts["drive"]["values"]
+    if isinstance(name, str) and name in facts.parameters and name not in problem.priors:
+        value, unit = facts.parameters[name]
+        drive = facts.required_drive.values
 
         def words(values, _):
             new = values[name]
@@ -187,9 +187,9 @@ def _modes(problem: Any) -> list[Shape]:
     """A mass on a spring, on the drive's body: a zero, and a pole above it."""
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
-    body = facts["drive"]["body"]
+    body = facts.required_drive.body
     work = (contact_of(toml.read(linear.find_model(problem.model))) or {}).get("between", (0, 0))[1]
-    moving = sum(kg for name, kg in facts["masses_kg"].items() if name != work)
+    moving = sum(kg for name, kg in facts.masses_kg.items() if name != work)
 
     def factor(values, _, hz):
         def pair(at):
@@ -235,7 +235,7 @@ def _gains(problem: Any) -> Shape:
         shares = ", ".join(f"{gain:.3g}" for gain in gains)
         what = f"a gain that differs by level, {shares} from the smallest force on"
         name = springs[0].get("stiffness") if len(springs) == 1 else None
-        known = linear.facts(problem.model)["parameters"]
+        known = linear.facts(problem.model).parameters
         own = best.get(name, known.get(name, (1.0,))[0])
         softer = [float(f"{own * gain:.4g}") for gain in gains]
         where = (

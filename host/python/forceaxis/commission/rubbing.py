@@ -42,10 +42,10 @@ def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, .
     table, facts = toml.read(path), linear.facts(path)
     contact = contact_of(table)
     work = contact["between"][1] if contact else None
-    drive = facts["drive"]
+    drive = facts.required_drive
     found = []
     for of_work, newton, name, place in (
-        (False, moving_N, MOVING, (drive["body"], drive["reaction"])),
+        (False, moving_N, MOVING, (drive.body, drive.reaction)),
         (True, workpiece_N, TABLE, (work, "ground")),
     ):
         own = [f for f in table.get("friction", ()) if (work in f["between"]) is of_work]
@@ -55,7 +55,7 @@ def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, .
                 Rub(f["name"], tuple(f["between"]), newton * size / sum(sizes), True)
                 for f, size in zip(own, sizes, strict=True)
             ]
-        elif newton > 0 and (not of_work or work in facts["masses_kg"]):
+        elif newton > 0 and (not of_work or work in facts.masses_kg):
             found.append(Rub(name, (str(place[0]), str(place[1])), newton))
     return tuple(found)
 
@@ -72,23 +72,23 @@ def at_both_ends(model: str | Path, found: tuple[Rub, ...]) -> tuple[Rub, ...]:
     has friction at both."""
     contact = contact_of(toml.read(linear.find_model(model)))
     near = contact["between"][0] if contact else None
-    drive = linear.facts(model)["drive"]
+    drive = linear.facts(model).required_drive
     moving = [rub for rub in found if not of_workpiece(model, rub)]
-    if near in (None, drive["body"]) or any(near in rub.between for rub in moving):
+    if near in (None, drive.body) or any(near in rub.between for rub in moving):
         return found
     split = []
     for rub in found:
         if rub in moving:
             rub = replace(rub, newton=rub.newton / 2)
-            place = (near, str(drive["reaction"]))
+            place = (near, str(drive.reaction))
             split.append(replace(rub, name=f"{rub.name}_{near}", between=place))
         split.append(rub)
     return tuple(split)
 
 
-def _size(facts: dict, friction: dict) -> float:
+def _size(facts: linear.PlantFacts, friction: dict) -> float:
     value = friction["coulomb"]
-    return float(facts["parameters"].get(value, (value,))[0])
+    return float(facts.parameters.get(value, (value,))[0])
 
 
 def lines(found: tuple[Rub, ...]) -> str:

@@ -65,8 +65,8 @@ class Look:
         self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
         self.order: Order = analyzer.order
         self.found = Found()
-        facts = linear.facts(model, self.overrides) if model else {}
-        if not all(facts.get(part) for part in ("drive", "reading", "encoder")):
+        facts = linear.facts(model, self.overrides) if model else None
+        if not (facts and facts.drive and facts.reading and facts.encoder):
             self.model = ""  # it says nothing of codes and counts
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):

@@ -72,7 +72,7 @@ def fit(tuning) -> tuple[dict, str]:
     relied: list[str] = []
     if rubs:
         found.values, found.plants, relied = _relied(tuning, found.plants, sheet)
-    units = {n: unit for n, (_, unit) in linear.facts(model)["parameters"].items()}
+    units = {n: unit for n, (_, unit) in linear.facts(model).parameters.items()}
     rows = {
         n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
         for n, v in found.best.items()
@@ -145,7 +145,7 @@ def _closed(tuning, names: list[str], rubs) -> list[str]:
 def _own(tuning, name: str, rubs) -> dict[str, Prior]:
     """{parameter: Prior} of the dampers that stand for friction in a response."""
     facts = linear.facts(tuning.given)
-    scale = abs(facts["encoder"]["scale"])
+    scale = abs(facts.required_encoder.scale)
     slow = tuning.read(f"{tune_measure.BETWEEN}.json")
     about = tuning.result("free" if name == "free" else "measure")
     about = about if name == "free" else about[name]
@@ -192,7 +192,7 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
     sensor, damping = sensor_names(tuning.given)
     if shaken and best and sensor in best:
         shaken = asdict(shake.of_sines(shaken["rows"], best[sensor], best.get(damping, 0.0)))
-    scale = abs(linear.facts(tuning.given)["encoder"]["scale"])
+    scale = abs(linear.facts(tuning.given).required_encoder.scale)
     given, found = {text.partition("=")[0] for text in priors}, {}
     if stiffness and slow["sliding"]:
         found[stiffness] = Prior(scale / slow["sliding"], BETWEEN_ERROR)
@@ -215,7 +215,7 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
                 f"weighs: without, {UNWEIGHED:g} times less and more than the model has are taken",
                 rubbing.lines(rubs),
             )  # fmt: skip
-        found[mass] = Prior(linear.facts(tuning.given)["parameters"][mass][0], known.MASS)
+        found[mass] = Prior(linear.facts(tuning.given).parameters[mass][0], known.MASS)
     return {name: prior for name, prior in found.items() if name not in given}
 
 
@@ -235,7 +235,7 @@ def _relied(
     all dampings together are at the low and at the high end of what was known before, RELIED
     standard deviations from it, or at what was fitted where that is less than the low end.
     """
-    facts = linear.facts(plants.model)["parameters"]
+    facts = linear.facts(plants.model).parameters
     values, ranges, lines = plants.overrides, dict(plants.ranges), []
     low: dict[str, float] = {}
     high: dict[str, float] = {}

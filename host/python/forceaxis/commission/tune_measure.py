@@ -147,13 +147,13 @@ def _between(tuning, law, order):
 
 def reading_N(tuning):
     """N of a count of the reading by the model, in which all friction is stated."""
-    return abs(linear.facts(tuning.model)["reading"]["per_count"])
+    return abs(linear.facts(tuning.model).required_reading.per_count)
 
 
 def _shaken(tuning, law, order, slow):
     """What sines of the largest force say of the workpiece, into a file; None where it does not
     slide within the bounds."""
-    scale = abs(linear.facts(tuning.model)["encoder"]["scale"])
+    scale = abs(linear.facts(tuning.model).required_encoder.scale)
     sensor, workpiece = scale / slow.compliance, scale / slow.sliding
     drive = known.SineBounds(str(tuning.model))
     # From where the spring rules to where the mass does; the mass is not known.
@@ -181,7 +181,7 @@ def _mass(tuning):
     """Kg of the workpiece by the model."""
     with Design(str(tuning.model)) as plant:
         contact = contact_of(plant.table)
-        return plant.facts["masses_kg"].get(contact["between"][1]) if contact else None
+        return plant.facts.masses_kg.get(contact["between"][1]) if contact else None
 
 
 def _rigid(tuning):
@@ -203,7 +203,7 @@ def reach(tuning):
 
 def analyzer_of(tuning, order=None, first=1, kind=analyzer.Analyzer, **given):
     order, model = order or tuning.order, str(tuning.model)
-    scale = abs(linear.facts(model)["encoder"]["scale"])
+    scale = abs(linear.facts(model).required_encoder.scale)
     asked = analyzer.Order(
         band_hz=tuple(order.band_hz), averages=order.averages, fewest=min(FEWEST, order.averages),
         force_max_N=order.force_max_N,

@@ -66,11 +66,11 @@ def check(tuning):
             f"`forceaxis axis reset` resets it{left}"
         )  # fmt: skip
     facts = linear.facts(model)
-    if facts["reading"] is None or facts["encoder"] is None or not facts["contacts"]:
+    if facts.reading is None or facts.encoder is None or not facts.contacts:
         raise InputError(f"{model}: expected a force reading, an encoder and a contact")
-    if held["adc_bits"] != facts["reading"]["bits"]:
+    if held["adc_bits"] != facts.reading.bits:
         raise Refusal(
-            "adc", f"expected an ADC of {facts['reading']['bits']} bits as the model's, the axis "
+            "adc", f"expected an ADC of {facts.reading.bits} bits as the model's, the axis "
             f"has {held['adc_bits']}: set adc_bits or the model"
         )  # fmt: skip
     most = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
@@ -80,10 +80,10 @@ def check(tuning):
             f"{max(tuning.order.forces):g} N"
         )  # fmt: skip
     bounds.expect_readable(
-        axis, max(tuning.order.forces), analyzer.SWING, abs(facts["reading"]["per_count"])
+        axis, max(tuning.order.forces), analyzer.SWING, abs(facts.required_reading.per_count)
     )
     settings = {}
-    scale = 1e6 * abs(facts["reading"]["per_count"])
+    scale = 1e6 * abs(facts.required_reading.per_count)
     if abs(held["force_scale"] / scale - 1) > SCALE_WITHIN:
         if not quantity.never_set(held["force_scale"], held["calibration_date"]):
             raise Refusal(
@@ -95,7 +95,7 @@ def check(tuning):
         moves = known.states_apart(str(model), tuning.states)
         loop = loops.force_loop(str(model), modes=moves, output="encoder", free=True)
         gain = loop.limit().stable_to
-        highest = 256.0 if gain is None else gain / facts["volts_per_code"]
+        highest = 256.0 if gain is None else gain / facts.volts_per_code
         settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
     slow, own = _approach_velocity(model, facts), held["approach_velocity_max"]
     if own > slow or own == objects.default("approach_velocity_max"):
@@ -143,9 +143,9 @@ def _approach_velocity(model, facts):
     if not stiffness:
         raise InputError(f"{model}: contact: expected one, with a stiffness")
     far = contact["between"][1]
-    mass = sum(kg for body, kg in facts["masses_kg"].items() if body != far)
+    mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
     speed = min(simulation.APPROACH_M_PER_S, TOUCH_N / math.sqrt(stiffness * mass))
-    return max(1, round(speed * abs(facts["encoder"]["scale"])))
+    return max(1, round(speed * abs(facts.required_encoder.scale)))
 
 
 def measuring_law(tuning):
@@ -167,7 +167,7 @@ def measuring_law(tuning):
             plant = linear.linearise(
                 model, outputs=("adc0",), overrides=changed, modes=tuning.states
             )
-            static = abs(plant.at(0.0).item()) * linear.facts(model)["volts_per_code"]
+            static = abs(plant.at(0.0).item()) * linear.facts(model).volts_per_code
             slowest = min(slowest, rate * static)
         gain = max(1, math.floor(SHARE * min(gains) * 256)) / 256
         if best is None or gain * slowest > best[0]:
@@ -241,7 +241,7 @@ def _hf_gain(tuning):
     noise = tuning.result("check")["rest"]["noise_lsb"]
     if noise is None:
         return None
-    bits = linear.facts(tuning.model)["reading"]["bits"]
+    bits = linear.facts(tuning.model).required_reading.bits
     most = hf_most(bits)
     linear_codes = known.linear_codes(tuning.model)
     linear_gain = math.inf

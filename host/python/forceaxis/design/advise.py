@@ -31,7 +31,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from forceaxis import _core, paths
+from forceaxis import _core, paths, progress
 from forceaxis._core import InputError
 from forceaxis.design import for_set, reduced, sets, simulate
 from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
@@ -40,7 +40,6 @@ from forceaxis.linear import loops, modes, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet, ranges_of
-from forceaxis.progress import counted
 
 GAIN_MARGIN = 2.0
 LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
@@ -93,7 +92,7 @@ def ratios(new, old):
 
 def strain(model, overrides, shape):
     """The element that holds most of a mode's elastic energy, or None."""
-    signals = linear.facts(model, overrides)["signals"]
+    signals = linear.facts(model, overrides).signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
     if not elements:
         return None
@@ -195,9 +194,9 @@ class _Over:
         elif modes_ == "all":
             self.modes = sets.slopes(design.model, design.overrides, design.states)
         else:
-            bench = simulate.Bench(design, design.facts["reading"]["bits"])
+            bench = simulate.Bench(design, design.facts.required_reading.bits)
             self.modes = for_set.plant_set(bench, Order("", self.over)).modes
-        self.goal = Goal(timings=(design.timing,), adc_bits=design.facts["reading"]["bits"])
+        self.goal = Goal(timings=(design.timing,), adc_bits=design.facts.required_reading.bits)
 
     def problem(self, change=None, goal=None, **how):
         """The reduced.Problem of a change."""
@@ -261,7 +260,7 @@ def advise(
     if not (math.isfinite(factor) and factor > 1):
         raise InputError(f"--factor: expected a number above 1, got {factor:g}")
     with Design(text, overrides, timing, states) as design:
-        if design.facts["reading"] is None:
+        if design.facts.reading is None:
             raise InputError(
                 f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is "
                 "none"
@@ -273,7 +272,7 @@ def advise(
         result = {
             "model": paths.display(design.model),
             "experiment": paths.display(design.experiment) if design.experiment else None,
-            "title": design.facts["title"],
+            "title": design.facts.title,
             "timing": design.timing,
             **working.summary(loop.working),
             "unit": loop.unit,
@@ -291,7 +290,7 @@ def advise(
         if runs != "none" and design.timing != "continuous":
             base["simulated"] = simulated_limit(design, None, base, threads)
             quiet = (base["simulated"]["stable_gain"] or 0) / GAIN_MARGIN
-            for row, change in counted(rows, "changes simulated"):
+            for row, change in progress.each(rows, "changes simulated"):
                 wanted = change.simulated and (runs == "all" or change.kind == "converter")
                 row["simulated"] = (
                     simulated_limit(design, change, row, threads, quiet)
@@ -308,7 +307,7 @@ def _rows(design, base, factor, group):
         made = [c for c in made if c.kind != "amplifier"] + group.designed()
         base["over"] = group.figures()
     rows = []
-    for change in counted(made, "changes"):
+    for change in progress.each(made, "changes"):
         new = performance(design.loop(change), base["crossover_hz"])
         row = {"change": change.name, "kind": change.kind, "thesis": change.thesis or None}
         row["in_firmware"] = change.in_firmware

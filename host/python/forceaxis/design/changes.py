@@ -81,7 +81,7 @@ class Design:
         self.timing = timing or ("zoh+1" if values.get("latency_ticks") == 1 else "zoh")
         self.present_gain = values.get("force_gain")
         self.facts = linear.facts(self.model, self.overrides)
-        used = self.facts["parameters"]
+        used = self.facts.parameters
         self.overrides = {n: used[n][0] if n in used else v for n, v in self.overrides.items()}
         self.table = toml.read(self.model)
         self._stack = contextlib.ExitStack()
@@ -191,7 +191,7 @@ def scaled(design, factor):
     """Every stiffness, mass and damping that the model uses, times and over `factor`."""
     known = roles(design.table)
     changes = []
-    for name, (value, unit) in design.facts["parameters"].items():
+    for name, (value, unit) in design.facts.parameters.items():
         if name not in known or unit not in KINDS or value == 0:
             continue
         for sign, new in (("x", value * factor), ("/", value / factor)):
@@ -209,7 +209,7 @@ def contact_of(table):
 def value_of(design, given):
     """A number of the model file: itself, or its parameter's value. None if it is neither."""
     if isinstance(given, str) and given[:1].isidentifier():
-        return design.facts["parameters"].get(given, (None,))[0]
+        return design.facts.parameters.get(given, (None,))[0]
     if isinstance(given, str):
         return _core.quantity(given)
     return given if isinstance(given, int | float) else None
@@ -218,10 +218,10 @@ def value_of(design, given):
 def pads(design):
     """Grip pads between sensor and workpiece (5.1): inserted, exchanged, removed."""
     contact = contact_of(design.table)
-    reading = design.facts["reading"]
+    reading = design.facts.reading
     if contact is None or value_of(design, contact.get("stiffness")) is None:
         return []
-    sensor = reading["signal"].rpartition(".")[0]
+    sensor = reading.signal.rpartition(".")[0]
     bodies = [b["name"] for b in design.table["body"]]
 
     def pad(stiffness):
@@ -273,12 +273,12 @@ def workpiece_damping(design):
         return []
     workpiece = contact["between"][1]
     supports = [s for s in design.table.get("spring", ()) if workpiece in s["between"]]
-    if workpiece not in design.facts["masses_kg"] or len(supports) != 1:
+    if workpiece not in design.facts.masses_kg or len(supports) != 1:
         return []
     stiffness = value_of(design, supports[0].get("stiffness"))
     if stiffness is None:
         return []
-    mass = design.facts["masses_kg"][workpiece]
+    mass = design.facts.masses_kg[workpiece]
     damping = float(f"{2 * WORKPIECE_ZETA * math.sqrt(stiffness * mass):.3g}")
     old, name = supports[0].get("damping", 0.0), supports[0]["name"]
     given = value_of(design, old)
@@ -340,12 +340,12 @@ def sampling(design):
 
 def converter(design, bits=12):
     """A finer ADC with the same range (6.2.1). The linear limit does not see it."""
-    return [resolution(design, bits)] if design.facts["reading"]["bits"] < bits else []
+    return [resolution(design, bits)] if design.facts.required_reading.bits < bits else []
 
 
 def resolution(design, bits):
     """The design with an ADC of so many bits and the same range."""
-    shift = 2 ** (bits - design.facts["reading"]["bits"])
+    shift = 2 ** (bits - design.facts.required_reading.bits)
     overrides, literal, zero = {}, {}, 0
     for adc in design.table["adc"]:
         for key in ("per_count", "zero_code"):
@@ -438,7 +438,7 @@ def banked(text, bank, thesis=""):
 
 def changes(design, frequency_hz, factor=FACTOR):
     """All changes that the design allows."""
-    rate = design.facts["reading"]["signal"].rpartition(".")[0] + ".spring_force_rate"
+    rate = design.facts.required_reading.signal.rpartition(".")[0] + ".spring_force_rate"
     pad, damping = pads(design), workpiece_damping(design)
     return [
         *pad,
@@ -448,5 +448,5 @@ def changes(design, frequency_hz, factor=FACTOR):
         *sampling(design),
         *converter(design),
         *amplifier(design),
-        *control(frequency_hz, rate in design.facts["signals"]),
+        *control(frequency_hz, rate in design.facts.signals),
     ]

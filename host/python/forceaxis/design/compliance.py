@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
-from forceaxis import paths, toml
+from forceaxis import paths, progress, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, friction, reduced, sets, simulate
 from forceaxis.design.search import Goal
@@ -22,7 +22,6 @@ from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, 
 from forceaxis.linear import system as linear
 from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
-from forceaxis.progress import counted
 
 SPAN = (1 / 20, 4.0)  # of the model's own stiffness
 POINTS_MAX = 40
@@ -34,7 +33,7 @@ def element_of(model, overrides):
     """The stiffness of the contact, a parameter."""
     contact = changes.contact_of(toml.read(linear.find_model(model)))
     name = contact.get("stiffness") if contact else None
-    if name not in linear.facts(model, overrides)["parameters"]:
+    if name not in linear.facts(model, overrides).parameters:
         raise InputError(
             f"{model}: --element: expected the name of a stiffness, the contact's is no parameter"
         )
@@ -52,12 +51,12 @@ def compliance(
     {element: state} of all plants. Raises InputError.
     """
     with changes.Design(text, overrides, states=states) as design:
-        if design.facts["reading"] is None:
+        if design.facts.reading is None:
             raise InputError(
                 f"{design.model}: adc: expected one on channel 0 that reads a force, there is none"
             )
         element = element or element_of(design.model, design.overrides)
-        known = design.facts["parameters"]
+        known = design.facts.parameters
         if element not in known or known[element][1] != "N/m":
             stiff = sorted(n for n, (_, unit) in known.items() if unit == "N/m")
             raise InputError(f"--element: expected one of {', '.join(stiff)}, got {element}")
@@ -69,13 +68,13 @@ def compliance(
                 f"{high:g} and {points}"
             )
         over = tuple(sets.workpiece(design.model, design.overrides) if over is None else over)
-        bits = bits or design.facts["reading"]["bits"]
+        bits = bits or design.facts.required_reading.bits
         bench = simulate.Bench(design, bits)
         setpoint, hardest = bench.setpoints_N[1], _strikes(bench)[1][-1]
         overrides, mode = design.overrides, design.working()
     rows = [
         _point(text, element, float(value), overrides, over, bits, setpoint, threads, states)
-        for value in counted(np.geomspace(low, high, points), "stiffnesses")
+        for value in progress.each(np.geomspace(low, high, points), "stiffnesses")
     ]
     return {
         "model": paths.display(design.model),
@@ -113,7 +112,7 @@ def _point(text, element, value, overrides, over, bits, setpoint, threads, state
 
 def motion(design):
     """Way of the drive's body for a newton of the reading, m/N, at rest."""
-    body = design.facts["drive"]["body"]
+    body = design.facts.required_drive.body
     plants = (
         linear.linearise(
             design.model, outputs=(output,), overrides=design.overrides, modes=design.states

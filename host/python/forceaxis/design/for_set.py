@@ -83,13 +83,13 @@ def design(order, out=None, progress=None):
     if out is not None:
         files.refuse_existing(Path(out))
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
-        if plant.facts["reading"] is None:
+        if plant.facts.reading is None:
             raise InputError(
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
             )
         given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
-        bits = order.adc_bits or plant.facts["reading"]["bits"]
+        bits = order.adc_bits or plant.facts.required_reading.bits
         bench = simulate.Bench(plant, bits, own, asked(order, plant), order.forces_N)
         say("modes of the contact")
         plants = plant_set(bench, order)
@@ -115,10 +115,10 @@ def asked(order, plant):
     """The firmware settings of an order, its approach among them."""
     if order.approach_mm_per_s is None:
         return order.firmware
-    if plant.facts["encoder"] is None:
+    if plant.facts.encoder is None:
         raise InputError(f"{plant.model}: encoder: expected one for --approach, there is none")
     most = objects.BY_NAME["approach_velocity_max"].max
-    count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts["encoder"]["scale"]))
+    count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts.required_encoder.scale))
     if not 1 <= count_per_s <= most:
         raise InputError(
             f"--approach: expected 1 to {most} encoder counts per second, "
@@ -134,7 +134,7 @@ def found(plant, plants, order, bits, say):
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
         timings=timings, hf_gain=order.hf_gain, ramp_s=order.ramp_s,
     )  # fmt: skip
-    units = {n: unit for n, (_, unit) in plant.facts["parameters"].items()}
+    units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
     def outcome(answer):
         p = plain(answer.p)

@@ -50,7 +50,7 @@ def _approach(folder, count_per_s):
 def _designed(plant, folder):
     over = sets.workpiece(plant.model, plant.overrides)
     plants = sets.plant_set(plant.model, plant.overrides, over)
-    bits = plant.facts["reading"]["bits"]
+    bits = plant.facts.required_reading.bits
     problem = reduced.Problem(plants, Goal(adc_bits=bits))
     with phase("searching a bank for the set"):
         p, found = problem.worst(Bank(1.0)), problem.designed()
@@ -80,7 +80,7 @@ def _designed(plant, folder):
 
 def _settled(plant, folder, bits, designed):
     """(bank, text of NAME, approach speed in m/s) of the first choice that settles."""
-    scale = abs(plant.facts["encoder"]["scale"])
+    scale = abs(plant.facts.required_encoder.scale)
     fastest = simulate.Bench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(simulate.Bench(plant, bits).frictions)
     spare = None  # the first choice with more losses

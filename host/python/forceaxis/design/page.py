@@ -129,7 +129,7 @@ def contact(bench, outcome, case):
         own = loss if bank is outcome.bank else None
         file, texts = bench.job(case, bank, {}, latency, own)
         done = runs.run(Path(file), texts)
-        force = done.columns[bench.facts["contacts"][0]["name"] + ".force"]
+        force = done.columns[bench.facts.contacts[0].name + ".force"]
         time_s = done.columns["time_s"]
         if not case.strike_N_s:  # from a little before the first touch
             touched = np.flatnonzero(force > 0)

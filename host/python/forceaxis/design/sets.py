@@ -13,7 +13,7 @@ def workpiece(model, overrides=None):
     """--over of what a force loop presses on, +-30 %: the workpiece's mass and the stiffness of its
     support; of a workpiece that is the ground, the contact's stiffness. Empty without a contact."""
     table = toml.read(linear.find_model(model))
-    known = linear.facts(model, overrides)["parameters"]
+    known = linear.facts(model, overrides).parameters
     contact = contact_of(table)
     if contact is None:
         return ()

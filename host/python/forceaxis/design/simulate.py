@@ -57,7 +57,7 @@ class Bench:
         self.forces_N = tuple(sorted(set(forces_N)))
         self.losses_max = LOSSES_MAX  # of a touch-down, beside those of the impact
         self.impacts = {}  # case -> (losses, peak in N) of the impact alone
-        own_bits = design.facts["reading"]["bits"]
+        own_bits = design.facts.required_reading.bits
         self.change = (
             changes.Change("", "", firmware={"adc_bits": bits})
             if bits == own_bits
@@ -67,7 +67,7 @@ class Bench:
         self.overrides = design.overrides | self.change.overrides
         self.settle_s = SETTLE_S[0]
         self.facts = linear.facts(self.model, self.overrides)
-        self.count_N = abs(self.facts["reading"]["per_count"])
+        self.count_N = abs(self.facts.required_reading.per_count)
         self._given = dict(toml.read(design.experiment)["firmware"]) if design.experiment else {}
         self._asked = firmware or {}
         self._given |= self._asked
@@ -81,7 +81,7 @@ class Bench:
 
     def at(self, share):
         """A bench whose approach has a share of the speed of this one's."""
-        scale = abs(self.facts["encoder"]["scale"])
+        scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
         self._files = {}  # the other one writes files of the same names
         return Bench(
@@ -96,17 +96,17 @@ class Bench:
             self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
 
     def _check(self):
-        signal = self.facts["reading"]["signal"]
-        if self.facts["signals"].get(signal) != "N":
+        signal = self.facts.required_reading.signal
+        if self.facts.signals.get(signal) != "N":
             raise InputError(
                 f"{self.design.model}: adc: expected a force on channel 0, {signal} is none"
             )
-        if not self.facts["contacts"]:
+        if not self.facts.contacts:
             raise InputError(
                 f"{self.design.model}: contact: expected one that a force law can press on, there "
                 "is none; add a [[contact]]"
             )
-        if self.facts["encoder"] is None:
+        if self.facts.encoder is None:
             raise InputError(
                 f"{self.design.model}: encoder: expected one to approach with, there is none; add "
                 "an [encoder]"
@@ -162,12 +162,12 @@ class Bench:
         gain = loops.force_loop(
             self.model, overrides=self.overrides, output="encoder", free=True
         ).limit().stable_to  # fmt: skip
-        highest = 256.0 if gain is None else gain / self.facts["volts_per_code"]
+        highest = 256.0 if gain is None else gain / self.facts.volts_per_code
         return max(1, math.floor(min(highest, 256.0) / 6 * 256)) / 256
 
     def _stall_N(self):
         """Largest static force of the drive, N; infinite where the model has no limits."""
-        table, drive = self.design.table.get("drive", {}), self.facts["drive"]["values"]
+        table, drive = self.design.table.get("drive", {}), self.facts.required_drive.values
         known = {n: changes.value_of(self.design, table.get(n)) for n in ("supply_limit", "R")}
         if not all(known.values()) or not drive.get("r_trans"):
             return math.inf
@@ -175,7 +175,7 @@ class Bench:
 
     def _speed(self):
         """Approach speed, m/s: as given, else 20 mm/s or the object's default."""
-        scale = abs(self.facts["encoder"]["scale"])
+        scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
         if "approach_velocity_max" not in self._given:
             return min(default / scale, APPROACH_M_PER_S)
@@ -245,13 +245,13 @@ class Bench:
 
     def struck(self):
         """(body, sign) that a strike hits: the workpiece, or what presses on the ground."""
-        near, far = self.facts["contacts"][0]["between"]
-        return (far, 1.0) if far in self.facts["masses_kg"] else (near, -1.0)
+        near, far = self.facts.contacts[0].between
+        return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
     def gap_m(self):
         """Between the bodies of the contact at the start."""
         places = {b["name"]: self._place(b.get("position", 0.0)) for b in self.design.table["body"]}
-        near, far = self.facts["contacts"][0]["between"]
+        near, far = self.facts.contacts[0].between
         return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
 
     def _place(self, text):
@@ -295,7 +295,7 @@ class Bench:
 
     def loads(self, case):
         """Firmware settings of a case."""
-        scale = abs(self.facts["encoder"]["scale"])
+        scale = abs(self.facts.required_encoder.scale)
         return {
             "target_force": round(1000 * case.setpoint_N / self.rated_N),
             "approach_velocity_max": max(1, round(case.speed_m_per_s * scale)),
@@ -327,14 +327,14 @@ class Bench:
     def press_speed_code(self, speed_m_per_s, share=1.0):
         """The code that moves the free axis at a speed, against a share of the most of its
         frictions: less leaves it standing where they stick."""
-        body = self.facts["drive"]["body"]
+        body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
         plant = linear.linearise(
             self.model, inputs, (f"{body}.velocity",), overrides=self.overrides, free=True
         )
         answer = dict(zip(inputs, plant.at([0.02j * math.pi]).ravel(), strict=True))
-        speed = abs(answer["drive.command"]) * self.facts["volts_per_code"]
+        speed = abs(answer["drive.command"]) * self.facts.volts_per_code
         if not speed:
             return 2048
         for one in self.frictions:

@@ -36,11 +36,11 @@ def tradeoff(order, against, progress=None):
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
-        if plant.facts["reading"] is None:
+        if plant.facts.reading is None:
             raise InputError(
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
             )
-        bits = order.adc_bits or plant.facts["reading"]["bits"]
+        bits = order.adc_bits or plant.facts.required_reading.bits
         plants = for_set.plant_set(simulate.Bench(plant, bits), order)
         goal = search.Goal(
             ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -102,7 +102,7 @@ class Experiment:
         """The values under the names of --set. Raises InputError with all unknown names."""
         known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
 
-        def fail(name: str, message: str) -> None:
+        def fail(name: str, message: str) -> NoReturn:
             raise InputError(f"{self._name}: {name}: {message}")
 
         toml.expect_keys(values, known, fail, "an object, a parameter, duration_s or seed")

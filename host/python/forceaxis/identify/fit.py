@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy import optimize, stats
 
-from forceaxis import linear, paths
+from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
 from forceaxis.identify.setup import is_number
-from forceaxis.progress import counted
 
 CORRELATED = 0.95  # two parameters whose estimates are: a warning
 VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
@@ -148,7 +147,7 @@ def fit(measured, starts, where="fit", tries=None):
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
     scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS if tries is None else tries, p))
-    for shift in counted(scatter, "starts"):
+    for shift in progress.each(scatter, "starts"):
         if 2 * best.cost <= enough:
             break
         other = search(start + shift)
@@ -324,7 +323,7 @@ def response_of_csv(file, averages):
 
 def starts_of(texts, measured):
     """NAME or NAME=START texts as {name: start}, by default the model's value; {name: unit}."""
-    known = linear.facts(measured.model, measured.overrides)["parameters"]
+    known = linear.facts(measured.model, measured.overrides).parameters
     starts = {}
     for text in texts:
         name, given, value = text.partition("=")

@@ -23,11 +23,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from forceaxis import _core, linear, objects
+from forceaxis import _core, linear, objects, progress
 from forceaxis._core import InputError
 from forceaxis.identify.measurement import Measurement
 from forceaxis.identify.setup import CODES, read_setup
-from forceaxis.progress import counted
 
 LEFT_BEHIND = 1e-8  # share of a transient that remains when measuring starts
 FIRST_OF_HANN = 3  # line
@@ -199,8 +198,8 @@ def measure_setup(setup, where, plant_set=None):
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
     facts = linear.facts(setup.model, setup.set)
-    overrides = {name: facts["parameters"][name][0] for name in setup.set}
-    units = facts["signals"] | {
+    overrides = {name: facts.parameters[name][0] for name in setup.set}
+    units = facts.signals | {
         "adc0": "count",
         "adc1": "count",
         "encoder": "count",
@@ -329,7 +328,7 @@ def record_periods(bench, lines, lead_in, drifts, rng):
         sets = [(lines, None)]
     recorded = [np.empty((setup.averages, 2, n)) for _ in sets]
     ramp = (np.arange(n) - (n - 1) / 2) / n
-    for i in counted(range(setup.averages), "averages"):
+    for i in progress.each(range(setup.averages), "averages"):
         for place, (_, line) in enumerate(sets):
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]

@@ -169,6 +169,6 @@ def sampled(measured, overrides):
         measured.model, ("drive.command",), plain, overrides, measured.modes, measured.free
     )
     if measured.inject == "codes":
-        factor = linear.facts(measured.model, overrides)["volts_per_code"]
+        factor = linear.facts(measured.model, overrides).volts_per_code
         system = replace(system, B=system.B * factor, D=system.D * factor)
     return system.sampled(dt=measured.dt)

@@ -114,7 +114,7 @@ def hints(setup, measured, contacts):
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
         if setup.free and share > 0:
-            known = linear.facts(setup.model, measured.overrides)["parameters"]
+            known = linear.facts(setup.model, measured.overrides).parameters
             apart = "start further apart (--set approach=0.5, m), " if "approach" in known else ""
             texts.append(
                 f"{name} was pressed {100 * share:.3g} % of the time, the model has it apart: "

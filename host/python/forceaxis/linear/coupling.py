@@ -21,14 +21,14 @@ def actuator(model, overrides=None):
 
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
-    if not facts["drive"]:
+    if not facts.drive:
         raise InputError(f"{path}: expected a [drive]")
 
-    drive = facts["drive"]
-    value = drive["values"].__getitem__
-    if drive["type"] == "perfect":
+    drive = facts.drive
+    value = drive.values.__getitem__
+    if drive.type == "perfect":
         return control.tf(value("force_per_volt"), 1), control.tf(0, 1)
-    if drive["type"] == "first_order":
+    if drive.type == "first_order":
         k, a = value("k_act"), value("a_act")  # 2.3.3
         lag = control.tf(k * a, [1, a])
         return value("velocity_per_volt") * lag, -lag
@@ -48,14 +48,14 @@ def load(model, output="reading", overrides=None, modes=None, free=False):
 
     The velocity is that of the drive's body against its reaction, in m/s.
     """
-    drive = linear.facts(model, overrides)["drive"]
-    ends = [f"{end}.velocity" for end in (drive["body"], drive["reaction"]) if end != "ground"]
+    drive = linear.facts(model, overrides).drive
+    ends = [f"{end}.velocity" for end in (drive.body, drive.reaction) if end != "ground"]
     system = linear.linearise(
         model, ["drive.force"], [output, *ends], overrides, modes, free=free, drive=False
     )
     signs = np.zeros((2, 1 + len(ends)))
     signs[0, 0] = 1
-    signs[1, 1:] = [1, -1][: len(ends)] if drive["body"] != "ground" else [-1]
+    signs[1, 1:] = [1, -1][: len(ends)] if drive.body != "ground" else [-1]
     return linear.System(
         *(system.A, system.B, signs @ system.C, signs @ system.D),
         system.states,

@@ -124,8 +124,8 @@ def unit_of(model, input, output, settings=None):
     """Unit of output over input, "N/V"."""
     facts = linear.facts(model, settings)
     if output == "reading":
-        output = facts["reading"]["signal"]
-    above = facts["signals"].get(output, "count")  # else an ADC or the encoder
+        output = facts.required_reading.signal
+    above = facts.signals.get(output, "count")  # else an ADC or the encoder
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"
 

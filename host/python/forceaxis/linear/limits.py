@@ -340,7 +340,7 @@ def poles_of(
             raise _core.InputError("--law: expected with --gain or --firmware-gain, which close it")
         model, overrides, modes = own.model, own.overrides, linear.states(modes)
         output = output or "reading"
-        if output == "reading" and linear.facts(model, overrides)["reading"] is None:
+        if output == "reading" and linear.facts(model, overrides).reading is None:
             raise loops.no_reading(linear.find_model(model))
         input_ = input_ or "drive.command"
         path = linear.find_model(model)

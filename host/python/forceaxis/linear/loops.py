@@ -29,11 +29,10 @@ import numpy as np
 
 from forceaxis import _core
 from forceaxis.linear.bank import Bank, series
+from forceaxis.linear.plant_facts import PlantFacts
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import cut_by, working
-
-Facts = dict[str, Any]  # of linear.facts
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
 # Law -> its parameters; all are required but the inner damping.
@@ -116,30 +115,30 @@ class _Plant(NamedTuple):
     states: tuple[str, ...]
 
 
-def _controlled(known: Facts, where: str, law: str, output: str) -> tuple[str, str]:
+def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
     """(signal, unit) that a loop controls. Raises InputError where the model has none."""
-    if known["drive"] is None:
+    if known.drive is None:
         raise _core.InputError(f"{where}: drive: expected a model with a drive, there is none")
-    if output == "reading" and known["reading"] is None:
+    if output == "reading" and known.reading is None:
         raise no_reading(where)
-    signal = known["reading"]["signal"] if output == "reading" else output
-    unit = known["signals"].get(signal, "count")
+    signal = known.required_reading.signal if output == "reading" else output
+    unit = known.signals.get(signal, "count")
     if unit != "N" and law in MOTION:
         raise _core.InputError(f"output: expected a force with law {law}, {signal} is in {unit}")
     return signal, unit
 
 
-def _encoder_scale(known: Facts, where: str) -> float:
+def _encoder_scale(known: PlantFacts, where: str) -> float:
     """Counts per metre of the encoder."""
-    if known["encoder"] is None:
+    if known.encoder is None:
         raise _core.InputError(f"{where}: encoder: expected one with a velocity gain")
-    return known["encoder"]["scale"]
+    return known.required_encoder.scale
 
 
-def _force_rate(known: Facts, signal: str, unit: str) -> str:
+def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
     """The signal of a force's rate, of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
-    if unit != "N" or rate not in known["signals"]:
+    if unit != "N" or rate not in known.signals:
         raise _core.InputError(
             f"output: expected the force of a spring or contact with law derivative, "
             f"{signal} is none"
@@ -148,7 +147,7 @@ def _force_rate(known: Facts, signal: str, unit: str) -> str:
 
 
 def _feedback(
-    known: Facts,
+    known: PlantFacts,
     where: str,
     law: str,
     signal: str,
@@ -162,11 +161,12 @@ def _feedback(
     names: the output, and the signal of its rate where the law needs it. cut(): what to say of
     the element that leaves no path.
     """
-    encoder = known["encoder"] or {
-        "body": known["drive"]["body"],
-        "reference": known["drive"]["reaction"],
-    }
-    bodies = (encoder["body"], encoder["reference"])
+    measured = known.encoder
+    bodies = (
+        (measured.body, measured.reference)
+        if measured
+        else (known.required_drive.body, known.required_drive.reaction)
+    )
     wanted = list(names)
     if moves:
         for body in bodies:
@@ -280,7 +280,7 @@ def force_loop(
     names = [output, _force_rate(known, signal, unit)] if law == "derivative" else [output]
     inner = given.get(INNER, 0.0)
     if bank is not None and bank.velocity_gain:
-        inner = bank.velocity_gain * known["volts_per_code"] * _encoder_scale(known, where) * TICK_S
+        inner = bank.velocity_gain * known.volts_per_code * _encoder_scale(known, where) * TICK_S
     moves = bool(law in MOTION or inner)
 
     mode = working(where, overrides, modes, free)
@@ -320,7 +320,7 @@ def force_loop(
         A, B, C, D = series(front, (A, B, C, D))
         states = (*(f"law {i}" for i in range(len(front[0]))), *states)
     whole = System(A, B, C, D, states, ("error",), ("feedback", output), dt)
-    per_count = known["reading"]["per_count"] if output == "reading" else None
+    per_count = known.required_reading.per_count if output == "reading" else None
     return Loop(
         model=where,
         law=law,
@@ -328,7 +328,7 @@ def force_loop(
         whole=whole,
         signal=signal,
         unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
-        codes_per_gain=None if per_count is None else abs(per_count) / known["volts_per_code"],
+        codes_per_gain=None if per_count is None else abs(per_count) / known.volts_per_code,
         parameters=given,
         bank=bank,
         working=mode,

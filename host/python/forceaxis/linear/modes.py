@@ -15,7 +15,7 @@ dampers still couple it to input and output, poles and zeros lie side by side, a
 in Figure 2.16a: colocated. If nothing does, it is neither and has no effect on the loop.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from scipy import linalg, optimize
 from forceaxis._core import InputError
 from forceaxis.linear import system as linear
 from forceaxis.linear import working
+from forceaxis.linear.plant_facts import ContactFacts, PlantFacts
 
 Pole = dict[str, float | None]  # frequency_hz, damping_ratio, real, imag
 
@@ -67,7 +68,7 @@ def mechanics(
     free: bool = False,
 ) -> Mechanics:
     """The undamped modes of a model between `input` and a position-like `output`: Mechanics."""
-    masses = linear.facts(model, overrides)["masses_kg"]
+    masses = linear.facts(model, overrides).masses_kg
     bodies = tuple(masses)
     pushes = [f"{body}.force" for body in bodies]
     system = linear.linearise(
@@ -109,18 +110,18 @@ def mechanics(
     return Mechanics(bodies, root**2, w, shapes, zeta, push, system.C[0, x] @ shapes)
 
 
-def default_output(facts: dict[str, Any], apart: list[dict[str, Any]]) -> str:
+def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
     """Output of the force loop: the reading's signal, or the position of the body that would touch.
 
     facts: as of linear.facts; apart: the model's contacts if none of them is pressed.
     """
     for contact in apart:
-        return next(end for end in contact["between"] if end != "ground") + ".position"
-    reading = facts["reading"]
-    if reading and not reading["signal"].startswith("drive."):
-        return reading["signal"]
+        return next(end for end in contact.between if end != "ground") + ".position"
+    reading = facts.reading
+    if reading and not reading.signal.startswith("drive."):
+        return reading.signal
     # A tachometer or current shows the motion of the drive itself.
-    body = facts["drive"]["body"] if facts["drive"] else next(iter(facts["masses_kg"]))
+    body = facts.required_drive.body if facts.drive else next(iter(facts.masses_kg))
     return f"{body}.position"
 
 
@@ -155,14 +156,14 @@ def modes(
     facts = linear.facts(path, overrides)
     taken = working.working(path, overrides, states, free)
     states = taken.modes
-    contacts = facts["contacts"]
+    contacts = facts.contacts
     otherwise = "apart" if free else "pressed"
-    pressed = any(states.get(c["name"], otherwise) == "pressed" for c in contacts)
+    pressed = any(states.get(c.name, otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
         input = "drive.force"  # the force that a command becomes
-    if output in ("reading", "adc0") and facts["reading"]:
-        output = facts["reading"]["signal"]  # before any filter
+    if output in ("reading", "adc0") and facts.reading:
+        output = facts.required_reading.signal  # before any filter
     if output is None:
         output = default_output(facts, [] if pressed else contacts)
     output = as_positions(output)
@@ -218,7 +219,7 @@ def modes(
         )
     return {
         "model": path.stem,
-        "title": facts["title"],
+        "title": facts.title,
         "contact": ("pressed" if pressed else "apart") if contacts else None,
         **working.summary(taken),
         "input": input,

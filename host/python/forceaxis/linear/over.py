@@ -366,7 +366,7 @@ def _lasts(known, modes):
     saturated. (A saturated feedback inside the drive leaves a loop that no gain holds.)"""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
-    names = [contact["name"] for contact in known["contacts"]]
+    names = [contact.name for contact in known.contacts]
     return not names or any(modes.get(name, "pressed") == "pressed" for name in names)
 
 
@@ -387,7 +387,7 @@ def modes_visited(
     events = _core.run(path, texts).events
     own = _core.inputs(path, texts)
     known = linear.facts(own["model"])
-    values = {n: p["value"] for n, p in own["parameters"].items() if n in known["parameters"]}
+    values = {n: p["value"] for n, p in own["parameters"].items() if n in known.parameters}
     state: dict[str, str] = {}
     for _, element, before, _ in events:
         state.setdefault(element, before)
@@ -416,9 +416,9 @@ def modes_all(
     """The same of all states of all elements that switch. Raises InputError if there is none."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)
-    if output == "reading" and known["reading"] is None:
+    if output == "reading" and known.reading is None:
         raise loops.no_reading(str(where))
-    choices = working.choices(where, known["switches"], overrides)
+    choices = working.choices(where, known.switches, overrides)
     if math.prod(map(len, choices)) > COMBINATIONS_MAX:
         raise _core.InputError(
             f"--modes: expected at most {COMBINATIONS_MAX} combinations of the model's states with "

@@ -76,7 +76,7 @@ class PlantSet:
 def ranges_of(model, over, overrides=None):
     """{parameter: (nominal, low, high)} of texts NAME=PERCENT% or NAME=LOW..HIGH, each perhaps
     several with commas between. Raises InputError."""
-    known = linear.facts(model, overrides)["parameters"]
+    known = linear.facts(model, overrides).parameters
     ranges = {}
     for text in (part for given in over for part in given.split(",")):
         name, _, span = text.partition("=")

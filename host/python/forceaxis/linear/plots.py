@@ -411,7 +411,7 @@ def step_response(result):
 
 def with_units(label, model):
     """The label of a curve, "b_w = 8.25, m_w = 5", with the units of the model's parameters."""
-    known = facts(model)["parameters"]
+    known = facts(model).parameters
     parts = (part.partition(" = ") for part in label.split(", "))
     return ", ".join(f"{n} = {v} {known[n][1]}" if n in known else n for n, _, v in parts)
 

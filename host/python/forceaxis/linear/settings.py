@@ -109,9 +109,9 @@ def _parameters(path, law, firmware, known):
     """SI parameters of stiffness, damping and impedance."""
     if law not in ("stiffness", "damping", "impedance"):
         return {}
-    if known["reading"] is None or known["encoder"] is None:
+    if known.reading is None or known.encoder is None:
         raise _core.InputError(f"{path}: model: expected an ADC 0 and an encoder with law {law}")
-    scale = abs(known["reading"]["per_count"] * known["encoder"]["scale"])
+    scale = abs(known.required_reading.per_count * known.required_encoder.scale)
     found = {}
     if law != "damping":
         found["stiffness_N_per_m"] = firmware.get("stiffness", 0.0) * scale

@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from forceaxis import _core, paths
+from forceaxis.linear import plant_facts
 from forceaxis.linear import working as working_mode
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
@@ -272,9 +274,9 @@ def states(texts):
     return {t.partition("=")[0]: t.partition("=")[2] for t in texts}
 
 
-def facts(model, overrides=None):
-    """Masses, signals and units, drive, reading, encoder of a model: `_core.facts`."""
-    return _core.facts(str(find_model(model)), overrides or {})
+def facts(model: str | Path, overrides: Overrides | None = None) -> PlantFacts:
+    """What a model contains: bodies, signals with units, parameters, drive, sensor, encoder."""
+    return plant_facts.read(str(find_model(model)), overrides)
 
 
 def linearise(

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 
 from forceaxis import _core, toml
+from forceaxis.linear import plant_facts
+from forceaxis.linear.plant_facts import PlantFacts
 
 STUCK, SLIDING = "stuck", "forward"
 FLANKS = (".low", ".high")
@@ -97,7 +99,7 @@ def frictions(path: str | Path, overrides: Values | None = None) -> tuple[Fricti
     """The frictions of the model at `path` under {parameter: value}, in the file's order."""
     if not _own_tables(path)[0]:
         return ()
-    return _frictions(path, _core.facts(str(path), dict(overrides or {}))["parameters"])
+    return _frictions(path, plant_facts.read(str(path), overrides).parameters)
 
 
 def _frictions(
@@ -136,10 +138,10 @@ def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, f
     drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
-    known = _core.facts(str(path), values)
-    if not own or known["drive"] is None:
+    known = plant_facts.read(str(path), values)
+    if not own or known.drive is None:
         return {}
-    full_V = DAC_CODES * known["volts_per_code"]
+    full_V = DAC_CODES * known.volts_per_code
     most = _stall_N(path, known)
     found = {}
     for one in own:
@@ -152,12 +154,12 @@ def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, f
     return found
 
 
-def _stall_N(path: str | Path, known: Mapping[str, Any]) -> float:
+def _stall_N(path: str | Path, known: PlantFacts) -> float:
     """Largest static force of the drive, N; infinite where the model has no limits."""
-    table, drive = toml.read(path)["drive"], known["drive"]["values"]
+    table, drive = toml.read(path)["drive"], known.required_drive.values
 
     def limit(name: str) -> float:
-        return number(table.get(name), known["parameters"]) or math.inf
+        return number(table.get(name), known.parameters) or math.inf
 
     if "k_torque" not in drive:
         return limit("force_limit")
@@ -194,15 +196,15 @@ def working(
     named = dict(modes or {})
     if not any(_own_tables(path)):
         return Working(named)
-    known = _core.facts(str(path), dict(overrides or {}))
-    used = tuple(sorted((name, value) for name, (value, _) in known["parameters"].items()))
+    known = plant_facts.read(str(path), overrides)
+    used = tuple(sorted((name, value) for name, (value, _) in known.parameters.items()))
     given = tuple(sorted((overrides or {}).items()))
     chosen = dict(_chosen(str(path), _stamp(path), used, given))
     for name in backlashes(path):
         if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank is the one that is closed
             chosen.pop(name + FLANKS[1])
     taken = chosen | named
-    contacts = [contact["name"] for contact in known["contacts"]]
+    contacts = [contact.name for contact in known.contacts]
     return Working(taken, _text(path, contacts, taken, free))
 
 
@@ -269,7 +271,7 @@ def cut_by(
                 f"; {one.name} is stuck, since its {one.stiction_N:.4g} N are more than the drive "
                 "brings to it: check both"
             )
-    switches = _core.facts(str(path), dict(overrides or {}))["switches"]
+    switches = plant_facts.read(str(path), overrides).switches
     order = [*(name for name in taken if name in switches), *switches]
     for name in dict.fromkeys(order):
         for state in reversed(switches[name]):

@@ -107,19 +107,19 @@ def _map(entries):
 def words(model):
     """Sentences about a model."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
-    masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts["masses_kg"].items())
+    masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
     lines = [f"Bodies: {masses}."]
-    if drive := facts["drive"]:
-        lines.append(f"Drive {drive['type'].replace('_', ' ')} on {drive['body']}.")
+    if drive := facts.drive:
+        lines.append(f"Drive {drive.type.replace('_', ' ')} on {drive.body}.")
     if mode := working.working(model).text:
         lines.append(f"Linear figures are for {mode}.")
-    for contact in facts["contacts"]:
-        lines.append(f"Contact {contact['name']} between {' and '.join(contact['between'])}.")
-    if reading := facts["reading"]:
-        unit = facts["signals"].get(reading["signal"], "")
+    for contact in facts.contacts:
+        lines.append(f"Contact {contact.name} between {' and '.join(contact.between)}.")
+    if reading := facts.reading:
+        unit = facts.signals.get(reading.signal, "")
         lines.append(
-            f"The firmware reads {reading['signal']} with {reading['bits']} bits, "
-            f"{abs(reading['per_count']) * 2 ** (8 - reading['bits']):.3g} {unit} a code."
+            f"The firmware reads {reading.signal} with {reading.bits} bits, "
+            f"{abs(reading.per_count) * 2 ** (8 - reading.bits):.3g} {unit} a code."
         )
     try:
         found = modes.modes(model)["modes"]
@@ -137,7 +137,7 @@ def laws(model, entries):
     worst figures over that set of each bank of the experiments; or {"refused": why}."""
     try:
         plants = sets.plant_set(str(model))
-        bits = linear.facts(model)["reading"]["bits"]
+        bits = linear.facts(model).required_reading.bits
         problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
         p = problem.worst(Bank(1.0))
     except (_core.InputError, TypeError) as error:
@@ -151,7 +151,7 @@ def laws(model, entries):
             continue
         if own.bank and own.law == "bank":
             banks.append({"entry": entry, "bank": own.bank, "worst": problem.at(own.bank)})
-    units = {name: unit for name, (_, unit) in linear.facts(model)["parameters"].items()}
+    units = {name: unit for name, (_, unit) in linear.facts(model).parameters.items()}
     over = ", ".join(
         f"{name} {plain(low, 4)} to {plain(high, 4)} {units.get(name, '')}".rstrip()
         for name, (_, low, high) in plants.ranges.items()

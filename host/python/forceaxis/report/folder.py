@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from forceaxis import progress
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, regression, trace
 from forceaxis.experiments import run as runs
-from forceaxis.progress import counted
 from forceaxis.report import pictures
 
 
@@ -96,7 +96,7 @@ def begin(pool, folder):
 def ended(begun):
     """Every experiment as an Entry, in the order of their figures, then names."""
     return sorted(
-        (one.get() for one in counted(begun, "experiments")),
+        (one.get() for one in progress.each(begun, "experiments")),
         key=lambda e: (figure_order(e.done.summary["figure"] if e.done else ""), e.name),
     )
 

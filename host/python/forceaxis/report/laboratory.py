@@ -3,13 +3,12 @@
 import os
 import re
 
-from forceaxis import _core, paths, toml
+from forceaxis import _core, paths, progress, toml
 from forceaxis.design import advice_plot, advise
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.progress import counted
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
 from forceaxis.report.folder import figure_order
@@ -128,7 +127,9 @@ def begin(pool):
 def ended(begun):
     """The values of frequency.html.jinja."""
     found = {
-        name: [one.get() for one in counted(work, name)] if isinstance(work, list) else work.get()
+        name: [one.get() for one in progress.each(work, name)]
+        if isinstance(work, list)
+        else work.get()
         for name, work in begun.items()
     }
     advice, advice_image = found.pop("advice")

@@ -95,13 +95,13 @@ def rolloff_hz(model, output, **overrides):
 
 def loop_rolloff_hz(k_amp):
     """-3 dB frequency of the current loop with the shaft locked, k_amp k_cur / (L s + R + ...)."""
-    v = {name: value for name, (value, _) in linear.facts("laboratory")["parameters"].items()}
+    v = {name: value for name, (value, _) in linear.facts("laboratory").parameters.items()}
     return (v["R"] + k_amp * v["k_current"]) / v["L"] / (2 * math.pi)
 
 
 def current_loop_gain(k_amp):
     """k_amp k_cur / (R + k_amp k_cur), current feedback over command at DC."""
-    v = {name: value for name, (value, _) in linear.facts("laboratory")["parameters"].items()}
+    v = {name: value for name, (value, _) in linear.facts("laboratory").parameters.items()}
     return k_amp * v["k_current"] / (v["R"] + k_amp * v["k_current"])
 
 
@@ -137,7 +137,7 @@ def phase_dip_deg(**overrides):
 
 def parameter(model, name):
     """A parameter's value."""
-    return linear.facts(model)["parameters"][name][0]
+    return linear.facts(model).parameters[name][0]
 
 
 def workpiece_damping(b_w):

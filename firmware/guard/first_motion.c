@@ -1,0 +1,281 @@
+#include "firmware/guard/first_motion.h"
+
+#include "firmware/fx/fx.h"
+#include "firmware/guard/sensor.h"
+
+/* Faults of the test are results of the same order. */
+enum {
+  FAULT_OF_RESULT = AXIS_FAULT_FORCE_SENSOR_FAILED - AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED
+};
+_Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
+                       AXIS_FIRST_MOTION_RESULT_POSITION_GAIN_ZERO &&
+                   AXIS_FAULT_RUNAWAY - FAULT_OF_RESULT == AXIS_FIRST_MOTION_RESULT_RUNAWAY,
+               "a result is its fault, less a constant");
+
+/* A quarter of the range: no current of a standing axis jumps so far. */
+enum { CURRENT_JUMP_PER_MILLE = 250 };
+
+void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
+  first->phase = FIRST_MOTION_OPEN;
+  signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_NOT_RUN;
+  signals->first_motion_moved = 0;
+  signals->first_motion_code_reached = 0;
+  signals->first_motion_force = 0;
+}
+
+bool first_motion_depends_on(uint16_t object) {
+  return object == AXIS_OBJ_FIRST_MOTION_TEST || object == AXIS_OBJ_FORCE_SIGN ||
+         object == AXIS_OBJ_FORCE_ZERO_CODE || object == AXIS_OBJ_ADC_BITS;
+}
+
+bool first_motion_is_bounded_by(uint16_t object) {
+  return object == AXIS_OBJ_FIRST_MOTION_CODE || object == AXIS_OBJ_FIRST_MOTION_COUNTS ||
+         object == AXIS_OBJ_FIRST_MOTION_SPEED || object == AXIS_OBJ_CONTACT_FORCE ||
+         object == AXIS_OBJ_FORCE_TARE;
+}
+
+static void begin_standing(first_motion_t *first) {
+  first->phase = FIRST_MOTION_STANDING;
+  first->phase_tick = 0;
+  first->rest_tick = 0;
+  first->code = 0;
+  first->direction = -1;
+  first->sign_seen = 0;
+}
+
+void first_motion_begin(first_motion_t *first, const drive_params_t *params,
+                        drive_signals_t *signals) {
+  if (params->first_motion_test == AXIS_FIRST_MOTION_TEST_OFF ||
+      first->phase != FIRST_MOTION_OPEN) {
+    return;
+  }
+  first_motion_forget(first, signals);
+  signals->first_motion_result = AXIS_FIRST_MOTION_RESULT_RUNNING;
+  begin_standing(first);
+}
+
+void first_motion_cancel(first_motion_t *first, drive_signals_t *signals) {
+  if (first_motion_is_running(first)) {
+    first_motion_forget(first, signals);
+  }
+}
+
+static int16_t signed_code(const first_motion_t *first) {
+  const bool negative = (first->direction < 0) != (first->phase == FIRST_MOTION_BACK);
+  return (int16_t)(negative ? -first->code : first->code);
+}
+
+void first_motion_command(first_motion_t *first, axis_t *axis, bool halted) {
+  if (halted) {
+    begin_standing(first);
+  }
+  axis->params.mode =
+      (first->phase == FIRST_MOTION_STANDING) ? AXIS_MODE_DISABLED : AXIS_MODE_OPEN_LOOP;
+  axis->params.open_loop_code = signed_code(first);
+  axis->params.bump_decay_shift = 0;
+}
+
+static void conclude(first_motion_t *first, drive_signals_t *signals, uint8_t result) {
+  first->phase = FIRST_MOTION_OPEN;
+  signals->first_motion_result = result;
+}
+
+void first_motion_refuse(first_motion_t *first, drive_signals_t *signals, axis_t *axis) {
+  conclude(first, signals, AXIS_FIRST_MOTION_RESULT_POSITION_GAIN_ZERO);
+  axis_fault(axis, AXIS_FAULT_POSITION_GAIN_ZERO);
+}
+
+static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase) {
+  first->phase = phase;
+  first->phase_tick = 0;
+  first->rises = 0;
+  first->start_cnt = axis->signals.position;
+  first->force_start = axis->signals.force;
+}
+
+/* Of these functions each judges a tick of a phase and returns the finding, or
+ * AXIS_FIRST_MOTION_RESULT_RUNNING. */
+
+static uint8_t judge_standing(first_motion_t *first, const axis_t *axis) {
+  const axis_signals_t *signals = &axis->signals;
+  const int16_t current = fx_per_mille_of_bits(signals->current_raw, axis->params.adc_bits);
+  if (sensor_is_railed(axis)) {
+    return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
+  }
+  if (signals->current_raw >= fx_highest_code(axis->params.adc_bits)) {
+    return AXIS_FIRST_MOTION_RESULT_CURRENT_SENSOR_FAILED;
+  }
+  first->rest_tick = (uint16_t)(first->rest_tick + 1);
+  const int32_t moved = fx_diff_wrap(signals->position, first->start_cnt);
+  const bool stands = fx_within(moved, FIRST_MOTION_JITTER_CNT);
+  first->force_low = (signals->force < first->force_low) ? signals->force : first->force_low;
+  first->force_high = (signals->force > first->force_high) ? signals->force : first->force_high;
+  const bool is_steady = first->force_high - first->force_low <= axis->params.contact_force;
+  if (first->phase_tick == 0 || !stands || !is_steady) {
+    enter_phase(first, axis, FIRST_MOTION_STANDING);
+    first->force_low = signals->force;
+    first->force_high = signals->force;
+    first->current_start = current;
+    first->moves = stands ? 0 : 1;
+  }
+  if (!fx_within(current - first->current_start, CURRENT_JUMP_PER_MILLE)) {
+    return AXIS_FIRST_MOTION_RESULT_CURRENT_SENSOR_FAILED;
+  }
+  if (first->rest_tick > FIRST_MOTION_REST_TICKS) {
+    return (first->moves != 0) ? AXIS_FIRST_MOTION_RESULT_NOT_STANDING
+                               : AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
+  }
+  first->phase_tick = (uint16_t)(first->phase_tick + 1);
+  if (first->phase_tick == FIRST_MOTION_STAND_TICKS) {
+    enter_phase(first, axis, FIRST_MOTION_ZERO);
+  }
+  return AXIS_FIRST_MOTION_RESULT_RUNNING;
+}
+
+static uint8_t judge_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
+  const int32_t moved = fx_diff_wrap(axis->signals.position, first->start_cnt);
+  if (!fx_within(moved, params->first_motion_counts - 1)) {
+    return AXIS_FIRST_MOTION_RESULT_AMPLIFIER_OFFSET;
+  }
+  first->phase_tick = (uint16_t)(first->phase_tick + 1);
+  if (first->phase_tick == FIRST_MOTION_ZERO_TICKS) {
+    enter_phase(first, axis, FIRST_MOTION_OUT);
+  }
+  return AXIS_FIRST_MOTION_RESULT_RUNNING;
+}
+
+/* A limit allows no motion this way. */
+static bool is_blocked(const axis_t *axis) {
+  return axis->signals.limit_reason >= AXIS_LIMIT_REASON_POSITION_MIN;
+}
+_Static_assert(AXIS_LIMIT_REASON_POSITION_MIN > AXIS_LIMIT_REASON_OUTPUT_LIMIT &&
+                   AXIS_LIMIT_REASON_LIMIT_SWITCH_POS + 1 == AXIS_LIMIT_REASON_COUNT,
+               "the reasons from position_min on block");
+
+/* The code of the next tick; false once the largest has been held for long enough. */
+static bool raise_code(first_motion_t *first, const drive_params_t *params) {
+  first->rises ^= 1;
+  if (first->code < params->first_motion_code) {
+    first->code = (int16_t)(first->code + first->rises);
+    return true;
+  }
+  first->phase_tick = (uint16_t)(first->phase_tick + 1);
+  return first->phase_tick < FIRST_MOTION_HOLD_TICKS;
+}
+
+static bool runs_away(const first_motion_t *first, const drive_params_t *params,
+                      const axis_t *axis) {
+  const int32_t moved = fx_diff_wrap(axis->signals.position, first->start_cnt);
+  return !fx_within(axis->signals.velocity, params->first_motion_speed) ||
+         !fx_within(moved, FIRST_MOTION_REACH * params->first_motion_counts);
+}
+
+/* The reading changed by `change` with the motion out, which is complete. */
+static uint8_t judge_force(first_motion_t *first, const axis_t *axis, int32_t change) {
+  const int32_t step = fx_scale(1, (uint32_t)16 - axis->params.adc_bits);
+  if (fx_within(first->force_start, axis->params.contact_force)) {
+    return AXIS_FIRST_MOTION_RESULT_RUNNING;
+  }
+  if (change <= -step) {
+    return AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED;
+  }
+  if (change < step && !fx_within(axis->signals.force, axis->params.contact_force)) {
+    return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED; /* an offset: no contact has stayed */
+  }
+  first->sign_seen = (change > axis->params.contact_force) ? 1 : 0;
+  return AXIS_FIRST_MOTION_RESULT_RUNNING;
+}
+
+static uint8_t judge_out(first_motion_t *first, const drive_params_t *params,
+                         drive_signals_t *signals, const axis_t *axis) {
+  const int32_t counts = fx_diff_wrap(axis->signals.position, first->start_cnt);
+  const int32_t force = fx_diff_wrap(axis->signals.force, first->force_start);
+  const bool negative = first->direction < 0;
+  const int32_t moved = negative ? fx_diff_wrap(0, counts) : counts;
+  const int32_t change = negative ? -force : force;
+  signals->first_motion_moved = counts;
+  signals->first_motion_code_reached = signed_code(first);
+  signals->first_motion_force = force;
+  if (runs_away(first, params, axis)) {
+    return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
+  }
+  if (moved <= -(int32_t)params->first_motion_counts ||
+      (change < -axis->params.contact_force && moved < 0)) {
+    return AXIS_FIRST_MOTION_RESULT_ENCODER_REVERSED;
+  }
+  if (change < -axis->params.contact_force) {
+    return (moved > 0) ? AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED
+                       : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
+  }
+  if (moved >= params->first_motion_counts) {
+    first->phase = FIRST_MOTION_BACK;
+    first->phase_tick = 0;
+    return judge_force(first, axis, change);
+  }
+  if (is_blocked(axis) && negative) {
+    first->direction = 1;
+    first->code = 0;
+    return AXIS_FIRST_MOTION_RESULT_RUNNING;
+  }
+  return raise_code(first, params) ? AXIS_FIRST_MOTION_RESULT_RUNNING
+                                   : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
+}
+
+static uint8_t judge_back(first_motion_t *first, const drive_params_t *params, axis_t *axis) {
+  const int32_t counts = fx_diff_wrap(axis->signals.position, first->start_cnt);
+  const bool is_back = (first->direction < 0) ? counts >= 0 : counts <= 0;
+  if (runs_away(first, params, axis)) {
+    return AXIS_FIRST_MOTION_RESULT_RUNAWAY;
+  }
+  if (!is_back && !is_blocked(axis)) {
+    const int32_t velocity = axis->signals.velocity;
+    const bool returns = (first->direction < 0) ? velocity > 0 : velocity < 0;
+    return returns || raise_code(first, params) ? AXIS_FIRST_MOTION_RESULT_RUNNING
+                                                : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
+  }
+  first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
+  axis->rebase = 1; /* also where the mode of the axis stays open loop */
+  return AXIS_FIRST_MOTION_RESULT_PASSED;
+}
+
+/* Pressing must raise the reading. */
+static uint8_t judge_contact(first_motion_t *first, const axis_t *axis) {
+  const axis_signals_t *signals = &axis->signals;
+  if (signals->active_mode == AXIS_MODE_DISABLED || signals->velocity <= 0 ||
+      fx_within(signals->force, axis->params.contact_force)) {
+    return AXIS_FIRST_MOTION_RESULT_PASSED;
+  }
+  first->phase = FIRST_MOTION_DONE;
+  return (signals->force < 0) ? AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED
+                              : AXIS_FIRST_MOTION_RESULT_PASSED;
+}
+
+void first_motion_judge(first_motion_t *first, const drive_params_t *params,
+                        drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs) {
+  if (axis->signals.fault != AXIS_FAULT_NONE) {
+    return;
+  }
+  uint8_t result = AXIS_FIRST_MOTION_RESULT_RUNNING;
+  switch (first->phase) {
+    case FIRST_MOTION_STANDING:
+      result = judge_standing(first, axis);
+      break;
+    case FIRST_MOTION_ZERO:
+      result = judge_zero(first, params, axis);
+      break;
+    case FIRST_MOTION_OUT:
+      result = judge_out(first, params, signals, axis);
+      break;
+    case FIRST_MOTION_BACK:
+      result = judge_back(first, params, axis);
+      break;
+    default:
+      result = judge_contact(first, axis);
+      break;
+  }
+  signals->first_motion_result = result;
+  if (result > AXIS_FIRST_MOTION_RESULT_PASSED) {
+    conclude(first, signals, result);
+    axis_trip(axis, (uint8_t)(result + FAULT_OF_RESULT), outputs);
+  }
+}

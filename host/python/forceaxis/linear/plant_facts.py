@@ -1,0 +1,123 @@
+"""What a plant model contains: bodies, signals, parameters, contacts, drive, sensor and encoder."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from forceaxis import _core
+
+Overrides = Mapping[str, float | str]  # parameter name to SI value, or to a text with a unit
+
+
+class Parameter(NamedTuple):
+    """A parameter of a model: its value in SI units, and the name of that unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class ContactFacts:
+    """A contact: its name, and the two bodies (or "ground") that touch in it."""
+
+    name: str
+    between: tuple[str, str]
+
+
+@dataclass(frozen=True)
+class DriveFacts:
+    """A drive: its type, the body that it moves, the body that bears the reaction ("ground" for
+    none), and its parameters in SI units."""
+
+    type: str
+    body: str
+    reaction: str
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class SensorFacts:
+    """The sensor that the firmware reads: the signal it measures, in which unit of the signal one
+    ADC code is `per_count`, and the ADC's resolution in bits."""
+
+    signal: str
+    per_count: float
+    bits: int
+
+
+@dataclass(frozen=True)
+class EncoderFacts:
+    """The encoder: the body that it measures, the body it measures against, counts per metre (or
+    per rad) with their sign."""
+
+    body: str
+    reference: str
+    scale: float
+
+
+@dataclass(frozen=True)
+class PlantFacts:
+    """What one model contains, at given parameter values.
+
+    `path` is the model's file. `masses_kg` has every body, `signals` the unit of every signal,
+    `switches` the states of every element that has several ("sensor": ("apart", "pressed",
+    "overlap")). `drive`, `reading` and
+    `encoder` are None where the model has none; `required_drive` and so on raise InputError
+    there. `volts_per_code` is the drive command of one DAC
+    code.
+    """
+
+    path: str
+    title: str
+    masses_kg: dict[str, float]
+    signals: dict[str, str]
+    parameters: dict[str, Parameter]
+    contacts: tuple[ContactFacts, ...]
+    switches: dict[str, tuple[str, ...]]
+    drive: DriveFacts | None
+    reading: SensorFacts | None
+    encoder: EncoderFacts | None
+    volts_per_code: float
+
+    @property
+    def required_drive(self) -> DriveFacts:
+        """The drive; raises InputError where the model has none."""
+        if self.drive is None:
+            raise _core.InputError(f"{self.path}: expected a [drive]")
+        return self.drive
+
+    @property
+    def required_reading(self) -> SensorFacts:
+        """The sensor; raises InputError where the model has none."""
+        if self.reading is None:
+            raise _core.InputError(f"{self.path}: expected an [[adc]] of channel 0")
+        return self.reading
+
+    @property
+    def required_encoder(self) -> EncoderFacts:
+        """The encoder; raises InputError where the model has none."""
+        if self.encoder is None:
+            raise _core.InputError(f"{self.path}: expected an [encoder]")
+        return self.encoder
+
+
+def _optional(kind: type, table: Mapping[str, Any] | None) -> Any:
+    return kind(**table) if table else None
+
+
+def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
+    """The facts of the model file at `path`; `_core.InputError` where the file is not a model."""
+    table = _core.facts(path, dict(overrides or {}))
+    return PlantFacts(
+        path=path,
+        title=table["title"],
+        masses_kg=table["masses_kg"],
+        signals=table["signals"],
+        parameters={name: Parameter(*given) for name, given in table["parameters"].items()},
+        contacts=tuple(ContactFacts(**contact) for contact in table["contacts"]),
+        switches=table["switches"],
+        drive=_optional(DriveFacts, table["drive"]),
+        reading=_optional(SensorFacts, table["reading"]),
+        encoder=_optional(EncoderFacts, table["encoder"]),
+        volts_per_code=table["volts_per_code"],
+    )

@@ -1,0 +1,87 @@
+"""Results of the verbs as JSON: one serialiser for every result, which is a frozen dataclass.
+
+    @dataclass(frozen=True)
+    class Margins:
+        fS_Hz: float | None
+        gain_margin: float = json_field(key="gain margin")
+        note: str | None = json_field(default=None, omit_none=True)
+
+    to_json(Margins(...))                   {"fS_Hz": ..., "gain margin": ...}
+    from_json(Margins, json.loads(text))    the dataclass; InputError where a key or a type differs
+
+The keys are the names of the fields in their order, or the field's `key`. A field with `omit_none`
+has no key while it is None, and comes after the others. NumPy's arrays and scalars become lists and
+numbers, paths become texts, tuples become lists. nan and infinities stay floats; a result holds
+None instead, since json.dumps(allow_nan=False) refuses them.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cattrs
+import numpy as np
+from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
+
+from forceaxis._core import InputError
+
+T = TypeVar("T")
+KEY, OMIT_NONE = "json_key", "json_omit_none"
+
+
+def json_field(*, key: str | None = None, omit_none: bool = False, **given: Any) -> Any:
+    """A field of a result: `key` in JSON instead of its name; `omit_none`: no key while it is None,
+    which is then its default. given: those of dataclasses.field."""
+    if omit_none:
+        given.setdefault("default", None)
+    return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none}, **given)
+
+
+def _overrides(kind: type) -> dict[str, Any]:
+    return {
+        field.name: override(
+            rename=field.metadata.get(KEY),
+            omit_if_default=True if field.metadata.get(OMIT_NONE) else None,
+        )
+        for field in dataclasses.fields(kind)
+    }
+
+
+def _to_dict(kind: type) -> Any:
+    # Types that stand in texts and those behind `Any` are found from the value itself.
+    return make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
+
+
+def _from_dict(kind: type) -> Any:
+    return make_dict_structure_fn(
+        kind, _converter, _cattrs_forbid_extra_keys=True, **_overrides(kind)
+    )  # fmt: skip
+
+
+_converter = cattrs.Converter()
+_converter.register_unstructure_hook_factory(dataclasses.is_dataclass, _to_dict)
+_converter.register_structure_hook_factory(dataclasses.is_dataclass, _from_dict)
+_converter.register_unstructure_hook(np.ndarray, lambda array: array.tolist())
+_converter.register_unstructure_hook(np.generic, lambda scalar: scalar.item())
+_converter.register_unstructure_hook(Path, str)
+_converter.register_unstructure_hook_func(
+    lambda kind: getattr(kind, "__origin__", kind) is tuple,
+    lambda values: [_converter.unstructure(value) for value in values],
+)
+_converter.register_structure_hook(Path, lambda value, _: Path(value))
+
+
+def to_json(result: Any) -> Any:
+    """A result as what json.dumps takes: dicts, lists, texts, numbers, bools and None."""
+    return _converter.unstructure(result)
+
+
+def from_json(kind: type[T], table: Mapping[str, Any], where: str = "") -> T:
+    """The result of type `kind` that to_json made `table` of. Raises InputError, which begins with
+    `where`, for keys that are absent or unknown and for values of another type."""
+    try:
+        return _converter.structure(table, kind)
+    except (cattrs.BaseValidationError, ValueError, TypeError) as error:
+        told = "; ".join(cattrs.transform_error(error))
+        raise InputError(f"{where or kind.__name__}: {told}") from None

@@ -1,0 +1,25 @@
+"""The cap after a lost contact on the emulated chip: the runs of tests/support/cap_study.py."""
+
+import cap_study
+import pytest
+from forceaxis import _core
+from forceaxis.experiments import link
+
+CHIP = link.Link("pil-stm32")
+
+
+def on_the_chip(file):
+    result, report = link.run(CHIP, file, [])
+    link.expect_same(report)
+    return result.columns()
+
+
+@pytest.mark.parametrize("cases", [range(3), pytest.param(range(1000), marks=pytest.mark.long)])
+def test_the_cap_holds_as_in_process(tmp_path, cases):
+    for number in cases:
+        found = cap_study.run(tmp_path, number, on_the_chip)
+        assert found.worst == 0, number
+        assert found.judged > 0 or found.losses == 0, number
+        if number < 100:
+            here = cap_study.run(tmp_path, number, lambda file: _core.run(str(file)).columns())
+            assert found == here, number

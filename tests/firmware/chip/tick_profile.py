@@ -1,0 +1,313 @@
+"""The instructions of a tick by function: a fuzzed run on the emulated Cortex-M4, and its table."""
+
+from collections import Counter, defaultdict
+
+import chip as released
+from cortex_m4 import Chip, Code, Inputs, run
+from forceaxis.objects import BY_NAME
+from tick_fuzz import Fuzz
+from unicorn import UC_HOOK_CODE
+
+SEED = 6
+TICKS = 100_000
+CAN_MAILBOXES = 3  # of a bxCAN: frames that can be sent in one tick
+LATE = 0.002  # share of the ticks after which fw_between() is late
+ENABLED = 4  # AXIS_DRIVE_STATE_
+MODE_NAMES = {
+    1: "pp",
+    3: "pv",
+    4: "tq",
+    6: "hm",
+    8: "csp",
+    9: "csv",
+    10: "cst",
+    0: "none, holds",
+    -1: "force, counts",
+    -2: "open loop",
+    -3: "excitation",
+    -4: "native position",
+    -5: "guarded move",
+    -6: "stiffness",
+    -7: "damping",
+    -8: "impedance",
+}
+OFF = "not enabled, stopping"
+RESET = ("power_up", "canopen_init")
+# Both channels take 3.81 us, 640 cycles of the core, of which 100 at least go by before the first
+# poll; a poll of them has eight reads of 6 cycles at least.
+ADC_POLLS = 12
+LIMITS = released.BOARD.limits
+# By a model of core, flash accelerator and buses over 40,000 fuzzed ticks; only a board shows it.
+CYCLES_PER_INSTRUCTION = 2.6
+TICK_CYCLES = 112_000
+
+
+class Worst:
+    """The longest call of one kind, and its instructions by function."""
+
+    def __init__(self):
+        self.count, self.shares, self.counts = 0, [], []
+
+    def take(self, chip, names=None):
+        """Records a call; with `names` only the instructions of these functions."""
+        shares = chip.shares(names) if names else None
+        count = sum(c for c, _ in shares) if names else chip.count
+        self.counts.append(count)
+        if count > self.count:
+            self.count, self.shares = count, shares or chip.shares()
+
+    def percentile(self, n):
+        return sorted(self.counts)[(len(self.counts) - 1) * n // 100]
+
+
+class Watched:
+    """The chip, with the calls between two ticks counted by kind."""
+
+    def __init__(self, chip):
+        self.chip, self.frames = chip, Counter()
+
+    @property
+    def outputs(self):
+        return self.chip.outputs
+
+    def __getattr__(self, name):
+        return getattr(self.chip, name)
+
+    def receive(self, can_id, data):
+        self.chip.receive(can_id, data)
+        self.count(self.kind(can_id, data))
+
+    def modbus(self, data):
+        self.chip.modbus(data)
+        self.count("Modbus request of at most 14 registers")
+
+    def count(self, kind):
+        self.frames[kind] = max(self.frames[kind], self.chip.count)
+
+    @staticmethod
+    def kind(can_id, data):
+        if can_id < 0x80:
+            return "NMT"
+        if can_id == 0x80:
+            return "SYNC, up to 4 TPDOs and 4 RPDOs"
+        if can_id >= 0x700:
+            return "heartbeat"
+        if can_id >= 0x600:
+            command = data[0] >> 5
+            return {2: "SDO upload", 1: "SDO download"}.get(command, "SDO segment, abort")
+        return "RPDO, up to 8 objects"
+
+
+class Port:
+    """What the port adds in the tick's interrupt of the released image to the firmware's calls:
+    at most, of ticks that are off, go on, are on and go off."""
+
+    CALLS = ("fw_prepare", "fw_control", "fw_report")
+    LAST_INPUT, OUTPUT = 0x40, 0x08  # JDR2 of the ADC, DHR12R1 of the DAC
+
+    def __init__(self):
+        run(released.ROOT / "tools/image")
+        self.owner = Code(released.IMAGE).owner
+        self.board = released.Chip()
+        self.board.board.adc.ready_reads = ADC_POLLS
+        self.starts = {self.board.symbols[name] & ~1 for name in self.CALLS}
+        self.total = self.from_adc_to_dac = 0
+        self.notice(self.board.board.adc, "read", self.LAST_INPUT, self.sample_taken)
+        self.notice(self.board.board.dac, "write", self.OUTPUT, self.output_written)
+        self.count, self.inside, self.sampled = 0, False, None
+        # From the start: blocks translated before would not be counted.
+        self.board.uc.hook_add(UC_HOOK_CODE, self.executed)
+        self.run()
+
+    def notice(self, peripheral, access, register, what):
+        original = getattr(peripheral, access)
+
+        def noticed(offset, *value):
+            if offset == register:
+                what()
+            return original(offset, *value)
+
+        setattr(peripheral, access, noticed)
+
+    def sample_taken(self):
+        self.sampled = self.count
+
+    def output_written(self):
+        if self.sampled is not None:
+            self.from_adc_to_dac = max(self.from_adc_to_dac, self.count - self.sampled)
+        self.sampled = None
+
+    def executed(self, _uc, address, _size, _data):
+        name = self.owner.get(address)
+        self.inside = address in self.starts or (self.inside and name != "port_tick")
+        self.count += name is not None and not self.inside
+
+    def tick(self):
+        self.count, self.inside, self.sampled = 0, False, None
+        self.board.tick(hung=True)
+        self.total = max(self.total, self.count)
+        self.board.main()
+
+    def run(self):
+        released.release(self.board)
+        assert self.board.write("open_loop_code", 100) == 0
+        open_loop = BY_NAME["mode"].enum.index("open_loop")
+        for mode in (0, open_loop, 0):
+            assert self.board.write("mode", mode) == 0
+            for _ in range(3):
+                self.tick()
+            assert self.board.terminals()[0] == (mode == open_loop)
+
+
+class Profile:
+    def __init__(self, ticks=TICKS, seed=SEED):
+        self.chip = Chip()
+        self.ticks, self.seed = ticks, seed
+        self.modes = defaultdict(Worst)
+        self.between, self.late = Worst(), Worst()
+        self.run()
+        self.port = Port()
+
+    def run(self):
+        state = BY_NAME["drive_state"].number
+        display = BY_NAME["modes_of_operation_display"].number
+        chip, side = self.chip, Watched(self.chip)
+        fuzz, inputs = Fuzz(BY_NAME, self.seed), Inputs(0, (0, 0), 1, 1)
+        resets = [chip.code.names.index(name) for name in RESET]
+        waiting = False
+        self.resets, self.axis, self.banked = Worst(), Worst(), Worst()
+        self.control = 0
+        axis = sorted(chip.code.names.index(n) for n in chip.code.reachable("axis_tick"))
+        # In a force mode the drive makes the waveform, not axis_tick().
+        drive = chip.code.names.index("contact_excitation_prepare")
+        waveform = chip.code.names.index("excitation_step")
+        excited = [n for n in axis if n != waveform]
+        law = chip.code.names.index("force_law_step")
+        for _ in range(self.ticks):
+            fuzz.step(side, inputs)
+            chip.interrupt(bytes(inputs))
+            worst = self.banked if chip.shares_of[law + 1] else self.axis
+            worst.take(chip, excited if chip.shares_of[drive + 1] else axis)
+            self.control = max(self.control, chip.control_count)
+            mode = chip.byte(display)
+            mode = mode - 256 if mode > 127 else mode
+            enabled = chip.byte(state) == ENABLED
+            self.modes[mode if enabled else OFF].take(chip)
+            if fuzz.rng.random() < LATE:
+                waiting = True
+                continue
+            chip.between()
+            if any(chip.shares_of[i + 1] for i in resets):
+                self.resets.take(chip)
+            else:
+                (self.late if waiting else self.between).take(chip)
+            waiting = False
+            for _ in range(CAN_MAILBOXES):
+                if chip.transmit() is None:
+                    break
+        self.frames = side.frames
+
+    @property
+    def worst(self):
+        return max(self.modes.values(), key=lambda w: w.count)
+
+    @property
+    def interrupt(self):
+        return self.worst.count + self.port.total
+
+    @property
+    def from_adc_to_dac(self):
+        return self.control + self.port.from_adc_to_dac
+
+    def coverage(self, *roots):
+        """(executed, all) instructions of what functions can come to, and those missed by name."""
+        code, executed = self.chip.code, self.chip.executed()
+        missed, total = {}, 0
+        for name in sorted(code.reachable(*roots)):
+            addresses = code.instructions[name]
+            total += len(addresses)
+            left = sum(a not in executed for a in addresses)
+            if left:
+                missed[name] = left
+        return total - sum(missed.values()), total, missed
+
+    def in_cycles(self):
+        """Lines of text: the interrupt as a time."""
+        words = []
+        for count in (self.interrupt, LIMITS.interrupt_instructions):
+            cycles = CYCLES_PER_INSTRUCTION * count
+            share = 100 * cycles / TICK_CYCLES
+            words.append(f"{cycles:.0f} cycles, {cycles / 168:.0f} us, {share:.1f} % of a tick")
+        return [
+            f"At {CYCLES_PER_INSTRUCTION} cycles an instruction, wait states and buses included,",
+            f"at most {words[0]}; the limit is {words[1]}.",
+        ]
+
+    def table(self):
+        done, total, missed = self.coverage(*Port.CALLS)
+        axis_done, axis_total, _ = self.coverage("axis_tick")
+        lines = [
+            "# Instructions of a tick",
+            "",
+            "Made by `tools/tick_profile`, compared by `tests/firmware/chip/test_budget.py`; "
+            "do not edit.",
+            "",
+            f"Cortex-M4, {self.chip.compiler}, -O2,",
+            f"{self.ticks:,} fuzzed ticks (seed {self.seed}): random modes, parameters, mappings,",
+            "PDO, SYNC, NMT, SDO and Modbus traffic, eight recorder channels, broken sensors and",
+            "masters. Instructions that a condition skips count.",
+            "",
+            "## fw_prepare(), fw_control() and fw_report()",
+            "",
+            "| mode of operation | ticks | median | 99 % | at most |",
+            "| --- | ---: | ---: | ---: | ---: |",
+        ]
+        order = [*MODE_NAMES, OFF]
+        for mode in sorted(self.modes, key=order.index):
+            w = self.modes[mode]
+            name = OFF if mode == OFF else f"{mode} ({MODE_NAMES[mode]})"
+            figures = [len(w.counts), w.percentile(50), w.percentile(99), w.count]
+            lines.append(f"| {name} | " + " | ".join(map(str, figures)) + " |")
+        lines += [
+            "",
+            f"At most {self.worst.count}. {done} of the {total} instructions it can come to were",
+            f"executed ({100 * done / total:.1f} %).",
+            "",
+            "The longest one by function:",
+            "",
+            "| function | instructions |",
+            "| --- | ---: |",
+            *(f"| {name} | {count} |" for count, name in self.worst.shares),
+            "",
+            "Not executed: " + ", ".join(f"{n} {c}" for n, c in missed.items()) + ".",
+            "",
+            f"axis_tick() and what it calls: at most {self.axis.count}, with a bank of the force"
+            f" law {self.banked.count}; {axis_done} of {axis_total} executed.",
+            "",
+            "## The whole interrupt",
+            "",
+            "| what | at most | limit |",
+            "| --- | ---: | ---: |",
+            f"| fw_prepare(), fw_control() and fw_report() | {self.worst.count} | |",
+            f"| the port: entry, inputs, {ADC_POLLS} polls of the ADC, outputs, watchdog, exit |"
+            f" {self.port.total} | |",
+            f"| together | {self.interrupt} | {LIMITS.interrupt_instructions} |",
+            f"| fw_control() | {self.control} | |",
+            "| the port from the last reading of the ADC to the DAC |"
+            f" {self.port.from_adc_to_dac} | |",
+            f"| ADC read to DAC write | {self.from_adc_to_dac} |"
+            f" {LIMITS.adc_to_dac_instructions} |",
+            "",
+            *self.in_cycles(),
+            "",
+            "## After it, before the next one",
+            "",
+            "| what | at most |",
+            "| --- | ---: |",
+            f"| fw_between() | {self.between.count} |",
+            f"| fw_between() that makes up for a tick | {self.late.count} |",
+            f"| fw_between() with a reset, no memory | {self.resets.count} |",
+            *(f"| {kind} | {count} |" for kind, count in sorted(self.frames.items())),
+            "",
+        ]
+        return "\n".join(lines)

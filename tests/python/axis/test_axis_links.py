@@ -1,0 +1,250 @@
+"""What carries an axis, on stand-ins of a CAN bus and of a Modbus client.
+tests/wire/test_axis_ways.py has both on real buses."""
+
+import contextlib
+import time
+from pathlib import Path
+
+import can
+import canopen
+import pytest
+from forceaxis.axis import modbus
+from forceaxis.axis.can import OWN_NODE, CanLink
+from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.modbus import ModbusLink
+from forceaxis.objects import BY_NAME
+
+EDS = Path(__file__).resolve().parents[3] / "firmware/objects/generated/forceaxis.eds"
+
+# CAN: a node of python-canopen stands in for the axis.
+
+
+@pytest.fixture
+def node(request):
+    """(the stand-in's values by name, a bus at which it is)."""
+    channel = request.node.name
+    network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.05
+    network.connect(interface="virtual", channel=channel)
+    local = network.create_node(1, str(EDS))
+    heard = []
+    network.subscribe(0x700 + OWN_NODE, lambda *message: heard.append(message))
+    local.heard = heard
+
+    def value(name):
+        known = BY_NAME[name]
+        record = local.sdo[known.index]
+        return record[known.sub] if known.sub else record
+
+    local.value = value
+    for i in range(1, 5):
+        value(f"consumer_heartbeat_{i}").raw = 0
+    value("command_source").raw = 0
+    yield local, can.Bus(interface="virtual", channel=channel)
+    network.disconnect()
+
+
+def consumers(local):
+    return [local.value(f"consumer_heartbeat_{i}").raw for i in range(1, 5)]
+
+
+@contextlib.contextmanager
+def acquired(bus):
+    """A link that owns the stand-in, closed at the end."""
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        link.acquire()
+        yield link
+    finally:
+        link.close()
+
+
+def test_can_a_name_without_end_is_no_answer(node):
+    local, bus = node
+    local.sdo[0x1008].raw = "n" * 5000  # as good as without end: 700 segments
+    link = CanLink("virtual", 1, bus=bus)
+    try:
+        with pytest.raises(NoAnswer, match="1008h of at most 256 bytes"):
+            link.text(0x1008)
+        assert link.read(["command_source"]) == {"command_source": 0}  # and the link goes on
+    finally:
+        link.close()
+
+
+OURS = OWN_NODE << 16 | 1000
+
+
+@pytest.mark.parametrize(
+    ("before", "meanwhile", "after"),
+    [
+        ([0, 0, 0, 0], [OURS, 0, 0, 0], [0, 0, 0, 0]),
+        # Another master is watched, and stays so.
+        ([5 << 16 | 300, 0, 0, 0], [5 << 16 | 300, OURS, 0, 0], [5 << 16 | 300, 0, 0, 0]),
+        # What a killed program of this kind has left is its own entry.
+        ([0, OURS, 0, 0], [OURS, 0, 0, 0], [0, 0, 0, 0]),
+        # A time that somebody has set for this id is put back.
+        ([0, OWN_NODE << 16 | 400, 0, 0], [0, OURS, 0, 0], [0, OWN_NODE << 16 | 400, 0, 0]),
+    ],
+)
+def test_can_the_axis_watches_the_owner_while_it_may_be_enabled(node, before, meanwhile, after):
+    local, bus = node
+    for i, raw in enumerate(before, 1):
+        local.value(f"consumer_heartbeat_{i}").raw = raw
+    with acquired(bus) as link:
+        link.write({"force_gain": 1792})
+        link.write({"controlword": 7})
+        # What enables nothing needs no supervision, and makes none.
+        assert consumers(local) == [raw if raw != OURS else 0 for raw in before]
+        assert not local.heard
+        link.write({"controlword": 15})
+        assert consumers(local) == meanwhile
+        assert local.heard
+        link.write({"store_all": 0x65766173})
+        assert consumers(local) == after  # the stored set has no entry of this program
+        link.write({"controlword": 15})
+        assert OURS in consumers(local)
+        link.release()
+        assert consumers(local) == after
+
+
+def test_can_no_free_place_refuses_before_the_controlword(node):
+    local, bus = node
+    for i in range(1, 5):
+        local.value(f"consumer_heartbeat_{i}").raw = i << 16 | 500
+    local.value("controlword").raw = 0
+    with acquired(bus) as link:
+        with pytest.raises(Refused, match="free heartbeat consumer"):
+            link.write({"controlword": 15})
+        assert local.value("controlword").raw == 0
+
+
+def test_can_another_node_of_the_own_id_is_refused(node):
+    local, bus = node
+    with acquired(bus) as link:
+        local.network.send_message(0x700 + OWN_NODE, [5])
+        link.read(["fault"])
+        with pytest.raises(Refused, match="expected no other node 126, it sends heartbeats"):
+            link.write({"controlword": 15})
+        assert OURS not in consumers(local)
+
+
+def test_can_the_heartbeat_goes_on_during_a_long_transfer(node):
+    local, bus = node
+    with acquired(bus) as link:
+        link.write({"controlword": 15})
+        with link._asking("a transfer"):
+            before = len(local.heard)
+            time.sleep(0.5)
+            assert len(local.heard) >= before + 2  # one in 100 ms
+        link.release()
+        time.sleep(0.05)
+        before = len(local.heard)
+        time.sleep(0.2)
+        assert len(local.heard) == before  # nobody waits for it any more
+
+
+def test_can_refusals_and_silence_are_named(node):
+    local, bus = node
+    del local.object_dictionary[BY_NAME["force_gain"].index]
+    link = CanLink("virtual", 1, bus=bus, timeout_s=0.3)
+    try:
+        with pytest.raises(Refused, match="force_gain: there is no such object") as caught:
+            link.read(["force_gain"])
+        assert caught.value.code == 0x06020000
+        local.network.unsubscribe(0x601)
+        with pytest.raises(NoAnswer, match="node 1 on virtual: expected an answer about force"):
+            link.read(["force"])
+    finally:
+        link.close()
+
+
+# Modbus: a client that has registers of its own.
+
+
+class Registers:
+    """What pymodbus' client does, on a dictionary of registers."""
+
+    class Answer:
+        def __init__(self, registers=(), exception_code=0):
+            self.registers, self.exception_code = list(registers), exception_code
+
+        def isError(self):
+            return self.exception_code != 0
+
+    def __init__(self):
+        self.holding, self.input, self.asked = {}, {}, 0
+        self.information = {2: b"0.1.0 904ee356", 4: b"forceaxis"}
+
+    def _read(self, table, address, count):
+        self.asked += 1
+        return self.Answer(table.get(address + i, 0) for i in range(count))
+
+    def read_holding_registers(self, address, *, count, device_id):
+        return self._read(self.holding, address, count)
+
+    def read_input_registers(self, address, *, count, device_id):
+        return self._read(self.input, address, count)
+
+    def read_device_information(self, *, read_code, object_id, device_id):
+        found = self.Answer(exception_code=0 if object_id in self.information else 1)
+        found.information = self.information
+        return found
+
+    def write_registers(self, address, words, *, device_id):
+        self.asked += 1
+        if device_id != 1:
+            return self.Answer(exception_code=10)
+        self.holding |= {address + i: word for i, word in enumerate(words)}
+        return self.Answer()
+
+    def write_register(self, address, word, *, device_id):
+        return self.write_registers(address, [word], device_id=device_id)
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def registers(monkeypatch):
+    made = Registers()
+    monkeypatch.setattr(modbus, "client", lambda url, timeout_s: made)
+    return made
+
+
+@pytest.mark.parametrize("low_first", [0, 1])
+def test_modbus_words_signs_and_widths(registers, low_first):
+    registers.holding[BY_NAME["modbus_word_order"].modbus] = low_first
+    link = ModbusLink("tcp://somewhere")
+    values = {
+        "target_position": -70_000, "target_force": -750, "modes_of_operation": -1,
+        "force_scale": 3_000_000_000 // 2, "recorder_length": 65535,
+    }  # fmt: skip
+    link.write(values)
+    assert link.read(values) == values
+    at = BY_NAME["target_position"].modbus
+    words = [registers.holding[at], registers.holding[at + 1]]
+    # -70000 = FFFE EE90h
+    assert words == ([0xEE90, 0xFFFE] if low_first else [0xFFFE, 0xEE90])
+    registers.input[BY_NAME["position_actual"].modbus] = 0xFFFF
+    registers.input[BY_NAME["position_actual"].modbus + 1] = 0xFFFF
+    assert link.read(["position_actual"]) == {"position_actual": -1}
+
+
+def test_modbus_refuses_what_has_no_register_before_it_sends(registers):
+    link = ModbusLink("tcp://somewhere")
+    with pytest.raises(Refused, match="bank_gain_1: it has no Modbus register; use --axis or --"):
+        link.write({"force_gain": 1, "bank_gain_1": 1})
+    with pytest.raises(Refused, match="bank_gain_1"):
+        link.read(["force_gain", "bank_gain_1"])
+    with pytest.raises(Refused, match="a recording cannot be read over Modbus"):
+        link.arm(["force"], {})
+    assert registers.asked == 0
+    with pytest.raises(Refused, match="force_gain: the gateway has no axis of this unit"):
+        ModbusLink("tcp://somewhere", 2).write({"force_gain": 1})
+
+
+def test_modbus_texts_are_those_of_the_identification(registers):
+    link = ModbusLink("tcp://somewhere")
+    assert [link.text(index) for index in (0x1008, 0x100A)] == ["forceaxis", "0.1.0 904ee356"]
+    registers.information = {}  # a device without function 43
+    assert [link.text(index) for index in (0x1008, 0x1009, 0x100A)] == [None, None, None]

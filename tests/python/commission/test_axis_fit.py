@@ -1,0 +1,198 @@
+"""The parameters of an axis from all its responses at once: what they are, how far they are known,
+and what is refused."""
+
+import math
+from dataclasses import replace
+
+import drawn_axes
+import numpy as np
+import pytest
+from forceaxis import linear
+from forceaxis._core import InputError
+from forceaxis.commission import fit, known
+from forceaxis.identify.measurement import Measurement
+from forceaxis.linear import loops
+
+pytestmark = pytest.mark.beside
+
+OVER = ("k_w=30%,m_w=30%",)
+TRUTH = {"k_w": 2.1, "m_w": 0.6, "b_w": 1.8, "k_s": 1.1, "b_s": 0.7, "m_axis": 1.03, "b_axis": 1.5,
+         "k_torque": 0.97, "k_preamp_fdbk": 1.04}  # fmt: skip
+DOF = 7
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return drawn_axes.press(tmp_path_factory.mktemp("axis") / "press") / "model.toml"
+
+
+def parameters(model):
+    return {n: value for n, (value, _) in linear.facts(model).parameters.items()}
+
+
+def true_values(model, factors=TRUTH):
+    values = parameters(model)
+    return {n: values[n] * factor for n, factor in factors.items()}
+
+
+def measured(model, truth, free=False, error=0.02, seed=0, coherence=0.99, modes=None):
+    """A response whose noise has the distribution that Measurement states."""
+    hz = np.arange(2.0, 150.0, 2.0)
+    empty = np.zeros(len(hz))
+    one = Measurement(
+        hz, empty + 0j, empty + coherence, empty, empty, DOF, DOF + 1, "dac_code",
+        "encoder" if free else "adc0", "", 1 / 1500, "codes", str(model), {}, free,
+        modes=modes or {},
+    )  # fmt: skip
+    rng = np.random.default_rng([2024, seed])
+    exact = one.predict(truth)
+    size = (error * abs(exact)) ** 2
+    noise = (rng.normal(size=(2, len(hz))) * np.sqrt(size / 2)).T @ [1, 1j]
+    estimated = size * rng.chisquare(2 * DOF, len(hz)) / (2 * DOF)
+    return replace(one, response=exact + noise, variance=estimated, modes={})
+
+
+def three(model, truth, **given):
+    return [
+        measured(model, truth, free=True, seed=10, **given),
+        measured(model, truth, seed=11, **given),
+        measured(model, truth, seed=12, **given),
+    ]
+
+
+def test_parameters_lie_in_their_intervals_and_absolute_ones_are_known_less_than_ratios(model):
+    truth = true_values(model)
+    found = fit.joint(model, known.priors(model, OVER), three(model, truth), OVER)
+    assert found.rejected is None and found.p > 0.01
+    true = parameters(model) | truth
+    inside = [low <= true[n] <= high for n, (low, high) in found.intervals.items()]
+    assert sum(inside) >= len(inside) - 1
+    for name in ("k_w", "m_w", "k_s"):
+        assert found.values[name] == pytest.approx(true[name], rel=0.1)
+    value, low, high = found.ratios["m_w/k_w"]
+    assert value == pytest.approx(true["m_w"] / true["k_w"], rel=0.01)
+    ratio = math.log(high / low)
+    for name in ("k_w", "m_w"):
+        low, high = found.intervals[name]
+        assert 2 * ratio < math.log(high / low)
+
+
+def test_without_the_response_apart_ratios_stay_and_absolute_values_do_not(model):
+    truth = true_values(model)
+    priors = known.priors(model, OVER)
+    priors |= {n: known.Prior(p.value, 0.5) for n, p in priors.items() if n in ("m_axis", "k_s")}
+    found = fit.joint(model, priors, three(model, truth)[1:], OVER)
+    low, high = found.intervals["k_w"]
+    assert high / low > 1.2
+    _, low, high = found.ratios["m_w/k_w"]
+    assert high / low < 1.01
+    # A law meets the code and the reading alone: the set is not widened by what neither shows.
+    _, low, high = found.plants.ranges["k_w"]
+    assert high / low < 1.05 * 1.3 / 0.7
+
+
+def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
+    truth = true_values(model)
+    found = [
+        fit.joint(model, known.priors(model, OVER), three(model, truth, error=e), OVER)
+        for e in (0.005, 0.2)
+    ]
+    for one in found:
+        for name, (value, low, high) in one.plants.ranges.items():
+            assert low < 0.7 * value and high > 1.3 * value and value == one.values[name]
+        assert one.over[0].startswith("k_w=") and set(one.plants.ranges) == {"k_w", "m_w"}
+    wide = [one.plants.ranges["k_w"][2] / one.plants.ranges["k_w"][0] for one in found]
+    assert 1.3 < wide[0] < 1.31 and wide[1] > 1.315
+
+
+@pytest.mark.parametrize(
+    "factors, given, coherence, name",
+    [
+        ({"k_s": 2.5}, (), 0.99, "prior"),
+        ({"k_s": 1.2}, (), 0.99, None),
+        ({"k_w": 1.5}, ("k_w=400000+-10%",), 0.99, "prior"),
+        ({}, (), 0.85, "coherence"),
+        ({}, (), 0.91, None),
+        ({"k_back_emf": 12.0, "L": 4.0}, (), 0.99, "chi2"),
+        ({"k_back_emf": 1.1}, (), 0.99, None),
+    ],
+)
+def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, coherence, name):
+    truth = true_values(model, TRUTH | factors)
+    priors = known.priors(model, OVER, given)
+    found = fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
+    assert found.rejected == name, found.text
+    summary = found.summary()
+    assert (summary["set"] is None) == (summary["intervals"] is None) == (name is not None)
+
+
+def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):
+    truth = true_values(model)
+    stiffer = truth | {"k_s": 1.15 * truth["k_s"]}
+    responses = three(model, truth)
+    responses[2] = measured(model, stiffer, seed=12)
+    found = fit.joint(model, known.priors(model, OVER), responses, OVER)
+    assert found.rejected is None and found.levels_differ
+    _, low, high = found.plants.ranges["k_s"]
+    assert low <= 1.01 * truth["k_s"] and high >= 0.99 * stiffer["k_s"]
+    assert not fit.joint(model, known.priors(model, OVER), three(model, truth), OVER).levels_differ
+
+
+def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
+    model = "laboratory_12bit"
+    outer = {"drive.amplifier": "high outer"}
+    truth = {n: parameters(model)[n] * f for n, f in (("k_w", 1.3), ("m_w", 0.8))}
+    responses = [
+        measured(model, truth, free=True),
+        measured(model, truth, seed=1),
+        measured(model, truth, seed=2, modes=outer),
+    ]
+    found = fit.joint(model, known.priors(model, OVER), responses, OVER)
+    assert found.rejected is None
+    taken = [level["modes"].get("drive.amplifier", "inner") for level in found.levels]
+    assert taken[:2] == ["inner", "inner"] and "outer" in taken[2]
+    assert len(found.plants.modes) == 2
+    assert found.values["k_w"] == pytest.approx(truth["k_w"], rel=0.1)
+
+
+def test_the_states_that_mode_names_are_those_of_every_response_and_of_the_set():
+    """Of one slope of the amplifier alone, apart as well as pressed."""
+    model, outer = "laboratory_12bit", {"drive.amplifier": "high outer"}
+    truth = {n: parameters(model)[n] * f for n, f in (("k_w", 1.3), ("m_w", 0.8))}
+    responses = [
+        measured(model, truth, free=True, modes=outer),
+        measured(model, truth, seed=1, modes=outer),
+    ]
+    named = outer | {"sensor": "pressed"}
+    found = fit.joint(model, known.priors(model, OVER), responses, OVER, states=named)
+    assert found.rejected is None
+    assert [level["modes"] for level in found.levels] == [outer, named]  # apart nothing presses
+    assert all(modes.items() >= named.items() for modes in found.plants.modes)
+    assert found.values["k_w"] == pytest.approx(truth["k_w"], rel=0.1)
+    loop = loops.force_loop(model, "p", "zoh", found.best, named)
+    assert found.limiting_hz == pytest.approx(loop.limit().frequency_hz)
+
+
+def test_priors_follow_the_part_that_a_parameter_plays(model):
+    priors = known.priors(model, OVER, ("m_w=4", "b_axis=150+-20%"))
+    assert priors["k_w"].wide and not priors["k_s"].wide
+    assert priors["m_w"] == known.Prior(4.0, known.MASS)
+    assert priors["b_axis"] == known.Prior(150.0, 0.2)
+    assert priors["m_axis"].spread == known.MASS and "force_per_count" not in priors
+
+
+@pytest.mark.parametrize("text", ["m_w", "m_w=0", "m_w=4+-0%", "m_w=4+-x%", "nobody=1"])
+def test_a_wrong_prior_is_one_line(model, text):
+    with pytest.raises(InputError, match=r"--prior: .*expected NAME=VALUE") as error:
+        known.priors(model, OVER, (text,))
+    assert "\n" not in str(error.value)
+
+
+def test_the_amplitude_leaves_the_voltage_within_the_supply(model):
+    values = parameters(model)
+    first = values["k_preamp_cmd"] * values["k_amp"] * 10 / 2048  # V of the amplifier for a code
+    assert known.linear_codes(model) == pytest.approx(0.7 * values["supply"] / first, rel=0.1)
+    assert known.linear_codes(model, {"supply": values["supply"] / 2}) == pytest.approx(
+        known.linear_codes(model) / 2, abs=1
+    )
+    assert known.linear_codes("fig4_19") is None

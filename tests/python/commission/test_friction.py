@@ -1,0 +1,608 @@
+"""Dry friction that a model does not have: found in newtons, in its place, and put into the fit."""
+
+import json
+import shutil
+
+import drawn_axes
+import numpy as np
+import pytest
+import tomlkit
+import verbs
+from forceaxis import linear
+from forceaxis.axis import actions
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.sim import SimLink
+from forceaxis.cli import design
+from forceaxis.commission import (
+    friction,
+    known,
+    measuring,
+    rubbing,
+    shake,
+    tune,
+    tune_measure,
+)
+from forceaxis.commission.analyzer import Analyzer
+from forceaxis.commission.level import Order
+from forceaxis.commission.refusal import Refusal
+from forceaxis.design import outcome
+from forceaxis.identify import fit as fit_response
+from forceaxis.identify import result
+from forceaxis.linear.bank import Bank
+
+pytestmark = pytest.mark.beside
+
+FORCES, FORCE_MAX_N = (30.0, 100.0), 160.0
+OVER = ("k_w=30%,m_w=30%",)
+STEPS = ("check", "free", "measure", "fit")
+K_S, K_W, COUNTS = 4e5, 2.5e5, 160e3  # N/m, counts a metre
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    return drawn_axes.press(tmp_path_factory.mktemp("axis") / "press")
+
+
+def rubbing_press(press, folder, **found):
+    """The press with frictions of so many newtons; seals: of the axis, table: of the workpiece."""
+    places = {"seals": ("axis", "ground"), "table": ("workpiece", "ground")}
+    shutil.copytree(press, folder)
+    model = folder / "model.toml"
+    rows = [
+        f'[[friction]]\nname = "{name}"\nbetween = {list(places[name])}\ncoulomb = {newton}\n\n'
+        for name, newton in found.items()
+    ]
+    model.write_text(model.read_text().replace("[drive]", "".join(rows) + "[drive]", 1))
+    return folder
+
+
+def tuning(press, axis, out, say=lambda text: None, **changed):
+    given = {"model": str(press / "model.toml"), "forces": FORCES, "over": OVER, "averages": 6}
+    order = tune.Order(**(given | {"force_max_N": FORCE_MAX_N} | changed))
+    return tune.Tuning(axis, order, out, say)
+
+
+def link(folder):
+    return SimLink(folder / "contact.toml", list(drawn_axes.DELIVERED))
+
+
+def pushed(friction_N, low=18.0, high=120.0, noise=0.3):
+    """(force, position in counts) of a workpiece on a spring and a table that is pushed from `low`
+    to `high` and back, slid forward before: it moves only where the force overcomes the table."""
+    rng = np.random.default_rng(28)
+    force = np.concatenate([np.linspace(low, high, 1600), np.linspace(high, low, 1600)])
+    place, at = [], (low - friction_N) / K_W
+    for one in force:
+        spring = K_W * at
+        if one - spring > friction_N:
+            at = (one - friction_N) / K_W
+        elif one - spring < -friction_N:
+            at = (one + friction_N) / K_W
+        place.append(at + one / K_S)
+    counts = np.round(COUNTS * np.array(place) + rng.normal(size=len(place)) * 0.3)
+    return force + noise * rng.normal(size=len(force)), counts
+
+
+@pytest.mark.parametrize("newton", [2.0, 8.0, 25.0, 45.0])
+def test_friction_under_a_workpiece_shows_in_the_way_there_and_back(newton):
+    found = friction.slow(*pushed(newton), COUNTS / K_S)
+    assert found.friction_N == pytest.approx(newton, rel=0.15)
+    assert found.sliding == pytest.approx(COUNTS / K_W, rel=0.15)
+    assert found.compliance == pytest.approx(COUNTS / K_S, rel=0.15)
+    assert not found.soft
+
+
+def test_without_friction_there_is_none_and_nothing_is_soft():
+    found = friction.slow(*pushed(0.0), COUNTS / K_S)
+    assert not found.rubs and not found.sticks and not found.soft
+    assert found.compliance == pytest.approx(COUNTS / K_S + COUNTS / K_W, rel=0.03)
+
+
+def test_a_soft_place_between_two_forces_is_found_where_it_is():
+    force, place = pushed(0.0)
+    softer = np.interp(force, [60.0, 80.0], [0.0, 20 * 4 * COUNTS / K_S])  # 5 times as soft there
+    found = friction.slow(force, place + softer, COUNTS / K_S)
+    assert found.soft and 60 < found.softest_N < 80
+
+
+@pytest.mark.parametrize("mass, newton", [(6.0, 4.0), (1.5, 12.0)])
+def test_sines_show_stiffness_and_mass_whatever_the_friction_is(mass, newton):
+    """Force on a mass, a spring and Coulomb friction by the balance of the first harmonic."""
+    rows = []
+    for hz in np.linspace(10, 1.3 * np.sqrt(K_W / mass) / 2 / np.pi, 8):
+        w, way = 2 * np.pi * hz, 1e-4 * np.exp(0.7j)
+        force = (K_W - mass * w**2 + 20j * w) * way + 4j / np.pi * newton * way / abs(way)
+        place = way + force / K_S
+        rows.append((hz, force.real, force.imag, place.real, place.imag, 30))
+    found = shake.of_sines(rows, K_S)
+    assert (found.stiffness, found.mass) == pytest.approx((K_W, mass), rel=0.01)
+    assert found.friction_N == pytest.approx(newton, rel=0.05)
+
+
+@pytest.mark.parametrize("newton", [0.0, 3.0, 12.0, 25.0])
+def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
+    hidden = rubbing_press(press, tmp_path / "hidden", **({"seals": newton} if newton else {}))
+    with Axis(link(hidden)) as axis:
+        work = tuning(press, axis, tmp_path / "out")
+        for step in STEPS[:2]:
+            work.run(step)
+        scale = abs(linear.facts(work.model).required_encoder.scale)
+        assert (
+            max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
+            < (5.0 + 2 * tune.Order.travel_mm) * scale / 1e3
+        )
+        found = tune_measure.moving_N(work)
+    assert found == pytest.approx(newton, rel=0.05, abs=0.3)
+
+
+def test_what_is_printed_is_toml_that_the_model_takes(press, tmp_path):
+    model = press / "model.toml"
+    found = rubbing.rubs(model, 12.5, 4.0)
+    assert [rub.between for rub in found] == [("axis", "ground"), ("workpiece", "ground")]
+    assert not any(rub.declared for rub in found)
+    added = tmp_path / "model.toml"
+    added.write_text(model.read_text() + "\n" + rubbing.lines(found))
+    table = tomlkit.parse(added.read_text())["friction"]
+    assert [one["coulomb"] for one in table] == [12.5, 4.0]
+    again = rubbing.rubs(added, 10.0, 5.0)  # what is declared keeps its place, with what is found
+    assert [rub.newton for rub in again] == pytest.approx([10.0, 5.0])
+    assert all(rub.declared for rub in again) and rubbing.lines(again) == ""
+    changed = tmp_path / "changed.toml"
+    changed.write_text(rubbing.with_friction(added, again))
+    assert [one["coulomb"] for one in tomlkit.parse(changed.read_text())["friction"]] == [10.0, 5.0]
+    slides = tmp_path / "slides.toml"
+    slides.write_text(rubbing.damped(added, again))
+    assert "friction" not in tomlkit.parse(slides.read_text())
+    free = linear.linearise(model, outputs=("adc0",)).at(30j)
+    assert linear.linearise(slides, outputs=("adc0",)).at(30j) == pytest.approx(free)
+
+
+def test_a_soft_window_between_the_forces_is_refused_by_name(press, tmp_path):
+    """Between 50 and 75 N the fixture yields: a tenth of its stiffness."""
+    hidden = tmp_path / "hidden"
+    shutil.copytree(press, hidden)
+    text = (hidden / "model.toml").read_text()
+    old = 'stiffness = "k_w"'
+    assert text.count(old) == 1
+    new = 'stiffness = ["k_w", 4e4, "k_w"]\nloads = [50.0, 75.0]'
+    (hidden / "model.toml").write_text(text.replace(old, new))
+    with Axis(link(hidden)) as axis:
+        work = tuning(press, axis, tmp_path / "out", travel_mm=2.0)
+        with pytest.raises(Refusal, match=r"measure there too, --force 30,[56]") as refused:
+            work.run()
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
+    assert refused.value.name == "soft"
+
+
+@pytest.mark.long
+def test_friction_is_freed_in_the_fit_and_the_way_between_the_forces_is_told(press, tmp_path):
+    hidden, said = rubbing_press(press, tmp_path / "hidden", seals=12.0, table=5.0), []
+    with Axis(link(hidden)) as axis:
+        work = tuning(press, axis, tmp_path / "out", said.append)
+        for step in STEPS:
+            work.run(step)
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
+    found = {rub["name"]: rub["newton"] for rub in work.result("fit")["friction"]}
+    assert found == pytest.approx({rubbing.MOVING: 12.0, rubbing.TABLE: 5.0}, rel=0.3)
+    values = work.result("fit")["values"]
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.2)
+    assert work.model == tmp_path / "out/model.toml"
+    summary = work.summary()
+    assert tomlkit.parse(summary["friction_lines"])["friction"][0]["name"] == rubbing.MOVING
+    text = " ".join(summary["holds"])
+    for part in ("N from peak to peak", "not visited", "made the workpiece slide", "sticks"):
+        assert part in text, part
+    assert "add to your model:" in " ".join(said)
+
+
+@pytest.mark.long
+def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_folder_go_on(
+    press, tmp_path
+):
+    hidden, said = rubbing_press(press, tmp_path / "hidden", table=40.0), []
+    known = tmp_path / "known"
+    shutil.copytree(press, known)
+    with Axis(link(hidden)) as axis:
+        work = tuning(known, axis, tmp_path / "out")
+        with pytest.raises(Refusal) as refused:
+            for step in STEPS:
+                work.run(step)
+        assert refused.value.name == "friction"
+        table = tomlkit.parse(work.refused["lines"])["friction"]
+        assert table[0]["coulomb"] == pytest.approx(40.0, rel=0.3)
+        model = known / "model.toml"
+        model.write_text(model.read_text() + "\n" + work.refused["lines"])
+        work = tuning(known, axis, tmp_path / "out", said.append)
+        assert "changed since: the model; kept: free, measure" in said[0]
+        for step in ("check", "fit"):
+            work.run(step)
+        assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
+        assert work.result("fit")["friction"][0]["declared"]
+        # The mass does not show: a third to three times the model's, unless it is given.
+        lows, highs = mass_of(work)
+        assert lows < 6.0 * 0.7 / 2.9 and highs > 6.0 * 1.3 * 2.9
+        assert any("so its mass does not show" in line for line in work.summary()["holds"])
+        work = tuning(known, axis, tmp_path / "out", priors=("m_w=6",))
+        for step in ("check", "fit"):
+            work.run(step)
+        lows, highs = mass_of(work)
+        assert 0.5 * 6.0 < lows < highs < 1.5 * 6.0
+
+
+def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, tmp_path):
+    """A kill leaves the axis to coast toward the workpiece: the next glide would touch."""
+    with Axis(link(press)) as axis:
+        work = tuning(press, axis, tmp_path / "out")
+        work.run("check")
+        start = work.result("check")["rest"]["position"]
+        axis.set(position_gain=work.result("check")["settings"]["position_gain"])
+        axis.enable("profile position")
+        axis.move(start + 780)
+        axis.disable()
+        actions.wait_to_stand(axis)
+        with pytest.raises(Refusal, match="it touched; start further away") as refused:
+            work.run("free")
+        assert refused.value.name == "contact"
+        work = tuning(press, axis, tmp_path / "out")
+        work.coasted = True
+        actions.wait_to_stand(axis)
+        work.run("free")
+        assert abs(axis.read("position") - start) < 400
+        assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
+
+
+def mass_of(work):
+    """(kg, kg): the range that a law is designed for."""
+    over = next(text for text in work.result("fit")["over"] if text.startswith("m_w="))
+    return tuple(map(float, over.removeprefix("m_w=").split("..")))
+
+
+def test_a_friction_seen_at_the_motor_may_be_at_the_load(worn, press):
+    """A damper at the motor alone left friction of the load to the damping of the guide: a fit had
+    thirty times the true one, and a drive a quarter too fast."""
+    seen = rubbing.Rub(rubbing.MOVING, ("motor", "ground"), 40.0)
+    table = rubbing.Rub(rubbing.TABLE, ("workpiece", "ground"), 5.0)
+    model = worn / "model.toml"
+    found = {one.between[0]: one.newton for one in rubbing.at_both_ends(model, (seen, table))}
+    assert found == {"motor": 20.0, "load": 20.0, "workpiece": 5.0}
+    declared = rubbing.Rub("seals", ("load", "ground"), 40.0, True)
+    assert rubbing.at_both_ends(model, (declared, table)) == (declared, table)
+    one_body = rubbing.Rub(rubbing.MOVING, ("axis", "ground"), 40.0)
+    assert rubbing.at_both_ends(press / "model.toml", (one_body,)) == (one_body,)
+
+
+def measured(hidden, model, *words, **given):
+    """({response: Result}, true extremes) of `measure` on a hidden axis, which is as it was."""
+    order = {"force_max_N": FORCE_MAX_N, "averages": 4} | given
+    with Axis(SimLink(hidden / "contact.toml")) as axis:
+        axis.link.axis.reset_extremes()
+        names = ("position_min", "position_max", "force_max", "target_force", "drive_state")
+        before = axis.get(*names)
+        forces = tuple(word for word in words if word != "free")
+        try:
+            done = measuring.measure(axis, Order(**order), forces, "free" in words, str(model))
+        finally:
+            after = axis.get(*names)
+            assert after.pop("drive_state") != "operation_enabled"
+            assert after.items() <= before.items()
+        return done, dict(axis.link.axis.extremes)
+
+
+def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_both(press, tmp_path):
+    hidden = rubbing_press(press, tmp_path / "hidden", seals=12.0, table=5.0)
+    model = press / "model.toml"
+    done, extremes = measured(hidden, model, "free", 30.0, 100.0)
+    assert extremes["force_N"] < FORCE_MAX_N
+    for name, one in done.items():
+        found = one.summary["friction"]
+        assert found["rubs"] and found["moving_N"] == pytest.approx(12.0, rel=0.05), name
+        table = tmp_path / f"{name}.toml"
+        table.write_text(model.read_text() + "\n" + found["lines"])
+        assert known.newton_per_code(table) > 0  # it is TOML that a model takes
+        assert one.summary["amplitude"] > 2 * found["dead_zone_codes"]
+        rows = dict(measuring.describe(one.summary))
+        assert "12 N" in rows["friction"] and "[[friction]]" in rows["model lacks"]
+    assert done["30N"].summary["friction"]["workpiece_N"] == pytest.approx(5.0, rel=0.2)
+    assert "sticks in this swing" in rows["friction"]  # of a drive that is linear up to 7 codes
+    assert done["free"].summary["friction"]["workpiece_N"] is None
+    done, extremes = measured(hidden, "", "free", 30.0, 100.0)
+    assert extremes["force_N"] < FORCE_MAX_N
+    for force in (30.0, 100.0):
+        about = done[f"{force:g}N"].summary
+        found = about["friction"]
+        codes = 12.0 / known.newton_per_code(model)
+        assert found["dead_zone_codes"] == pytest.approx(codes, rel=0.05)
+        assert found["moving_N"] is None and found["workpiece_N"] == pytest.approx(5.0, rel=0.2)
+        assert found["workpiece_slides"] and about["swing"] > 0.3 * force
+
+
+def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
+    with Axis(SimLink(press / "contact.toml")) as axis:
+        start = axis.read("position")
+        axis.set(position_min=start - 120, position_max=start + 300)
+        with Analyzer(axis, Order(travel=500)) as analyzer:
+            assert not friction.glide(analyzer, 512, first=2).rubs
+        ends = [axis.link.axis.extremes[f"position_{end}_cnt"] for end in ("min", "max")]
+        assert start - 130 < ends[0] and ends[1] < start + 130  # as far to either side
+        axis.set(position_min=start - 5)
+        with Analyzer(axis, Order(travel=500)) as analyzer, pytest.raises(Refusal, match="counts"):
+            friction.glide(analyzer, 512, first=2)
+
+
+def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(press, tmp_path):
+    done, extremes = measured(press, press / "model.toml", "free", travel=400)
+    assert extremes["force_N"] == 0.0
+    ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
+    assert ends[1] - ends[0] < 2 * 400 + 40
+    assert not done["free"].summary["friction"]["rubs"]
+    assert "friction" not in dict(measuring.describe(done["free"].summary))
+
+
+@pytest.mark.parametrize("newton, force", [(12.0, 30.0), (25.0, 100.0)])
+def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
+    press, tmp_path, newton, force
+):
+    hidden = rubbing_press(press, tmp_path / "hidden", seals=newton)
+    done, _ = measured(hidden, press / "model.toml", force)
+    found = done[f"{force:g}N"].summary["friction"]
+    assert found["moving_N"] == pytest.approx(newton, rel=0.1)
+    assert found["workpiece_N"] == 0.0 and found["glide"] is None
+    # With a target of 0 N the axis comes to rest where spring and law are less than the friction.
+    own = tomlkit.parse((hidden / "contact.toml").read_text())["firmware"]
+    reading = linear.facts(press / "model.toml").reading
+    count_N = abs(reading.per_count) * 2 ** (reading.bits - 8)
+    pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / count_N
+    assert 0 < found["left_N"] * (1 + pulls) / newton < 1.05
+
+
+@pytest.mark.parametrize("newton", [0.0, 12.0, 25.0])
+def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
+    press, tmp_path, newton
+):
+    """At least a part of it: what is left of it where the axis stands."""
+    hidden = rubbing_press(press, tmp_path / "hidden", **({"seals": newton} if newton else {}))
+    done, _ = measured(hidden, "", 60.0)
+    found, codes = (
+        done["60N"].summary["friction"],
+        newton / known.newton_per_code(press / "model.toml"),
+    )
+    assert found["rubs"] is (newton > 0)
+    assert 0.5 * codes <= found["dead_zone_codes"] <= 1.05 * codes
+    if newton:
+        assert done["60N"].summary["swing"] > 0.3 * 60.0
+        assert "at least" in dict(measuring.describe(done["60N"].summary))["friction"]
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(i, marks=pytest.mark.long) for i in range(1, 11))]
+)
+def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, seed):
+    """Of a law without an integral, which such friction keeps away from the force asked for."""
+    sheet, off, rubs = drawn_axes.rubbed(seed)
+    model = drawn_axes.written(tmp_path / "known", sheet) / "model.toml"
+    shutil.copytree(model.parent, tmp_path / "true")
+    (tmp_path / "true/model.toml").write_text(drawn_axes.with_friction(model, rubs))
+    (low, high), most = drawn_axes.asked_of(sheet)
+    truth = drawn_axes.given(drawn_axes.truth_of(model, off))
+    with Axis(SimLink(tmp_path / "true/contact.toml", truth)) as axis:
+        done = measuring.measure(
+            axis, Order(force_max_N=most, averages=4), (low, high), False, str(model)
+        )
+        assert axis.link.axis.extremes["force_N"] < most
+    found = next(one.summary["friction"] for one in done.values())
+    assert found["moving_N"] == pytest.approx(rubs["seals"] + rubs["gear"], rel=0.1)
+    assert found["workpiece_N"] == pytest.approx(rubs["table"], rel=0.25, abs=1.5)
+
+
+def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press, tmp_path):
+    hidden = rubbing_press(press, tmp_path / "hidden", table=60.0)
+    done, _ = measured(hidden, press / "model.toml", 30.0)
+    rows = dict(measuring.describe(done["30N"].summary))
+    assert "at least" in rows["friction"] and "which sticks" in rows["friction"]
+    found = done["30N"].summary["friction"]
+    assert 7.0 < found["workpiece_N"] < 60.0  # the force was changed by 18 N
+    rigid = {n: v for n, v in drawn_axes.PRESS.items() if not n.startswith("workpiece")}
+    model = drawn_axes.written(tmp_path / "rigid", rigid) / "model.toml"
+    done, _ = measured(model.parent, model, 30.0)
+    assert not done["30N"].summary["friction"]["rubs"]
+
+
+@pytest.mark.parametrize("words", [("free",), (60.0,)])
+def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
+    hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)
+    with pytest.raises(Refusal, match="more --level") as refused:
+        measured(hidden, press / "model.toml", *words, amplitude=3)
+    assert refused.value.name == "friction" and " N" in refused.value.text
+    if words != ("free",):
+        (table,) = tomlkit.parse(refused.value.lines)["friction"]
+        assert table["coulomb"] == pytest.approx(25.0, rel=0.1)
+
+
+@pytest.mark.parametrize("dead_zone", [0.0, 2.0, 6.0])
+def test_codes_of_both_directions_less_what_the_speed_takes(dead_zone):
+    """A motor on a spring: the force of a code is F = g c less the friction and less what the speed
+    takes; it sticks at the turn until the code has changed by twice the dead zone."""
+    force = np.concatenate([np.linspace(20, 60, 900), np.full(300, 60.0), np.linspace(60, 20, 900)])
+    rng = np.random.default_rng(28)
+    place, rate, g = 3.0 * force, 60.0, 1.5
+    speed = np.gradient(place, friction.DECIMATION / 1500)
+    slides = np.where(np.arange(len(force)) < 1050, 1.0, -1.0)
+    codes = force / g + speed / rate + dead_zone * slides
+    found = friction.directions(
+        force + 0.3 * rng.normal(size=len(force)), np.round(place),
+        np.round(codes + rng.normal(size=len(force))), rate,
+    )  # fmt: skip
+    assert found.dead_zone == pytest.approx(dead_zone, abs=0.2)
+    assert found.rubs is (dead_zone > 0)
+
+
+@pytest.fixture(scope="module")
+def rubbed(press, tmp_path_factory):
+    """A folder of `measure --out`: apart, and with 60 N, of an axis with 12 N in its guide."""
+    folder = tmp_path_factory.mktemp("rubbed")
+    hidden = rubbing_press(press, folder / "hidden", seals=12.0)
+    done, _ = measured(hidden, press / "model.toml", "free", 60.0, averages=6)
+    for name, one in done.items():
+        result.write(one, folder / name, draw=False)
+    return folder
+
+
+def identified(*words):
+    """`identify fit`, which does not search long where a model does not fit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fit_response, "STARTS", 1)
+        return verbs.forceaxis("identify", "fit", *words)
+
+
+def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed):
+    model = press / "model.toml"
+    words = (model, rubbed / "60N", "--fit", "k_w=6e5", "--fit", "m_w=5")
+    done = identified(*words, "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert not found["rejected"] and found["model"] == str(model)
+    values = {name: row["value"] for name, row in found["parameters"].items()}
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.05)
+    (one,) = found["friction"]["freed"]
+    assert one["between"] == ["axis", "ground"] and one["newton"] == pytest.approx(12.0, rel=0.05)
+    assert one["damping"] == values["b_guide_friction"] > 0
+    (table,) = tomlkit.parse(found["friction"]["lines"])["friction"]
+    assert table["coulomb"] == pytest.approx(12.0, rel=0.05)
+    assert found["set"].split()[::2] == ["--set", "--set"] and "b_guide" not in found["set"]
+
+
+def test_a_design_about_measured_responses_frees_their_friction(press, rubbed, tmp_path):
+    model = press / "model.toml"
+    order = outcome.Order(str(model), over=OVER)
+    folders = [str(rubbed / name) for name in ("free", "60N")]
+    found = design._identified(order, folders, ())
+    values = [found.overrides[name] for name in ("k_w", "m_w")]
+    assert values == pytest.approx([4e5, 6.0], rel=0.05)
+    assert [text.partition("=")[0] for text in found.over] == ["k_w", "m_w"]
+    about = json.loads((rubbed / "60N/result.json").read_text())
+    about["friction"] |= {"workpiece_N": 4.0, "workpiece_slides": True}
+    shutil.copytree(rubbed / "60N", tmp_path / "60N")
+    (tmp_path / "60N/result.json").write_text(json.dumps(about))
+    with pytest.raises(Refusal, match="4 N under the workpiece") as refused:
+        design._identified(order, [folders[0], str(tmp_path / "60N")], ())
+    assert refused.value.name == "friction"
+
+
+@pytest.mark.long
+def test_a_friction_that_the_model_has_keeps_its_place(rubbed, press, tmp_path):
+    """12 N where the model has 3."""
+    folder = rubbing_press(press, tmp_path / "declared", seals=3.0)
+    model = folder / "model.toml"
+    found = rubbing.rubs(model, 12.0, 0.0)
+    assert [(rub.name, rub.newton) for rub in found] == [("seals", 12.0)]
+    done = identified(model, rubbed / "60N", "--fit", "k_w=6e5", "--fit", "m_w=5", "--json")
+    (one,) = json.loads(done.stdout)["friction"]["freed"]
+    assert one["name"] == "seals" and one["declared"]
+    assert one["newton"] == pytest.approx(12.0, rel=0.05)
+    assert json.loads(done.stdout)["friction"]["lines"] == ""
+
+
+@pytest.mark.long
+def test_a_response_without_its_file_has_a_damper_but_no_newtons(press, rubbed, tmp_path):
+    shutil.copytree(rubbed / "free", tmp_path / "free")
+    (tmp_path / "free/result.json").unlink()
+    words = (press / "model.toml", tmp_path / "free", "--fit", "m_axis")
+    done = identified(*words)
+    assert done.returncode == 0, done.stderr
+    assert "N s/m between axis and ground in this response\n" in done.stdout
+    assert "model lacks" not in done.stdout and "rejected" not in done.stdout
+
+
+def test_a_workpiece_that_rubs_is_refused_by_identify_fit(press, tmp_path):
+    """Noise in which it slides by halves would give a mass that is twice too large."""
+    hidden = rubbing_press(press, tmp_path / "hidden", table=2.0)
+    done, _ = measured(hidden, press / "model.toml", 100.0)
+    result.write(done["100N"], tmp_path / "out", draw=False)
+    done = identified(press / "model.toml", tmp_path / "out", "--fit", "k_w=6e5", "--fit", "m_w")
+    assert done.returncode == 1
+    said = done.stderr.splitlines()
+    assert said[0] == "to be added to the model:"
+    (table,) = tomlkit.parse("\n".join(said[1:-1]))["friction"]
+    assert table["between"] == ["workpiece", "ground"]
+    assert table["coulomb"] == pytest.approx(2.0, rel=0.2)
+    assert said[-1].startswith("forceaxis: friction: ") and " N under the workpiece" in said[-1]
+
+
+WORN = (
+    "--guide-coulomb-n", "40", "--backlash-mm", "0.05", "--transmission-stiffness-n-per-m", "2e7",
+    "--sensor-full-scale-n", "320", "--sensor-noise-n", "0.3",
+    "--workpiece-stiffness-n-per-m", "4e5", "--workpiece-mass-kg", "4",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def worn(tmp_path_factory):
+    """A press of `forceaxis new` whose guide rubs, which its model has, and whose gear has play."""
+    folder = tmp_path_factory.mktemp("worn")
+    done = verbs.forceaxis("new", "press", *WORN, "--yes", "--no-design", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "press"
+
+
+def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn, tmp_path):
+    """Nothing holds the motor of a disabled axis: it goes to and fro in the play, 20 counts, for
+    seconds. And an integral needs seconds to overcome the friction, while the reading stands."""
+    order = {"forces": (30.0, 120.0), "force_max_N": 250.0}
+    said = []
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", said.append, **order)
+        work.run("check")
+        assert any(line.startswith("mode ") and "seals slides" in line for line in said)
+        work.run("free")
+        assert tune_measure.moving_N(work) == pytest.approx(40.0, rel=0.05)
+        held = work.result("check")["law"]
+        law = tune_measure.objects_of(work, Bank(held["gain"], held["integral_rad_per_s"]), {})
+        law |= tune_measure.reach(work)
+        tune_measure.off(axis)
+        with (
+            tune_measure.Settings(axis, law),
+            tune_measure.analyzer_of(work) as measures,
+        ):
+            assert measures.press(18.0) == pytest.approx(18.0, rel=0.05)
+
+
+def test_a_model_whose_friction_is_a_parameter_loses_that_with_it(worn, tmp_path):
+    """A model refuses a parameter that nothing refers to."""
+    model = worn / "model.toml"
+    rubs = rubbing.rubs(model, 35.0, 0.0)
+    assert [(rub.name, rub.newton, rub.declared) for rub in rubs] == [("seals", 35.0, True)]
+    for text in (rubbing.damped(model, rubs), rubbing.with_friction(model, rubs)):
+        (tmp_path / "model.toml").write_text(text)
+        left = linear.facts(tmp_path / "model.toml").parameters
+        assert "coulomb" not in left and {"play", "k_trans", "k_torque"} <= left.keys()
+
+
+def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_path):
+    """Apart and with 30 N the friction of 40 N is more than what presses the load back."""
+    order, said = {"forces": (30.0, 120.0), "force_max_N": 250.0}, []
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", said.append, **order)
+        for step in STEPS:
+            work.run(step)
+    assert "left out, since the play of the gear opens there: free, 30N" in said
+    assert any("play of the gear opens at free, 30N" in line for line in work.summary()["holds"])
+    values = work.result("fit")["values"]
+    assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
+    (rub,) = work.result("fit")["friction"]
+    assert (rub["name"], rub["declared"]) == ("seals", True)
+    assert rub["newton"] == pytest.approx(40.0, rel=0.05)
+    # Dampings, which a response cannot tell from friction: half to twice what the model has.
+    given = linear.facts(worn / "model.toml").parameters
+    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit")["together"])
+    assert low <= 0.5 and high == pytest.approx(2.0)
+    assert work.result("fit")["values"]["b_s"] == low * given["b_s"][0]
+    assert any(line.startswith("designed for b_s from") for line in said)
+    measured = json.loads((tmp_path / "out/measure.json").read_text())
+    for level in measured["result"].values():
+        level["bias_N"] = 30.0
+    (tmp_path / "out/measure.json").write_text(json.dumps(measured))
+    with Axis(SimLink(worn / "contact.toml")) as axis:
+        work = tuning(worn, axis, tmp_path / "out", **order)
+        with pytest.raises(Refusal, match="give one of 60") as refused:
+            work.run("fit")
+    assert refused.value.name == "play"

@@ -1,0 +1,274 @@
+"""The search for a bank: its grid against exact figures, bounds, result, what it refuses."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from forceaxis import _core, paths
+from forceaxis.design import certificate, search, structures
+from forceaxis.design.contact import Ramp
+from forceaxis.design.grid import Bounds, Grid
+from forceaxis.linear import over
+from forceaxis.linear.plant_set import PlantSet, ranges_of
+
+ROOT = Path(__file__).resolve().parents[3]
+BOTH = ("zoh", "zoh+1")
+SLOPES = ({}, {"drive.amplifier": "high outer"})
+RANGES = ["k_w=30%,m_w=30%"]
+# Of an integral and one section: rad/s, zero Hz and damping, pole Hz and damping.
+NUMBERS = np.log([7.0, 39.5, 0.07, 69.0, 0.67])
+FREE = Bounds((1e6, 1e6), None, 1.0, None, 1e9)
+
+
+def plant_set(model="laboratory", ranges=RANGES, modes=SLOPES, overrides=None):
+    values = overrides or {}
+    return PlantSet(model, values, ranges_of(model, ranges, values), modes)
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    plants = plant_set()
+    return plants, Grid(plants, plants.nominal() + plants.corners(), BOTH)
+
+
+def exact(plants, member, timing, numbers, gain):
+    loop = plants.loop(member, timing, "bank", bank=structures.bank(numbers, gain))
+    return over.figures(loop, loop.gain_of(gain))
+
+
+@pytest.mark.quick
+def test_the_grid_has_the_exact_figures(laboratory):
+    plants, grid = laboratory
+    law = structures.response(NUMBERS, grid)
+    first, falls = grid.bandwidths(law, 4.5)
+    last, (s, _) = grid.last_falls(law, 4.5), grid.peaks(law, 4.5)
+    for j, member in enumerate(grid.members):
+        for t, timing in enumerate(BOTH):
+            true = exact(plants, member, timing, NUMBERS, 4.5)
+            assert first[t, j] == pytest.approx(true.fS_Hz, rel=3e-3)
+            assert last[t, j] == pytest.approx(true.fT_Hz, rel=3e-3)
+            assert s[t, j] == pytest.approx(true.Ms, rel=3e-3)
+            assert (falls[t, j] < first[t, j]) == true.sag
+    every = [exact(plants, m, t, NUMBERS, 4.5) for m in grid.members for t in BOTH]
+    margins = grid.margins(law, 4.5)
+    assert margins["gain_margin"] == pytest.approx(min(f.gain_margin for f in every), rel=5e-3)
+    worst = min(abs(f.phase_margin_deg) for f in every)
+    assert margins["phase_margin_deg"] == pytest.approx(worst, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "bounds", "hf"),
+    [
+        ("ms", Bounds((2.0, 2.2), None, 1.0, None, 1e9), 1.0),
+        ("mt", Bounds((1e6, 1e6), 1.3, 1.0, None, 1e9), 1.0),
+        ("gm", Bounds((1e6, 1e6), None, 2.3, None, 1e9), 1.0),
+        ("pm", Bounds((1e6, 1e6), None, 1.0, 45.0, 1e9), 1.0),
+        ("hf", Bounds((2.0, 2.2), None, 2.3, None, 15.0), 7.5),
+    ],
+)
+def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds, hf):
+    plants, grid = laboratory
+    gain, ended, member, timing, hz = grid.largest_gain(
+        structures.response(NUMBERS, grid), hf, bounds
+    )
+    assert ended == name
+    if name == "hf":
+        assert gain == 2.0
+        return
+    true = exact(plants, grid.members[member], BOTH[timing], NUMBERS, gain)
+    if name == "ms":
+        assert true.Ms == pytest.approx(bounds.ms[timing], rel=3e-3)
+    elif name == "gm":
+        assert true.gain_margin == pytest.approx(2.3, rel=5e-3)
+    elif name == "pm":
+        # At this gain |L| is 1 within the angle nowhere yet; a little more, and it is.
+        assert abs(true.phase_margin_deg) == pytest.approx(45.0, abs=0.5)
+    else:
+        loop = plants.loop(
+            grid.members[member], BOTH[timing], "bank", bank=structures.bank(NUMBERS, gain)
+        )
+        size = abs(loop.closed(loop.gain_of(gain)).response(np.geomspace(1, 700, 20000))).max()
+        assert size == pytest.approx(1.3, rel=3e-3)
+    assert 0 < hz < 750
+
+
+def test_a_section_has_its_zeros_and_poles_where_they_are_asked_for():
+    b0, b1, b2, a1, a2 = structures.section(39.5, 0.07, 69.0, 0.67)
+    assert (b0 + b1 + b2) / (1 + a1 + a2) == pytest.approx(1.0, rel=1e-9)
+    z = np.exp(2j * np.pi * 39.5 / 1500)
+    at_zero = abs(b0 + b1 / z + b2 / z**2)
+    near = [
+        abs(b0 + b1 / z + b2 / z**2) for z in np.exp(2j * np.pi * np.array([38.0, 41.0]) / 1500)
+    ]
+    assert at_zero < min(near)
+    poles = np.roots([1, a1, a2])
+    assert np.all(abs(poles) < 1)
+    # Bilinear with prewarping: at the pole's frequency the section's denominator is imaginary.
+    z = np.exp(2j * np.pi * 69.0 / 1500)
+    assert abs(np.angle((1 + a1 / z + a2 / z**2) * z / (z + 2 + 1 / z) * (1 + 0j))) == (
+        pytest.approx(math.pi / 2, abs=1e-6)
+    )
+
+
+def test_the_numbers_and_their_bank_are_one_law(laboratory):
+    _, grid = laboratory
+    law = structures.response(NUMBERS, grid)
+    assert np.allclose(structures.bank(NUMBERS, 1.0).response(grid.z), law, rtol=1e-6)
+
+
+def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
+    plants, _ = laboratory
+    member = plants.nominal()[0]
+    ramp = Ramp([plants.loop(member)], [0], 0.1)
+    for rate in (7.0, 25.0):
+        numbers = np.log([rate, *np.exp(NUMBERS[1:])])
+        loop = plants.loop(member, "zoh", "bank", bank=structures.bank(numbers, 4.5))
+        closed = loop.closed(loop.gain_of(4.5))
+        state, response = np.zeros(len(closed.A)), []
+        for setpoint in np.clip(np.arange(1500) / 150, 0, 1):
+            response.append(closed.C[0] @ state + closed.D[0, 0] * setpoint)
+            state = closed.A @ state + closed.B[:, 0] * setpoint
+        excess = ramp.excess(4.5 * structures.response(numbers, ramp))
+        if rate == 7.0:
+            assert excess == 0.0 and max(response) < 1.055
+        else:
+            assert excess == pytest.approx(max(response) - 1.055, abs=3e-3) and excess > 0.05
+
+
+@pytest.fixture
+def fast(monkeypatch):
+    monkeypatch.setattr(search, "RANDOM", 30)
+    monkeypatch.setattr(search, "PROBE", 10)
+    monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
+    small = {n: structures.STRUCTURES[n] for n in ("P", "PI", "PI and one biquad")}
+    monkeypatch.setattr(structures, "STRUCTURES", small)
+
+
+def held(plants, found, goal):
+    """The worst of the set keeps the goal, by figures that the search did not compute."""
+    for timing in goal.timings:
+        worst = over.worst(plants, (timing,), law="bank", bank=found.bank)
+        assert worst.stable and not worst.sag
+        assert worst.Ms <= goal.ms_of(timing)
+        assert worst.gain_margin >= goal.gain_margin
+    assert found.bank == found.bank.quantised()
+    assert found.bank.hf_gain() <= min(15 * 2.0 ** (goal.adc_bits - 8), 80)
+
+
+@pytest.mark.usefixtures("fast")
+def test_a_search_keeps_its_goal():
+    plants, goal = plant_set("fig4_19", ["k_w=10%"], ({},)), search.Goal(adc_bits=12)
+    said = []
+    found = search.search(plants, goal, said.append)
+    held(plants, found, goal)
+    assert found.chosen == "PI and one biquad" and len(said) >= 3
+    assert found.worst["fS_Hz"] > 2 * found.p["fS_Hz"] > 0
+    assert [row["name"] for row in found.structures] == ["P", "PI", "PI and one biquad"]
+    assert " is the limit" in found.limited_by
+
+
+@pytest.mark.usefixtures("fast")
+def test_a_search_is_repeated_to_the_bit_and_a_smaller_peak_of_S_costs_bandwidth():
+    plants = plant_set("fig4_19", [], ({},))
+    one, again, narrow = (
+        search.search(plants, search.Goal(adc_bits=12, ms=ms, timings=("zoh",)))
+        for ms in (2.0, 2.0, 1.4)
+    )
+    assert (one.bank, one.worst, one.limited_by) == (again.bank, again.worst, again.limited_by)
+    assert one.worst["Ms_late"] is None and narrow.worst["Ms"] <= 1.4 < one.worst["Ms"]
+    assert narrow.worst["fS_Hz"] < one.worst["fS_Hz"]
+
+
+@pytest.mark.parametrize(
+    ("says", "plants", "goal"),
+    [
+        ("--ms: expected a number above 1", {}, {"ms": 1.0}),
+        ("--gain-margin: expected a number above 1", {}, {"gain_margin": 0.5}),
+        ("timing: expected zoh or zoh+1", {}, {"timings": ("zoh+2",)}),
+        ("--ms: expected margins that some law keeps over the set", {}, {"gain_margin": 1e5}),
+        ("expected an ADC on channel 0", {"model": "fig3_7", "ranges": [], "modes": ({},)}, {}),
+        ("expected a path", {"modes": ({"sensor": "apart"},)}, {}),
+    ],
+)
+def test_what_cannot_be_designed_is_refused_in_one_line(says, plants, goal):
+    with pytest.raises(_core.InputError) as caught:
+        search.search(plant_set(**plants), search.Goal(**goal))
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
+    plants = plant_set(ranges=["k_w=30%"], modes=({},))
+    _, grid = laboratory
+    bank = structures.bank(NUMBERS, 7.0).quantised()
+    goal = search.Goal(timings=("zoh+1",))
+    assert over.worst(plants, goal.timings, law="bank", bank=bank).gain_margin < 2
+    lowered, figures = certificate.exact(plants, [grid], bank, goal)
+    assert 3.0 < lowered.force_gain < 7.0
+    assert 2.3 <= figures["gain_margin"] < 2.5 or 2.1 < figures["Ms_late"] <= 2.2
+
+
+def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
+    """A search of another program reached 26 Hz; with zeros and poles four times above 18.5."""
+    monkeypatch.setattr(search, "RANDOM", 10)
+    monkeypatch.setattr(search, "PROBE", 5)
+    monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
+    plants = plant_set("fig4_19", [], ({},))
+    found = search.search(plants, search.Goal(adc_bits=12, timings=("zoh",)))
+    assert found.chosen == "PI and two biquads" and found.worst["fS_Hz"] > 24
+
+
+# Plant, the bandwidth in Hz that the best law of any structure reaches over its set: of the issue.
+POSSIBLE = [(ROOT / "tests/plant/two_modes.toml", 20.9), ("fig4_19", 19.3)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("model", "possible"), POSSIBLE)
+def test_the_search_finds_the_order_of_the_law(model, possible):
+    plants, goal = plant_set(str(model), modes=({},)), search.Goal(adc_bits=12)
+    found = search.search(plants, goal)
+    held(plants, found, goal)
+    best = max(row["worst"]["fS_Hz"] for row in found.structures)
+    assert found.worst["fS_Hz"] >= 0.95 * max(best, possible)
+
+
+# Model, overrides, modes, ADC bits, least fS in Hz.
+AXES = {
+    "laboratory, 8 bits": ("laboratory", {}, SLOPES, 8, 5.0),
+    "laboratory, 12 bits": ("laboratory", {}, SLOPES, 12, 6.5),
+    "rigid robot": ("fig4_19", {}, ({},), 12, 10.0),
+    "damped workpiece": ("laboratory", {"b_w": 363.0}, SLOPES, 12, 7.5),
+    "soft pad": ("laboratory_grip", {}, SLOPES, 12, 5.5),
+    "full axis": ("full_axis", {}, SLOPES, 12, 5.0),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", AXES)
+def test_bandwidth_over_the_set(name, tmp_path):
+    model, overrides, modes, bits, least = AXES[name]
+    plants, goal = plant_set(model, overrides=overrides, modes=modes), search.Goal(adc_bits=bits)
+    found = search.search(plants, goal)
+    held(plants, found, goal)
+    assert found.worst["fS_Hz"] >= least
+    if model == "laboratory" and not overrides:
+        assert settles(found.bank, bits, tmp_path) <= 0.16  # of the bandwidth that the set has
+
+
+def settles(bank, bits, folder):
+    """Seconds to 5 % of the contact at 75 N; its peak and its error are checked."""
+    stem = "hold_biquad" if bits == 8 else "hold_biquad_12bit"
+    text = (paths.EXPERIMENTS / f"{stem}.toml").read_text()
+    before, _, rest = text.partition("[firmware.bank_1]")
+    rest = rest.partition("[[at]]")[2].partition("[expect]")[0]
+    keys = "\n".join(f"{key} = {value}" for key, value in bank.keys().items())
+    text = f"{before}[firmware.bank_1]\n{keys}\n\n[[at]]{rest}"
+    path = folder / "hold.toml"
+    path.write_text(text.replace("../models", str(paths.MODELS)))
+    columns = _core.run(str(path)).columns()
+    force = np.asarray(columns["sensor.force"])
+    time_s = np.arange(len(force)) / 1500
+    assert force.max() <= 80.0
+    assert abs(force[-1500:].mean() - 75.0) <= (0.45 if bits == 8 else 0.075)
+    outside = np.flatnonzero(np.abs(force - 75.0) > 3.75)
+    return time_s[outside[-1]] + 1 / 1500 - 0.244

@@ -1,0 +1,337 @@
+"""docs/guide/reference has every table and key that the readers read, and no other."""
+
+import subprocess
+import sys
+import tomllib
+from datetime import date
+from pathlib import Path
+
+import pytest
+from forceaxis import Experiment, InputError, _core, toml
+from forceaxis.experiments import expect
+
+ROOT = Path(__file__).resolve().parents[3]
+NEVER_VALID = date(2001, 2, 3)
+
+# A model and an experiment with every table.
+MODEL = """
+title = "everything"
+shows = "each table"
+parameters_file = "shared.toml"
+[parameters]
+m = { value = 10, unit = "kg", source = "a guess", documentation = false }
+[[body]]
+name = "axis"
+mass = "m"
+position = 0
+velocity = 0
+[[body]]
+name = "work"
+mass = 5
+[[spring]]
+name = "guide"
+between = ["axis", "ground"]
+stiffness = [100, 200]
+breaks = [0.1]
+damping = 100
+[[spring]]
+name = "loaded"
+between = ["work", "ground"]
+stiffness = [1e5, 2e5]
+loads = [10]
+[[damper]]
+name = "oil"
+between = ["work", "ground"]
+damping = [100, 50]
+breaks = [0.1]
+[[contact]]
+name = "tip"
+between = ["axis", "work"]
+stiffness = 1e5
+damping = 10
+gap = 0.01
+[[backlash]]
+name = "play"
+between = ["axis", "work"]
+stiffness = 10
+damping = 1
+width = 1
+[[stop]]
+name = "end"
+between = ["axis", "ground"]
+stiffness = 1e5
+damping = 10
+low = -1
+high = 1
+[[friction]]
+name = "dry"
+between = ["axis", "ground"]
+coulomb = 1
+stiction = 2
+[[brake]]
+name = "held"
+between = ["axis", "ground"]
+holding = 100
+release = 0.05
+engage = 0.03
+[[gravity]]
+name = "weight"
+body = "work"
+acceleration = [0.1, 0.2]
+positions = [0, 1]
+[drive]
+type = "dc_motor"
+body = "axis"
+reaction = "ground"
+[encoder]
+body = "axis"
+reference = "ground"
+scale = 1e5
+[switches]
+limit_neg = -0.5
+limit_pos = 0.5
+home_from = -0.1
+home_to = 0.1
+index = 0
+index_every = 0.1
+[[adc]]
+channel = 0
+signal = "tip.force"
+sensor_limit = 300
+filter = 500
+conditioning_limit = 280
+noise = 0.1
+per_count = 2
+zero_code = 10
+bits = 8
+[dac]
+bits = 12
+range = 10
+offset = 0
+noise = 0
+"""
+
+DRIVES = {
+    "dc_motor": """
+input = "tach"
+k_preamp_cmd = 1
+k_preamp_fdbk = 1
+a_preamp_fdbk = 100
+k_tach = 0.1
+k_torque = 0.5
+k_back_emf = 0.5
+L = 0.01
+R = 4
+r_trans = 0.01
+b_m = 0
+k_current = 1
+current_feedback_limit = 10
+preamp_limit = 10
+k_amp = 100
+amp_break = 0.1
+k_amp_outer = 50
+supply_limit = 60
+""",
+    "first_order": "k_act = 100\na_act = 500\nvelocity_per_volt = 0.1\nforce_limit = 500\n",
+    "perfect": "force_per_volt = 10\nforce_limit = 500\n",
+}
+
+EXPERIMENT = """
+title = "everything"
+figure = "0"
+shows = "each table"
+model = "model.toml"
+duration_s = 0.1
+seed = 1
+[set]
+m = 11
+[firmware]
+force_gain = 1
+mode = "force"
+[firmware.bank_1]
+gain = 1
+integral_rad_per_s = 1
+velocity_gain = 0
+sections = [[1, 0, 0, 0, 0]]
+certificate = true
+[firmware.shaper_force]
+mode_Hz = 20
+damping = 0.05
+kind = "zvd"
+[[at]]
+time_s = 0.05
+impulse = { body = "work", N_s = 0.1 }
+firmware = { force_setpoint = 10 }
+sensor = { force = "held" }
+[verdict]
+window_s = 0.05
+force_ripple_max_count = 5
+position_ripple_max_count = 5
+contact_held = "tip"
+held_force_error_max_N = 5
+held_force_error_max_percent = 5
+overshoot_max_percent = 5
+settle_max_s = 1
+[plot]
+rows = [["encoder"], ["adc0"]]
+from_s = 0
+to_s = 0.1
+[trace]
+objects = ["statusword"]
+[expect]
+fault = "none"
+"""
+
+
+def model_with(drive):
+    model = tomllib.loads(MODEL)
+    model["drive"] |= {"type": drive} | tomllib.loads(DRIVES[drive])
+    return model
+
+
+def experiment():
+    found = tomllib.loads(EXPERIMENT)
+    for table in (found["firmware"], found["at"][0]["firmware"]):
+        for number in range(1, 5):
+            table.setdefault(f"bank_{number}", {"gain": 1})
+        for kind in ("force", "motion"):
+            table.setdefault(f"shaper_{kind}", {"mode_Hz": 20})
+    return found
+
+
+def table_of(tables, path):
+    """The table at a path of the format, the first of a list."""
+    for name in path.split(".") if path else ():
+        name = "m" if name == "NAME" else name
+        tables = tables[name]
+        tables = tables[0] if isinstance(tables, list) else tables
+    return tables
+
+
+def refusal(folder, model, experiment):
+    """What is said of the two files; None: they are accepted."""
+    (folder / "shared.toml").write_text("[parameters]\n")
+    (folder / "model.toml").write_text(toml.write_text(model))
+    try:
+        Experiment(experiment, folder=folder)
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def formats():
+    """(name, format, drive) of each table with keys of its own."""
+    for found in _core.model_format():
+        types = [found["when"].split('"')[1]] if found["when"] else list(DRIVES)[:1]
+        yield "model", found, types[0]
+    for found in _core.experiment_format():
+        yield "experiment", found, "dc_motor"
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_the_text_with_everything_is_accepted(tmp_path, drive):
+    assert refusal(tmp_path, model_with(drive), experiment()) is None
+
+
+def test_each_key_of_the_reference_is_read(tmp_path):
+    """A key that the reader ignores would accept a date."""
+    probed = 0
+    for name, found, drive in formats():
+        for key in found["keys"]:
+            files = {"model": model_with(drive), "experiment": experiment()}
+            table = table_of(files[name], found["path"])
+            if key["key"] == "loads":
+                table.pop("breaks")
+            table[key["key"]] = NEVER_VALID
+            said = refusal(tmp_path, **files)
+            where = f"{found['path']}.{key['key']}".lstrip(".").replace("NAME", "m")
+            place = where if name == "experiment" else where.partition(".")[2] or where
+            assert said and "got a date" in said, (where, said)
+            assert place.rpartition(".")[2] in said.split(": ")[1], (where, said)
+            probed += 1
+    assert probed > 150
+
+
+def test_no_key_is_read_that_the_reference_has_not(tmp_path):
+    """The reader lists what it takes where a key is not among it."""
+    closed = 0
+    keys = {}
+    for name, found, drive in formats():
+        keys.setdefault((name, found["path"]), {})[found["when"]] = [
+            key["key"] for key in found["keys"]
+        ]
+        files = {"model": model_with(drive), "experiment": experiment()}
+        table_of(files[name], found["path"])["no_such_key"] = 1
+        said = refusal(tmp_path, **files)
+        if found["open"]:
+            continue
+        listed = said.partition("expected one of the keys ")[2].partition(", got ")[0].split(", ")
+        common = keys[name, found["path"]][""] if found["when"] else []
+        due = common + keys[name, found["path"]][found["when"]]
+        if (name, found["path"], found["when"]) == ("model", "drive", ""):
+            assert listed[: len(due)] == due  # and those of its type
+        else:
+            assert listed == due, said
+        assert '"no_such_key"' in said
+        closed += 1
+    assert closed > 25
+
+
+def test_each_key_of_expect_is_read():
+    table, number = expect.FORMAT
+    for key in table["keys"]:
+        with pytest.raises(InputError, match=rf"x\.toml: expect\.{key['key']}: expected"):
+            expect.read("x.toml", {"expect": {key["key"]: []}, "criterion": {}})
+    for key in number["keys"]:
+        given = {"value": 1.0, key["key"]: "much"}
+        with pytest.raises(InputError, match=rf"expect\.final_value\.{key['key']}: expected a num"):
+            expect.read("x.toml", {"expect": {"final_value": given}, "criterion": {}})
+    assert {key["key"] for key in table["keys"]} == {*expect.TEXTS, *expect.TOLERANCES, *expect.HOW}
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (
+            {"final_vlaue": 1, "setle_s": 2},
+            "expected one of verdict, fault, .*, got final_vlaue, setle_s; did you mean final_"
+            "value, settle_s\\?; remove or rename these keys",
+        ),
+        (
+            {"final_value": {"valu": 1, "tol": 2}},
+            "final_value.valu: expected one of value, .*, got valu, tol; did you mean value\\?",
+        ),
+        ({"fault": "limit"}, "fault: expected one of none, .*, got 'limit'"),
+        ({"verdict": "stabel"}, "got 'stabel'; did you mean stable\\?"),
+    ],
+)
+def test_wrong_keys_of_expect_are_reported_at_once(given, says):
+    with pytest.raises(InputError, match=says):
+        expect.read("x.toml", {"expect": given, "criterion": {"window_s": 1}})
+
+
+def test_every_signal_is_in_the_reference(tmp_path):
+    sys.path.insert(0, str(ROOT / "tools"))
+    try:
+        import gen_reference
+    finally:
+        sys.path.pop(0)
+    assert refusal(tmp_path, model_with("dc_motor"), experiment()) is None
+    result = Experiment(experiment(), folder=tmp_path).run()
+    groups = {"axis": "BODY", "work": "BODY", "weight": "GRAVITY", "drive": "drive"}
+    found = {}
+    for name in result:
+        element, dot, quantity = name.partition(".")
+        if dot:
+            found[f"{groups.get(element, 'LINK')}.{quantity}"] = result.units[name]
+    assert found == {name: unit for name, unit, _ in gen_reference.SIGNALS}
+
+
+def test_the_reference_is_fresh():
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools/gen_reference.py", "--check"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")

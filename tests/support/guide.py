@@ -1,0 +1,143 @@
+"""The pages of docs/guide as what they are to a test: commands, the lines that they print, files.
+
+A fenced block of a page is, by its language,
+  bash      typed, command by command, in the folder of the page's session
+  python    run by the session's Python
+  text      lines that the commands above it have printed, in this order
+  yaml      shown only
+A toml or python block with a title is written to the file of that name instead.
+A line `<!-- needs: WHAT -->` before a block says what a test does not have: it is not run.
+A line `<!-- within: 5 % -->` before a block of text says that a search or a fit found its numbers,
+so that they depend on the processor: they may differ by that, words may not. `<!-- within: 5 % or
+0.1 -->` is for numbers near zero too, which may differ by 0.1.
+A line `<!-- session: WHAT -->` at the head of a page says when its commands are run:
+  short     by every tools/test
+  long      by tools/test --all
+  vcan      by tools/test --all, on a virtual CAN bus (tests/wire/test_on_the_bus.py)
+A page without commands has no such line.
+"""
+
+import math
+import os
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ROOT / "docs/guide"
+BLOCK = re.compile(
+    r"(?:^ *<!-- needs: (?P<needs>[^>]+) -->\n)?"
+    r"(?:^ *<!-- within: (?P<relative>[\d.]+) %(?: or (?P<absolute>[\d.]+))? -->\n)?"
+    r"^(?P<indent> *)```(?P<kind>\w+)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^ *```$",
+    re.MULTILINE | re.DOTALL,
+)
+# A number that stands by itself: the digits of a name or of a hash are part of a word.
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+TYPED = ("bash", "python")
+
+
+@dataclass
+class Block:
+    kind: str
+    text: str
+    needs: str | None
+    title: str | None
+    relative: float = 0.0
+    absolute: float = 0.0
+
+    def says(self, line, printed):
+        """Whether a line of this block is the printed one, its numbers within the stated bounds."""
+        if not self.relative:
+            return line.rstrip() == printed.rstrip()
+        if NUMBER.sub("#", line).split() != NUMBER.sub("#", printed).split():
+            return False
+        shown, found = (
+            [float(number.replace(",", "")) for number in NUMBER.findall(text)]
+            for text in (line, printed)
+        )
+        return all(
+            math.isclose(found[k], shown[k], rel_tol=self.relative, abs_tol=self.absolute)
+            for k in range(len(shown))
+        )
+
+    def commands(self):
+        """The commands of a block; a line that ends with \\ goes on in the next one."""
+        return re.sub(r"\\\n *", "", self.text).splitlines()
+
+
+def pages():
+    return sorted(PAGES.rglob("*.md"))
+
+
+def session(page):
+    found = re.search(r"^<!-- session: (\w+) -->$", page.read_text(), re.MULTILINE)
+    return found[1] if found else None
+
+
+def blocks(page):
+    return [
+        Block(
+            found["kind"],
+            re.sub(f"^{found['indent']}", "", found["text"], flags=re.MULTILINE),
+            found["needs"],
+            found["title"],
+            float(found["relative"] or 0) / 100,
+            float(found["absolute"] or 0),
+        )
+        for found in BLOCK.finditer(page.read_text())
+    ]
+
+
+def environment():
+    programs = [Path(sys.executable).parent, ROOT / "build/release/host", ROOT / "tools"]
+    return os.environ | {
+        "PATH": ":".join(map(str, [*programs, os.environ["PATH"]])),
+        "COLUMNS": "120",
+    }
+
+
+def missing(block, printed):
+    """The first line of a block of text that was not printed after the lines before it."""
+    rest = iter(printed.splitlines())
+    return next(
+        (
+            line
+            for line in block.text.splitlines()
+            if not any(block.says(line, later) for later in rest)
+        ),
+        None,
+    )
+
+
+def play(page, folder):
+    """Runs a page in `folder`: (what it says and what the commands before it printed) pairs."""
+    for name in ("sim", "examples", "tools", "build"):
+        (folder / name).symlink_to(ROOT / name)
+    printed, claims = "", []
+    after_text = True
+    for block in blocks(page):
+        if block.needs:
+            continue
+        if block.kind == "text":
+            claims.append((block, printed))
+            after_text = True
+        elif block.title:
+            (folder / block.title).parent.mkdir(parents=True, exist_ok=True)
+            (folder / block.title).write_text(block.text)
+        elif block.kind in TYPED:
+            printed = "" if after_text else printed
+            after_text = False
+            typed = (
+                [[sys.executable, "-c", block.text]]
+                if block.kind == "python"
+                else [["bash", "-c", command] for command in block.commands()]
+            )
+            for command in typed:
+                done = subprocess.run(
+                    command, cwd=folder, env=environment(), capture_output=True, text=True
+                )
+                assert done.returncode == 0, (command, done.stdout, done.stderr)
+                printed += done.stdout
+    return claims

@@ -1,0 +1,238 @@
+"""Wrong usages of every verb: one line that says what was expected, status 2, nothing written."""
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import verbs
+from forceaxis.cli.main import MODULES
+
+ROOT = Path(__file__).resolve().parents[3]
+TUNE = (
+    "tune --sim contact.toml --model laboratory --force 30,60 --over k_w=30% --force-max 250 "
+    "--out tuned"
+)
+
+# As typed in a folder that holds contact.toml and model.toml, which are right, and bad.toml,
+# empty.toml, x.csv; the words that the line must have.
+WRONG = [
+    ("rnu contact", "'rnu'", "'run'"),
+    ("--verson", "'--version'"),
+    ("run", "'EXPERIMENT'", "forceaxis run --help"),
+    ("run contct", "contct", "did you mean contact?"),
+    ("run contcat.toml", "contcat.toml", "did you mean contact.toml?"),
+    ("run contact extra", "(extra)", "forceaxis run --help"),
+    ("run no/such.toml", "no/such.toml", "expected a readable file"),
+    ("run .", "expected a readable file"),
+    ("run bad.toml", "bad.toml: line 1", "expected valid TOML"),
+    ("run empty.toml", "empty.toml: title", "add this key"),
+    ("run model.toml", "model.toml", "expected an experiment, got a model"),
+    ("run contact --set force_gain=7", "set.force_gain", "did you mean firmware.force_gain?"),
+    ("run contact --set duration_s=2", "set.duration_s", "did you mean experiment.duration_s?"),
+    ("run contact --set m_ww=7", "set.m_ww", "did you mean m_w?"),
+    ("run contact --set firmware.force_gian=7", "force_gian", "did you mean force_gain?"),
+    ("run contact --set firmware.force_gain", "--set", "expected NAME=VALUE"),
+    ("run contact --set firmware.force_gain=", "--set", "expected NAME=VALUE"),
+    ("run contact --set firmware.force_gain=seven", "force_gain", "a quantity in V/N"),
+    ("run contact --set firmware.force_gain=300", "0 to 255.99609375", "got 300"),
+    ("run contact --set firmware.mode=forse", "firmware.mode", "did you mean force?"),
+    ('run contact --set firmware.force_setpoint="12 mm/s"', "expected a force in N"),
+    ("run contact --set m_w=-1", "m_w", "> 0 in kg, got -1"),
+    ("run contact --set m_w=1 --set m_w=2", "m_w", "expected one value, got 1 and 2"),
+    ("run contact --set experiment.duration_s=0", "duration_s", "got 0"),
+    ("run contact --set experiment.duration=1", "did you mean duration_s?"),
+    ("run contact --set verdict.window=1", "verdict.window", "window_s"),
+    ("run contact --out x.csv", "'--out'", "'x.csv' is a file"),
+    ("run contact --link usb", "'--link'", "'lcm'"),
+    ("run contact --sett m_w=1", "'--sett'", "'--set'"),
+    ("replay", "'JOURNAL'", "forceaxis replay --help"),
+    ("replay none.journal", "none.journal: file", "expected a readable file, got none"),
+    ("replay x.csv", "x.csv: line 1", "expected a readable journal"),
+    ("sweep contact --grid m_w=1:2:3", "'--out'"),
+    ("sweep contact --out maps", "expected what to vary", "--bisect"),
+    ("sweep contact --grid m_w=1:2 --out maps", "expected NAME=FROM:TO:COUNT"),
+    ("sweep contact --grid m_w=1:2:1 --out maps", "expected COUNT", "2 to 1000000"),
+    ("sweep contact --grid m_w=2:x:3 --out maps", "expected NAME=FROM:TO:COUNT"),
+    ("sweep contact --grid m_ww=1:2:3 --out maps", "m_ww", "did you mean m_w?"),
+    ("sweep contact --grid force_gain=1:2:3 --out maps", "did you mean firmware.force_gain?"),
+    ("sweep contact --grid firmware.force_gian=1:2:3 --out maps", "mean firmware.force_gain or"),
+    ("limit contact --over kw=30%", "kw=30%", "did you mean k_w"),
+    ("sweep contact --random m_w=1:2 --out maps", "--count", "1 to 1000000"),
+    ("sweep contact --bisect m_w=1:2:-1 --out maps", "expected TOLERANCE above 0"),
+    ("sweep contact --grid m_w=1:2:3 --threads 0 --out maps", "'--threads'", "1<=x<=256"),
+    ("sweep contact --grid m_w=1:2:3 --scheduler here --out maps", "tcp://HOST:PORT"),
+    ("test", "'DIR|FILE...'"),
+    ("test nowhere", "nowhere", "expected"),
+    ("test model.toml", "expected an experiment with an [expect] table"),
+    ("report nowhere", "nowhere", "expected a folder with experiments"),
+    ("report x.csv", "x.csv", "expected a folder with experiments"),
+    ("report --threads many", "'--threads'", "integer"),
+    ("objects forc_gain", "did you mean force_gain"),
+    ("objects force --eds a.eds", "expected no pattern"),
+    ("objects --eds same --dbc same", "expected a file each"),
+    ("objects --eds no/such/folder.eds", "expected a folder no/such"),
+    ("limit", "'MODEL|EXPERIMENT'"),
+    ("limit fig4_20", "fig4_20", "sim/models", "did you mean fig4_"),
+    ("limit contact --law pdd", "'--law'", "'lead'"),
+    ("limit fig4_19 --law lead", "expected"),
+    ("limit fig4_19 --gain much", "'--gain'", "float"),
+    ("limit fig4_19 --gain 1 --firmware-gain 2", "either --gain or --firmware-gain"),
+    ("limit fig4_19 --timing both --over k_q=30%", "k_q", "expected"),
+    ("limit fig4_19 --over k_w=30", "k_w=30", "expected"),
+    ("limit fig4_19 --mode sensor=open", "apart, pressed"),
+    ("limit x.csv", "expected a path ending in .toml"),
+    ("design laboratry", "did you mean laboratory"),
+    ("design laboratory --over nothing", "nothing", "expected"),
+    ("design laboratory --pareto cost", "expected bandwidth and one of"),
+    ("advise laboratory --simulate --linear", "expected --simulate or --linear"),
+    ("advise laboratory --factor 0", "expected a number above 1"),
+    ("advise laboratory --out advice.docx", "expected a file ending in .png"),
+    ("compliance laboratory --from 1e5", "expected --from and --to together"),
+    ("compliance laboratory --points 1", "2<=x<=40"),
+    ("compliance laboratory --element m_w", "expected one of k_rf, k_s, k_w"),
+    ("step fig4_19 --firmware-gain 5 --duration-s 0", "--duration-s", "two ticks to 600 s"),
+    ("step fig4_19 --firmware-gain 5 --out step.xyz", "expected a file ending in .png"),
+    ("nyquist fig4_19 --output tip.speed", "expected one of", "robot.position"),
+    ("nyquist fig4_19 --out no/such/folder.png", "no/such/folder.png"),
+    ("rlocus fig4_19 --span-hz 0", "'--span-hz'", "1e-06 to 1e+06"),
+    ("rlocus fig4_19 --vary b_w", "expected NAME=NUMBER,NUMBER"),
+    ("bode fig4_19 --from-hz 10 --to-hz 1", "expected FROM < TO"),
+    ("bode fig4_19 --of everything", "'--of'", "'sensitivity'"),
+    ("bode fig4_19 --input robot.speed", "expected one of drive.command"),
+    ("poles fig4_19 --input motor", "expected one of drive.command"),
+    ("modes fig4_19 --output", "'--output'", "--help` shows"),
+    ("modes nothing", "expected a path ending in .toml or a name of", "sim/models"),
+    ("linearise fig4_19 --out plant.doc", "expected a file ending in .npz or .mat"),
+    ("linearise contact.toml", "expected a model, got an experiment"),
+    ("beam --modes 0", "'--modes'", "1<=x<=200"),
+    ("measure fig3_12 --band 5", "expected LOW:HIGH"),
+    ("measure fig3_12 --averages 0", "averages", "4..4096"),
+    ("measure", "expected one way to an axis"),
+    ("measure --sim contact.toml", "expected --free, --force or both"),
+    ("identify", "expected a verb: decrement, fit"),
+    ("identify decrement none.csv", "none.csv: expected a file, there is none"),
+    ("identify decrement x.csv --mass 1 --stiffness 2", "expected --mass or --stiffness"),
+    ("identify split --total-mass 10", "'--stiffness'"),
+    ("identify split --total-mass 9 --stiffness 9 --frequency-hz fast", "VALUE+-ERROR"),
+    ("identify tach x.csv --speed nowhere", "expected a column nowhere, it has a, b"),
+    ("identify motor x.csv", "'--k-torque'"),
+    ("identify fit fig4_19 x.csv --fit m_r", "--output", "expected with a CSV file"),
+    ("identify resonances fig4_11 nowhere --rigid robot.acceleration", "nowhere", "expected"),
+    ("axis", "expected a verb:", "params"),
+    ("axis gte --axis 1", "'gte'", "'get'"),
+    ("axis get --axis 1", "'NAME...'"),
+    ("axis get force", "expected one way to an axis", "--can INTERFACE"),
+    ("axis get --axis 1 --can can0 force", "expected one way to an axis"),
+    ("axis get --axis 128 force", "'--axis'", "1<=x<=127"),
+    ("axis get --sim contact.toml forse", "`forceaxis objects`", "did you mean force"),
+    ("axis get --sim nowhere.toml force", "nowhere.toml", "expected a readable file"),
+    ("axis get --modbus udp://here force", "expected tcp://HOST[:PORT]"),
+    ("axis get --can nocan0 force", "--can nocan0", "expected a CAN interface"),
+    ("axis set --sim contact.toml force_gain", "expected NAME=VALUE"),
+    ("axis set --sim contact.toml force_gain=300", "expected 0 to 255.996", "got 300"),
+    ("axis set --sim contact.toml store_parameters=2", "expected 1, got 2"),
+    ("axis set --sim contact.toml force=3", "expected an object that can be written"),
+    ("axis move --sim contact.toml far", "POSITION", 'a quantity as "10 mm"'),
+    ("axis press --sim contact.toml 20 --retract far", "--retract", 'as "5 mm"'),
+    ("axis press --sim contact.toml", "'FORCE'"),
+    ('axis press --sim contact.toml "75 mm"', 'expected a force as "75 N"'),
+    ("axis press --sim contact.toml 20 --seconds -1", "'--seconds'", "0.1 to 3600"),
+    ("axis enable --sim contact.toml flying", "expected a mode of operation", "homing"),
+    ("axis capture --sim contact.toml nothing --out cap", "nothing", "expected an object"),
+    ("axis capture --sim contact.toml force --trigger soon --out cap", "--trigger soon", "rising"),
+    ("axis calibrate --sim contact.toml --point 1", "expected COUNT,N"),
+    ("axis params load x.csv --sim contact.toml", "x.csv: line 1", "expected valid TOML"),
+    ("axis params diff --sim contact.toml", "'FILE'"),
+    ("axis params", "expected a verb:", "dump"),
+    ("axis list --can nocan0", "--can nocan0", "expected a CAN interface"),
+    ("axis stop", "expected one way to an axis"),
+    ("axis check", "expected one way to an axis"),
+    ("axis tare --lcm-url udpm://here", "expected one way to an axis"),
+    ("tune --sim contact.toml", "'--model'"),
+    (f"{TUNE} --only everything", "--only", "expected one of check"),
+    (f"{TUNE} --prior m_x=2", "--prior: m_x=2: expected NAME=VALUE or", "m_w"),
+    (f"{TUNE} --prior m_w", "--prior: m_w: expected NAME=VALUE or NAME=VALUE+-PERCENT%"),
+    (f"{TUNE} --prior m_w=-2+-5%", "--prior: m_w=-2+-5%: expected", "above 0"),
+    (f"{TUNE} --prior m_w=2+-0%", "--prior: m_w=2+-0%: expected", "above 0"),
+    (f"{TUNE} --over m_x=30%", "m_x", "expected"),
+    (f"{TUNE} --prior", "'--prior'", "requires an argument"),
+    ("incident", "expected one way to an axis"),
+    ("incident --axis 1 --wait never", "'--wait'", "expected a number"),
+    ("monitor --json", "--json", "--once"),
+    ("monitor --replay x.csv --url udpm://239.255.76.67:7700", "--replay", "expected without"),
+    ("monitor --speed 2", "--speed", "--replay"),
+    ("monitor --replay none.log --once", "none.log", "expected a log"),
+    ("log", "expected a verb: export, info"),
+    ("log info none.log", "none.log", "expected a log"),
+    ("log export x.csv", "'--out'"),
+    ("log export x.csv --out tables", "x.csv", "expected an LCM log"),
+    ("flash", "'FILE'"),
+    ("flash x.csv", "x.csv", "expected a file .elf, .hex or .bin"),
+    ("flash x.csv --address 99999999999", "'--address'", "32 bits"),
+    ("tables --fit --link lcm", "expected --fit without --link"),
+    ("check-thesis now", "(now)", "forceaxis check-thesis --help"),
+    ("session --out x.csv", "'--out'", "is a file"),
+    ("bench --case C", "'--case'", "'full'"),
+    ("bench --check --case A", "expected --check without"),
+    ("new", "'NAME'"),
+    ("new press --moving-mass-kg heavy --yes", "expected a plain number", "'heavy'"),
+    ("new press --moving-mass-kg -3 --yes", "0.001 to 1e+06 kg"),
+    ("new press --colour red", "'--colour'"),
+    ("new x.csv --yes", "'x.csv' is a file"),
+    ("completion", "expected a verb: install, show"),
+    ("completion install tcsh", "'tcsh'", "'zsh'"),
+]
+
+
+def snapshot(folder):
+    return {p: p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wrong")
+    text = (ROOT / "sim/experiments/contact.toml").read_text()
+    (folder / "contact.toml").write_text(text.replace("../models", str(ROOT / "sim/models")))
+    text = (ROOT / "sim/models/fig4_19.toml").read_text()
+    (folder / "model.toml").write_text(
+        text.replace("thesis.toml", f"{ROOT}/sim/models/thesis.toml")
+    )
+    (folder / "bad.toml").write_text("title = \n")
+    (folder / "empty.toml").write_text("")
+    (folder / "x.csv").write_text("a,b\n1,2\n")
+    return folder
+
+
+@pytest.mark.parametrize(("line", "words"), [(w[0], w[1:]) for w in WRONG], ids=lambda v: str(v))
+def test_a_wrong_usage_is_one_line_and_writes_nothing(folder, line, words):
+    before = snapshot(folder)
+    typed = shlex.split(line)
+    done = verbs.forceaxis(*typed, cwd=folder)
+    assert (done.returncode, done.stdout) == (2, ""), done.stderr
+    assert done.stderr.startswith("forceaxis: ") and done.stderr.count("\n") == 1
+    assert all(word in done.stderr for word in words), done.stderr
+    assert snapshot(folder) == before
+
+
+def test_there_are_a_hundred_over_all_verbs():
+    assert len({w[0] for w in WRONG}) >= 100
+    typed = {shlex.split(w[0])[0] for w in WRONG}
+    assert set(MODULES) - {"gateway"} <= typed
+
+
+def test_a_wrong_usage_of_a_program_of_the_build(tmp_path):
+    """`forceaxis gateway` becomes the gateway, so this needs a process of its own."""
+    words = [Path(sys.executable).parent / "forceaxis", "gateway", "--cann", "vcan0"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert "--cann" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_folder_of_those_usages_is_a_good_one(folder):
+    """None of them is refused for another reason than the one that it is there for."""
+    short = ["--set", "experiment.duration_s=0.1", "--set", "verdict.window_s=0.1"]
+    assert verbs.forceaxis("run", "contact.toml", *short, cwd=folder).returncode == 0
+    assert verbs.forceaxis("modes", "model.toml", cwd=folder).returncode == 0

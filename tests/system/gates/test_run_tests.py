@@ -1,0 +1,96 @@
+"""tools/run_tests.py: what counts as failed, and the second try of tests on real buses."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+pytestmark = pytest.mark.quick
+
+ONCE = """
+from pathlib import Path
+import pytest
+
+def test_passes():
+    pass
+
+def test_fails_at_its_first_try():
+    mark = Path(__file__).with_name("tried")
+    first = not mark.exists()
+    mark.write_text("")
+    assert not first, "late"
+"""
+TWICE = (
+    ONCE
+    + """
+def test_fails_always():
+    assert False, "wrong"
+
+def test_is_skipped():
+    pytest.skip("no bus")
+"""
+)
+
+
+@pytest.fixture
+def gate(tmp_path, monkeypatch):
+    """The module of tools/test, whose tree and build are an empty folder."""
+    spec = importlib.util.spec_from_file_location("run_tests", ROOT / "tools/run_tests.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "BUILD", tmp_path)
+    return module
+
+
+def run(gate, tmp_path, text, twice):
+    """A stage of pytest over a file of tests; its tally."""
+    (tmp_path / "test_bus.py").write_text(text, encoding="utf-8")
+    tally = gate.Tally()
+    gate.pytest(tally, "alone", "not long", twice=twice)
+    return tally
+
+
+def test_a_test_that_fails_once_is_tried_again_and_named(gate, tmp_path, capfd):
+    tally = run(gate, tmp_path, ONCE, twice=True)
+    assert (tally.passed, tally.failed) == (2, 0)
+    assert tally.end() == 0
+    printed = capfd.readouterr().out
+    assert "AssertionError: late" in printed  # of the first try
+    assert "what failed is tried a second time" in printed
+    assert "second tries: 1" in printed
+    assert "test_bus test_fails_at_its_first_try: failed, then passed" in printed
+    assert printed.splitlines()[-1] == "2 passed, 0 failed"
+
+
+def test_a_test_that_fails_twice_and_one_that_is_skipped_are_failures(gate, tmp_path, capfd):
+    tally = run(gate, tmp_path, TWICE, twice=True)
+    assert (tally.passed, tally.failed) == (2, 2)
+    assert tally.end() == 1
+    printed = capfd.readouterr().out
+    assert printed.count("AssertionError: wrong") >= 2  # both tries are shown
+    assert "test_bus test_fails_always: failed, then failed again" in printed
+
+
+def test_other_stages_have_one_try(gate, tmp_path):
+    tally = run(gate, tmp_path, ONCE, twice=False)
+    assert (tally.passed, tally.failed, tally.second_tries) == (1, 1, [])
+
+
+def test_a_run_that_does_not_end_as_pytest_does_is_a_failure(gate, tmp_path):
+    text = (
+        "import os\ndef test_passes():\n    pass\ndef test_ends_the_process():\n    os._exit(0)\n"
+    )
+    tally = run(gate, tmp_path, text, twice=True)
+    assert tally.failed == 1
+
+
+@pytest.mark.parametrize("file", [".pre-commit-config.yaml", ".github/workflows/ci.yml"])
+def test_hooks_and_ci_call_the_quick_tests_and_no_other_host(file):
+    text = (ROOT / file).read_text()
+    assert "tools/test --quick" in text
+    assert "://" not in text
+    assert [line for line in text.splitlines() if "uses:" in line] == (
+        ["      - uses: actions/checkout@v4"] if "workflows" in file else []
+    )

@@ -1,0 +1,47 @@
+"""The package's type hints agree with its code, and the public modules have all of them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+pytestmark = pytest.mark.beside  # ten seconds of processor where nothing is cached
+
+
+def mypy(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "mypy", *arguments], cwd=ROOT, capture_output=True, text=True
+    )
+
+
+def test_the_package_has_no_type_error():
+    done = mypy()
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_scripts_see_the_types(tmp_path):
+    """What a wrong script of a user is told, and that nothing else is."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from forceaxis import Axis, Experiment, beam, loops\n"
+        'result = Experiment.load("contact").run(force_gain=7)\n'
+        "held: float | None = result.held_force_N\n"
+        'with Axis.sim("contact") as axis:\n'
+        '    axis.get("force", 3)\n'
+        'beam.Beam("stiff", 1.0, 1.0)\n'
+        "result.verdikt\n"
+        "loops.force_loop(3)\n"
+    )
+    done = mypy("--config-file", str(ROOT / "pyproject.toml"), str(script))
+    lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if ": error:" in line}
+    assert lines == {5, 6, 7, 8}, done.stdout
+
+
+def test_a_public_function_without_types_is_found(tmp_path):
+    """The gate can fail."""
+    source = tmp_path / "untyped.py"
+    source.write_text("def f(x):\n    return x\n")
+    done = mypy("--config-file=", "--disallow-untyped-defs", str(source))
+    assert done.returncode == 1 and "missing a type annotation" in done.stdout
