@@ -235,7 +235,7 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   };
   Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                 written("polarity") != 0.0 || written("home_offset") != 0.0);
-  const std::string rated = "rated_force";  // The value of this object may be a quantity.
+  const std::string rated = "rated_force";  // The table may give rated_force as a quantity.
   const toml::node *own = section.table().get(rated);
   scales.set_rated_force(own == nullptr ? written(rated)
                                         : read_object(section, rated, *own, scales).raw);
