@@ -89,7 +89,7 @@ struct RunResult {
   std::vector<sim::Event> events;  // the first 100,000 events of the run
   std::int64_t event_count = 0;
   sim::EnergyAudit energy;
-  double edge_margin = 0;  // smallest distance to a change of a code in LSB, see sim::Plant
+  double edge_margin = 0;  // smallest distance in LSB of a converted value to a change of its code
   std::string trace_hash;  // trace hash of the plant's side, 64 hexadecimal digits
   // Trace hash of the firmware's side, if RunOptions requests it.
   std::string firmware_hash;

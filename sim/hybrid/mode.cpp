@@ -220,7 +220,7 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
 
   ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
   ExtendedMatrix signal = r;
-  ExtendedMatrix size = absolute(r);  // |r| |Phi|, to which the rounding error is relative
+  ExtendedMatrix size = absolute(r);  // the rounding error of a signal is relative to |r| |Phi|
   const std::size_t parts = mode.samples > 0 ? mode.samples * kFewestParts : mode.grid;
   for (std::size_t k = 0; k <= parts; ++k) {
     const bool sampled = mode.samples > 0 && k % kFewestParts == 0;

@@ -94,10 +94,10 @@ class Network {
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
   const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }
-  /// powers in W
+  /// Sources and dampers; each product is a power in W.
   const std::vector<Wiring::Product> &supplies() const { return wiring_.supplies; }
-  const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }  ///< powers in W
-  /// twice the energy, in J
+  const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }
+  /// Energy stores; each product is twice an energy in J.
   const std::vector<Wiring::Product> &storages() const { return wiring_.storages; }
 
  private:
