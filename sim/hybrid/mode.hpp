@@ -71,11 +71,10 @@ struct Mode {
   std::size_t channels = 0;
   std::size_t samples = 0;
 
-  std::size_t channel_stride =
-      0;  ///< rows for one set of channel signals: g, rounded up to a multiple of 4
-  std::size_t signal_place = 0;  ///< first row of the signals in `tick`: padded(n + 2)
-  std::size_t tick_stride = 0;   ///< number of rows of `tick`: signal_place + (samples + 1)
-                                 ///< channel_stride
+  std::size_t channel_stride = 0;  ///< rows of one set of channel signals: padded(g)
+  std::size_t signal_place = 0;    ///< first row of the signals in `tick`: padded(n + 2)
+  std::size_t tick_stride = 0;     ///< number of rows of `tick`: signal_place + (samples + 1)
+                                   ///< channel_stride
   /// Matrix by columns. Its rows give the new state, the ADC signals and the signals at the
   /// instants 0, 1, ..., K of the tick.
   kernel::Vector tick;
