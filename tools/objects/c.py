@@ -103,7 +103,7 @@ def generate_header(table):
         out.append(",\n".join(f"  {name} = {value}" for name, value in constants))
         out.append("\n};\n\n")
     for part, kind, type_name in STRUCTS:
-        # Widest first, so that the structure has no holes.
+        # The widest members come first, so that the structure has no padding.
         fields = sorted(
             (o for o in entries if (o["part"], o["kind"]) == (part, kind)),
             key=lambda o: -TYPES[o["type"]][0],

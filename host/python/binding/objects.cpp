@@ -1,4 +1,5 @@
-// The object table's metadata for Python: forceaxis.objects makes named tuples of it.
+// Passes the metadata of the object table to Python, where forceaxis.objects makes named tuples of
+// them.
 #include <pybind11/pybind11.h>
 
 #include <string_view>
