@@ -343,7 +343,7 @@ def test_a_retract_is_bounded():
         axis.arm(["velocity_actual", "force"], 3000)
         found = axis.retract("2 mm", "4 mm/s")
         held = axis.link.recording(5.0)
-        assert found["force"] == 0 and axis.read("drive_state") == "ready_to_switch_on"
+        assert found.force == 0 and axis.read("drive_state") == "ready_to_switch_on"
         # The velocity comes in steps of 1500 / 16, and the law overshoots by a tenth.
         assert -1.3 * 4 * MM < held.values("velocity_actual").min() < -0.7 * 4 * MM
         assert held.values("force").max() < 40

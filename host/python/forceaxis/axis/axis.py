@@ -127,10 +127,12 @@ class Axis:
         return done
 
     def get(self, *names: str) -> dict[str, Any]:
-        """{name: engineering value or enum text}. Raises InputError for an unknown name."""
+        """{name: engineering value or enum text}, in the order of `names`. Raises InputError for an
+        unknown name."""
         for name in names:
             _known(name)
-        return {name: from_raw(name, raw) for name, raw in self.link.read(names).items()}
+        found = self.link.read(names)
+        return {name: from_raw(name, found[name]) for name in names}
 
     def read(self, name: str) -> Any:
         """The value of one object, as get()."""
@@ -263,7 +265,7 @@ class Axis:
         approach_s: float = 10.0,
         force_max: float | str | None = None,
         retract: float | str | None = None,
-    ) -> actions.Held:
+    ) -> actions.PressResult:
         """Approaches, presses for `seconds` from the contact on, and disables the axis.
 
         force: "75 N" in mode 4 by the force law or bank in force; a number, counts of an 8-bit
@@ -276,12 +278,12 @@ class Axis:
         Raises InputError before anything moves for what the axis would clip, with the bound in N;
         Refused, NoAnswer with what happened, the axis disabled.
         """
-        return actions.press(
-            self, quantity.force(force), seconds=seconds, speed=speed, approach_s=approach_s,
-            force_max=force_max, retract=retract,
-        )  # fmt: skip
+        order = actions.PressOrder(seconds, speed, approach_s, force_max, retract)
+        return actions.press(self, quantity.force(force), order)
 
-    def retract(self, distance: float | str, speed: float | str | None = None) -> dict[str, Any]:
+    def retract(
+        self, distance: float | str, speed: float | str | None = None
+    ) -> actions.AxisStatus:
         """Moves an axis that presses, or stands in contact, back by a distance, "5 mm" or in its
         own units, and disables it there: its state() before that.
 
@@ -320,7 +322,7 @@ def _with_model(link: Link, model: str | Path | None) -> Link:
 
 
 def _known(name: str) -> AxisObject:
-    known = object_named(name)
+    known: AxisObject | None = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object")
     return known

@@ -154,7 +154,7 @@ def _force_setpoint(present: Present) -> Iterator[Bound]:
 def _without_certificate(present: Present) -> bool:
     (bank,) = present("force_bank")
     if not bank:
-        return present("certificate_required")[0] == "yes"
+        return bool(present("certificate_required")[0] == "yes")
     return present(f"certificate_state_{bank}")[0] not in ("fits", None)
 
 

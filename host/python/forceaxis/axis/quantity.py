@@ -89,7 +89,7 @@ class Force:
 
 def force_per_count(axis: Scaled) -> float:
     """Force of one count of an 8-bit reading in N, as the axis has it."""
-    return axis.read("force_scale") * 1e-6
+    return float(axis.read("force_scale")) * 1e-6
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
@@ -201,17 +201,17 @@ def to_raw(axis: Scaled, name: str, value: Any) -> int:
     """Raw value of an engineering value, an enum's text or a quantity. Raises InputError, with the
     range in N and mm where the value has such a unit."""
     if not isinstance(value, str):
-        return client.to_raw(name, value)
+        return int(client.to_raw(name, value))
     given = parse(axis, name, value)
     if isinstance(given, str):
-        return client.to_raw(name, given)
+        return int(client.to_raw(name, given))
     known = BY_NAME[name]
     least, most = known.min * known.scale, known.max * known.scale
     if not least - known.scale / 2 < given < most + known.scale / 2:
         raise InputError(
             f"{name}: expected {shown(axis, name, least)} to {shown(axis, name, most)}, got {value}"
         )
-    return client.to_raw(name, given)
+    return int(client.to_raw(name, given))
 
 
 def number(axis: Scaled, name: str, text: str) -> float:
