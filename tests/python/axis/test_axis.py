@@ -119,9 +119,9 @@ def test_what_the_axis_refuses_is_status_1():
         (["--axis", "1", "--can", "can0"], "expected one way to an axis"),
         (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
         (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
-        (["--can", "nocan7"], "--can nocan7: expected a CAN interface that is up"),
+        (["--can", "nocan7"], "--can: nocan7: expected a CAN interface that is up"),
         (["--can", "can0", "--node", "126"], "node 126, own node 126: expected two numbers"),
-        (["--modbus", "http://x"], "--modbus http://x: expected tcp://HOST[:PORT], or a serial"),
+        (["--modbus", "http://x"], "--modbus: http://x: expected tcp://HOST[:PORT], or a serial"),
         (["--sim", "nowhere.toml"], "nowhere.toml"),
     ],
 )
@@ -230,7 +230,7 @@ def test_nothing_moves_without_a_position_gain(tmp_path, verb):
     out = ["--out", tmp_path / "out"] if verb.startswith("measure") else []
     done = forceaxis(*verb.split(), "--sim", CONTACT, *out)
     text = refusal(done, 1)
-    assert "expected a position_gain" in text and "`--set firmware.position_gain=4`" in text
+    assert "expected a position_gain" in text and "firmware.position_gain of its experiment" in text
     assert not (tmp_path / "out").exists()
 
 
@@ -477,7 +477,10 @@ def test_a_closed_link_frees_the_file_of_its_store(tmp_path):
 
 
 def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
-    resets = "; `forceaxis axis reset --sim sim/experiments/contact.toml` resets the fault$"
+    done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000")
+    told = f"; `forceaxis axis reset --sim {CONTACT}` resets the fault"
+    assert refusal(done, 1).endswith(told)
+    resets = r"; reset_fault\(\) resets the fault$"
     with pytest.raises(NoAnswer, match=f"fault force_max.*{resets}"):
         actions.move(axis, 5000, 2000)
     for enabling in (

@@ -294,7 +294,7 @@ def test_values_of_a_live_axis_have_units_wherever_a_scale_is_known(words, found
 
 def test_a_length_without_a_scale_is_refused_with_what_would_give_it(axis, tmp_path):
     axis.link.counts_per_metre = None
-    with pytest.raises(InputError, match=r"target_position: .*10 mm; .*--model MODEL.*6092h"):
+    with pytest.raises(InputError, match=r"target_position: .*10 mm; .*give a model.*6092h"):
         axis.set(target_position="10 mm")
     axis.link.use_model(CONTACT.parents[1] / "models/laboratory.toml")
     axis.set(target_position="10 mm")

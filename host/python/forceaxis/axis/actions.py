@@ -13,6 +13,7 @@ from forceaxis.axis.quantity import Force, force_per_count
 from forceaxis.bus import state_names
 from forceaxis.bus.client import from_raw
 from forceaxis.bus.state_names import POWERED
+from forceaxis.errors import ParameterError
 
 QUICK_STOP = 0x02
 STOP_S = 10.0  # a quick stop ends by then in any case
@@ -187,9 +188,9 @@ def expect_position_gain(axis: Live) -> None:
     """Refuses an axis whose position_gain is 0: it neither approaches nor follows."""
     if axis.read("position_gain") == 0:
         raise Refused(
-            f"{axis.link.where}: expected a position_gain, without which it neither approaches nor "
-            "follows; give it one, `axis set position_gain=4`, or with --sim "
-            "`--set firmware.position_gain=4`"
+            f"{axis.link.where}: expected a position_gain above 0, the axis neither approaches nor "
+            "follows without it; set position_gain, for a simulated axis firmware.position_gain of "
+            "its experiment"
         )
 
 
@@ -211,9 +212,10 @@ def most_counts(axis: Live, force_max: float | str | None) -> float | None:
         counts = 0.0
     if not 0 < counts <= MOST_COUNTS:
         newton = MOST_COUNTS * force_per_count(axis)
-        raise InputError(
-            f'--force-max: expected up to {MOST_COUNTS} force counts, or a force as "75 N" up to '
-            f"{newton:.6g} N, got {force_max}"
+        raise ParameterError(
+            "force_max",
+            f'expected up to {MOST_COUNTS} force counts, or a force as "75 N" up to '
+            f"{newton:.6g} N, got {force_max}",
         )
     return counts
 
@@ -346,13 +348,14 @@ def _force_bound(axis: Live, counts: float, force_max: float | str | None) -> fl
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.read("force_max")
     for limit, by, remedy in (
-        (most, "--force-max", "give a larger one"),
+        (most, "`force_max`", "give a larger one"),
         (own or None, "force_max (201Dh) of the axis", "raise it, or ask for less"),
     ):
         if limit is not None and limit <= counts:
-            raise InputError(
-                f"press: expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
-                f"{by} disables it, got {counts * newton:.6g} N; {remedy}"
+            raise ParameterError(
+                "press",
+                f"expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
+                f"{by} disables it, got {counts * newton:.6g} N; {remedy}",
             )
     return most or min(2 * counts + MOVE_COUNTS / 4, MOST_COUNTS)
 

@@ -37,6 +37,8 @@ START_HOMING, FAULT_RESET = 0x1F, 0x80
 DISABLE_VOLTAGE = 0  # the one way out of a quick stop that stays
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 POLL_S = 0.02
+# The end of an error of an axis that has a fault. A verb prints its command for the function.
+RESETS = "; reset_fault() resets the fault"
 OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
 ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force")
 
@@ -171,7 +173,7 @@ class Axis:
                 return found
             if passed >= timeout_s or (found["fault"] != "none" and "fault" not in names):
                 unasked = found["fault"] != "none" and "fault" not in names
-                mended = f"; {self._mended()}" if unasked else ""
+                mended = RESETS if unasked else ""
                 raise NoAnswer(
                     f"{self.link.where}: expected {what} within {timeout_s:g} s, "
                     f"{self.about()}{mended}"
@@ -189,9 +191,6 @@ class Axis:
             f"force {from_raw('force', found['force']):g} force counts"
         )
 
-    def _mended(self) -> str:
-        return f"`forceaxis axis reset {self.link.options}` resets the fault"
-
     def enable(self, mode: str | int, **parameters: Any) -> None:
         """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
         `parameters` are written before the mode changes."""
@@ -201,7 +200,7 @@ class Axis:
         found = self.get("drive_state", "fault")
         if found["fault"] != "none":
             fault = found["fault"].replace("_", " ")
-            raise Refused(f"{self.link.where}: fault {fault}; {self._mended()}")
+            raise Refused(f"{self.link.where}: fault {fault}{RESETS}")
         self.set(**parameters, modes_of_operation=number)
         if found["drive_state"] != "operation_enabled":
             for word in (SHUTDOWN, SWITCH_ON, ENABLE):

@@ -16,6 +16,7 @@ from forceaxis._core import InputError
 from forceaxis.axis.link import REASONS, NoAnswer, RawSamples, RecorderLink, Refused
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.errors import ParameterError
 
 OPERATIONAL, START = 5, 1
 OWN_NODE = 126  # 127 is a gateway's
@@ -49,9 +50,10 @@ def libraries() -> tuple[Any, Any]:
         import can
         import canopen
     except ImportError:
-        raise InputError(
-            "--can: expected python-canopen and python-can; install them with "
-            "`pip install 'forceaxis[can]'`"
+        raise ParameterError(
+            "can",
+            "expected python-canopen and python-can; install them with "
+            "`pip install 'forceaxis[can]'`",
         ) from None
     for library in ("can", "canopen"):  # a verb prints one line
         logging.getLogger(library).addHandler(logging.NullHandler())
@@ -76,9 +78,9 @@ def network(interface: str, bus: Any = None) -> Iterator[Any]:
             why = (
                 "this kernel has no CAN; `modprobe can_raw vcan`, or `tools/vcan` for a virtual bus"
             )
-        raise InputError(
-            f"--can {interface}: expected a CAN interface that is up (`ip link show {interface}`), "
-            f"{why}"
+        raise ParameterError(
+            "can",
+            f"{interface}: expected a CAN interface that is up (`ip link show {interface}`), {why}",
         ) from None
     try:
         yield made
@@ -110,7 +112,6 @@ class CanLink(RecorderLink):
             raise InputError(f"node {node}, own node {own_node}: expected two numbers of 1 to 127")
         canopen, self._can = libraries()
         self.where = f"node {node} on {interface}"
-        self.options = f"--can {interface} --node {node}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s
         self._open = contextlib.ExitStack()
         self._network = self._open.enter_context(network(interface, bus))
@@ -151,7 +152,7 @@ class CanLink(RecorderLink):
                 if error.code >> 16 in TRANSFER_ABORTS:
                     raise NoAnswer(
                         f"{self.where}: {what} was interrupted, {error}; is another client, or a "
-                        "gateway, at this node? then use --axis"
+                        "gateway, at this node? then connect through the gateway"
                     ) from None
                 text = REASONS.get(ABORTS.get(error.code, 0), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
@@ -249,7 +250,7 @@ class CanLink(RecorderLink):
         if self._rival.wait(LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
-                "another id by --own-node"
+                "another id as own_node"
             )
 
     def _heard(self, _can_id: int, _data: bytes, timestamp: float) -> None:

@@ -37,7 +37,6 @@ class GatewayLink(Link):
         self.client = client or AxisClient(axis, url, timeout_s)
         self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
-        self.options = f"--axis {axis}" + (f" --lcm-url {url}" if url else "")
         self._axis, self._url = axis, url
         self._armed: Any = None  # the acknowledgement of LCM that began the recording
 

@@ -71,14 +71,12 @@ class Recording:
 
 
 class Link(abc.ABC):
-    """One axis; `where` names it in messages ("axis 1 at the gateway"), `options` are those of the
-    verbs that reach it ("--axis 1"). Several threads may use it.
+    """One axis; `where` names it in messages ("axis 1 at the gateway"). Several threads may use it.
 
     `source` is the raw command_source that its writes come from. `warning` is one line on what its
     user has to know, or None. `counts_per_metre` is the encoder's, where a model says it."""
 
     where: str
-    options: str
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None

@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from forceaxis._core import InputError
 from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Refused
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.errors import ParameterError
 
 TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
@@ -30,14 +30,15 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
     """A connected pymodbus client, which has no types here. Raises InputError, NoAnswer."""
     tcp, serial = TCP.fullmatch(url), SERIAL.fullmatch(url)
     if tcp is None and serial is None:
-        raise InputError(
-            f"--modbus {url}: expected tcp://HOST[:PORT], or a serial device as /dev/ttyUSB0[:BAUD]"
+        raise ParameterError(
+            "modbus",
+            f"{url}: expected tcp://HOST[:PORT], or a serial device as /dev/ttyUSB0[:BAUD]",
         )
     try:
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
     except ImportError:
-        raise InputError(
-            "--modbus: expected pymodbus; install it with `pip install 'forceaxis[modbus]'`"
+        raise ParameterError(
+            "modbus", "expected pymodbus; install it with `pip install 'forceaxis[modbus]'`"
         ) from None
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
     made: list[Any] = []
@@ -56,7 +57,7 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
             if one.connect():
                 return one
         except (OSError, ValueError) as error:
-            raise InputError(f"--modbus {url}: expected to open it, {error}") from None
+            raise ParameterError("modbus", f"{url}: expected to open it, {error}") from None
     what = "a Modbus server here, none answered" if tcp else "a serial device that can be opened"
     raise NoAnswer(f"{url}: expected {what}")
 
@@ -71,7 +72,6 @@ class ModbusLink(Link):
     def __init__(self, url: str, unit: int = 1, timeout_s: float = 1.0) -> None:
         self.client = client(url, timeout_s)
         self.where = f"unit {unit} at {url}"
-        self.options = f"--modbus {url} --node {unit}"
         self._unit, self._lock = unit, threading.Lock()
         self._low_first: bool | None = None
 
@@ -106,7 +106,9 @@ class ModbusLink(Link):
     def _expect_registers(self, names: Iterable[str]) -> None:
         for name in names:
             if not self.reaches(name):
-                raise Refused(f"{name}: it has no Modbus register; use --axis or --can for it")
+                raise Refused(
+                    f"{name}: it has no Modbus register; connect over CAN or through a gateway"
+                )
 
     def _read(self, name: str) -> int:
         known = BY_NAME[name]
@@ -161,7 +163,8 @@ class ModbusLink(Link):
 
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> NoReturn:
         raise Refused(
-            f"{self.where}: a recording cannot be read over Modbus; use --axis or --can for it"
+            f"{self.where}: a recording cannot be read over Modbus; connect over CAN or through a "
+            "gateway"
         )
 
     def fetch(self, signals: Sequence[str]) -> NoReturn:

@@ -144,7 +144,9 @@ def _compared(
         wanted |= file.measured
     for name in wanted:
         if name not in before:
-            raise Refused(f"{name}: it has no Modbus register; use --axis or --can, or --skip it")
+            raise Refused(
+                f"{name}: it has no Modbus register; skip it, or connect over CAN or a gateway"
+            )
     for name in file.defaults:
         if name in before and (measured or name not in MEASURED):
             wanted[name] = params_file.default(BY_NAME[name], node_id)

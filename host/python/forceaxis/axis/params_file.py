@@ -238,12 +238,12 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
                     into[known.name] = raw_value(known, value, node_id)
             except InputError as error:
                 problems.append(str(error))
-    problems += [f"--skip {name}: expected a name of the file" for name in sorted(unused)]
+    problems += [f"skip: {name}: expected a name of the file" for name in sorted(unused)]
     if problems:
         theirs = str(about.get("object_table", ""))
         other = theirs and theirs != table_hash()
         where = f", which is of object table {theirs}, this one is {table_hash()}" if other else ""
-        hint = "; correct it or leave it out (--skip NAME)"
+        hint = "; correct it or leave it out (skip)"
         raise InputError(f"{path}{where}: {'; '.join(problems)}{hint}")
     left_out = {*without, *skip}
     defaults = [

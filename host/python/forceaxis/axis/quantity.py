@@ -18,6 +18,7 @@ from forceaxis.axis.link import TICKS_PER_S, Link, Live
 from forceaxis.bus import client
 from forceaxis.bus.client import object_named
 from forceaxis.bus.state_names import BY_NAME, texts
+from forceaxis.errors import ParameterError
 from forceaxis.objects import AxisObject, default
 
 CODES_PER_V = 4096 / 20  # of the DAC
@@ -45,9 +46,7 @@ LENGTHS = {
 }  # fmt: skip
 NOT_LENGTHS = {"encoder_increments"}
 OF_COUNTS = (0x6063, 0x6069)  # of CiA 402, in counts whatever the user's unit is
-UNKNOWN = (
-    "; what a count is in mm is not known: give --model MODEL, or the axis its units (6092h, 60A8h)"
-)
+UNKNOWN = "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
 
 
 class Scaled(Protocol):
@@ -274,8 +273,8 @@ def trigger(axis: Live, text: str) -> dict[str, Any]:
     if text == "excitation_start":
         return {"trigger_edge": text}
     if len(words) != 3 or words[1] not in ("rising", "falling", "either"):
-        raise InputError(
-            f'--trigger {text}: expected "NAME rising|falling|either LEVEL" or excitation_start'
+        raise ParameterError(
+            "trigger", f'{text}: expected "NAME rising|falling|either LEVEL" or excitation_start'
         )
     name, edge, level = words
     return trigger_on(name, number(axis, name, level), edge)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forceaxis import _core, paths
+from forceaxis import _core
 from forceaxis.axis.link import (
     REASONS,
     SCALE_WITHIN,
@@ -35,7 +35,6 @@ class SimLink(RecorderLink):
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
         self.axis: Any = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
-        self.options = f"--sim {paths.quoted(experiment)}"
         self.store = store  # "": none
         self._owned = False
         self.axis.step(1)  # the first inputs

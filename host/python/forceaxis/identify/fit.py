@@ -14,6 +14,7 @@ from scipy import optimize, stats
 
 from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
 from forceaxis.identify.setup import is_number
@@ -100,8 +101,7 @@ def fit(
     for name, value in starts.items():
         if not (math.isfinite(value) and value > 0):
             raise InputError(
-                f"{where}: {name}: expected a start above 0, got {value:g}; give one: --fit "
-                f"{name}=VALUE"
+                f"{where}: {name}: expected a start above 0, got {value:g}; give a start value"
             )
     p, n, dof = len(names), len(measured.frequency_hz), measured.dof
     if n < p + 2:
@@ -241,9 +241,7 @@ def read_response(
     if file.suffix == ".csv":
         for key in ("output", "averages", "dt"):
             if key not in given:
-                raise InputError(
-                    f"{file}: --{key}: expected with a CSV file, which does not hold it"
-                )
+                raise ParameterError(key, f"expected with {file}, a CSV file does not have it")
         measured = response_of_csv(file, given["averages"])
         measured = replace(measured, **given, model=model, overrides=dict(held or {}))
         return checked(measured, file)
@@ -258,7 +256,7 @@ def read_response(
         zipfile.BadZipFile,
     ):  # fmt: skip
         raise InputError(
-            f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
+            f"{file}: expected response.npz as forceaxis measure writes it, or a CSV file"
         ) from None
     return checked(measured, file)
 
@@ -349,16 +347,17 @@ def starts_of(
     for text in texts:
         name, given, value = text.partition("=")
         if name not in known:
-            raise InputError(
-                f"--fit: {name}: expected a parameter that the model uses, one of "
-                + ", ".join(sorted(known))
+            raise ParameterError(
+                "names",
+                f"{name}: expected a parameter that the model uses, one of "
+                + ", ".join(sorted(known)),
             )
         if name in starts:
-            raise InputError(f"--fit: {name}: expected each name once")
+            raise ParameterError("names", f"{name}: expected each name once")
         try:
             starts[name] = float(value) if given else known[name][0]
         except ValueError:
-            raise InputError(f"--fit: {text}: expected NAME or NAME=START, a number") from None
+            raise ParameterError("names", f"{text}: expected NAME=START, a number") from None
     return starts, {name: known[name][1] for name in starts}
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from forceaxis import linear
-from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
 from forceaxis.identify.measurement import Measurement, Reals, sampled
 from forceaxis.linear import curves
@@ -43,7 +43,9 @@ def overlay(
     signals = {(m.input, m.output, m.unit) for _, m in measured}
     if len(signals) > 1:
         found = ", ".join(sorted(f"{i} to {o}" for i, o, _ in signals))
-        raise InputError(f"--measured: expected responses between the same signals, got {found}")
+        raise ParameterError(
+            "measured", f"expected responses between the same signals, got {found}"
+        )
     stems = {Path(folder).name for folder, _ in measured}
     known: list[curves.Curve] = []
     points: list[Points] = []

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import optimize, signal, stats
 
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 
 Reals = NDArray[np.float64]
 
@@ -487,8 +488,8 @@ def decrement(
         header = header_of(path)
         others = [name for name in header if name != "time_s"]
         if len(others) != 1 and "time_s" in header:
-            raise InputError(
-                f"{path}: --signal: expected the name of a column, one of {', '.join(others)}"
+            raise ParameterError(
+                "column", f"expected the name of a column of {path}, one of {', '.join(others)}"
             )
         column = (others or [""])[0]
     time, values = read_columns(path, ["time_s", column])

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, signal
 
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 
@@ -289,7 +290,7 @@ def of_measurement(
     from forceaxis.identify import fit as fit_response
 
     if not 0 < prominence_db < 200:
-        raise InputError(f"--prominence-db: expected 0 to 200, got {prominence_db:g}")
+        raise ParameterError("prominence_db", f"expected 0 to 200, got {prominence_db:g}")
     data = fit_response.read_response(response, model)
     body = replace(data, output=rigid, free=True, overrides=overrides)
     found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)
