@@ -1,15 +1,24 @@
 """Traces as figures: one signal below the other over time, and what was asked of them."""
 
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from forceaxis.drawing import AREA, GOT, INK, THIN, WANTED, legend, style
+from forceaxis.experiments.run_result import Array, Columns
+
+Values: TypeAlias = Array | Sequence[float]
+Note: TypeAlias = tuple[str, str]  # (text, colour)
 
 # Unit and factor of a signal of the model, by the last part of its name.
-UNITS = {
+UNITS: dict[str, tuple[str, float]] = {
     "position": ("mm", 1e3),
     "deflection": ("mm", 1e3),
     "velocity": ("mm/s", 1e3),
@@ -28,7 +37,7 @@ UNITS = {
 }
 
 
-def unit_of(name):
+def unit_of(name: str) -> tuple[str, float]:
     """(unit, factor) that a column of a trace is shown in."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
@@ -39,8 +48,8 @@ class Line:
 
     label: str
     unit: str
-    values: np.ndarray
-    names: dict = field(default_factory=dict)  # of its values, shown where it has a row of its own
+    values: Array
+    names: dict[int, str] = field(default_factory=dict)  # of its values, shown where it has a row of its own
     controlled: bool = False  # a force, N, that set-points are meant for
 
 
@@ -48,11 +57,11 @@ class Line:
 class Marks:
     """What a trace shows besides its signals; times in s, any of them outside the figure."""
 
-    setpoints: list = field(default_factory=list)  # (from time, N)
-    contacts: list = field(default_factory=list)  # (from, to)
-    window: tuple | None = None  # (from, to, verdict)
-    events: list = field(default_factory=list)  # (time, kind of EVENTS, text)
-    demand: tuple | None = None  # (times, N) of what is demanded where that is no step
+    setpoints: list[tuple[float, float]] = field(default_factory=list)  # (from time, N)
+    contacts: list[tuple[float, float]] = field(default_factory=list)  # (from, to)
+    window: tuple[float, float, str] | None = None  # (from, to, verdict)
+    events: list[tuple[float, str, str]] = field(default_factory=list)  # (time, of EVENTS, text)
+    demand: tuple[Values, Values] | None = None  # (times, N) of a demand that is no step
 
 
 # Marker and colour of each kind of event.
@@ -67,7 +76,14 @@ CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
 
 
-def trace(time_s, rows, title, notes=(), marks=None, width=5.6):
+def trace(
+    time_s: Array,
+    rows: Sequence[Sequence[Line]],
+    title: str,
+    notes: Sequence[Note] = (),
+    marks: Marks | None = None,
+    width: float = 5.6,
+) -> Figure:
     """Figure of rows of Lines over time. notes: (text, colour) of lines below the title."""
     marks = marks or Marks()
     chars = round(18.5 * width)
@@ -111,7 +127,7 @@ def trace(time_s, rows, title, notes=(), marks=None, width=5.6):
     return figure
 
 
-def draw_row(ax, time_s, row):
+def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
     """The lines of a row, with its label."""
     for line in row:
         values = line.values
@@ -127,7 +143,7 @@ def draw_row(ax, time_s, row):
         legend(ax, loc="lower right", bbox_to_anchor=(1, 0.93), ncols=len(row))
 
 
-def draw_setpoints(ax, time_s, marks):
+def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
     """What is demanded of the force: steps, or ramps where it follows its set-points by a slope;
     nothing where there is none."""
     setpoints, look = marks.setpoints, {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
@@ -145,7 +161,12 @@ def draw_setpoints(ax, time_s, marks):
     ax.set_xlim(time_s[0], time_s[-1])
 
 
-def ramps(setpoints, slope, contacts, end):
+def ramps(
+    setpoints: Sequence[tuple[float, float]],
+    slope: float,
+    contacts: Sequence[tuple[float, float]],
+    end: float,
+) -> tuple[list[float], list[float]]:
     """(times, N) of the corners of a demand that follows set-points, (from time, N), by a slope in
     N/s, from the first contact on; apart nothing is demanded."""
     touch = min((a for a, _ in contacts), default=np.inf)
@@ -165,8 +186,8 @@ def ramps(setpoints, slope, contacts, end):
     return times, newton
 
 
-def shade(ax, marks, time_s):
-    """Contact and the window that is judged."""
+def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
+    """Shade the times of contact and the window of the verdict."""
     low, high = time_s[0], time_s[-1]
     inside = [(max(a, low), min(b, high)) for a, b in marks.contacts if b > low and a < high]
     across = ax.get_xaxis_transform()
@@ -184,7 +205,7 @@ def shade(ax, marks, time_s):
         )  # fmt: skip
 
 
-def mark_events(ax, events, time_s):
+def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
     """A mark above the rows for each event inside the figure; a line from the first to the last of
     those that no picture could keep apart. Their number is in the legend."""
     look = {"transform": ax.get_xaxis_transform(), "clip_on": False}
@@ -202,9 +223,9 @@ def mark_events(ax, events, time_s):
             )
 
 
-def clusters(times, close):
+def clusters(times: Sequence[float], close: float) -> list[list[float]]:
     """Rising times, parted wherever two are further apart than `close`."""
-    found = []
+    found: list[list[float]] = []
     for time in sorted(times):
         if found and time - found[-1][-1] <= close:
             found[-1].append(time)
@@ -213,10 +234,10 @@ def clusters(times, close):
     return found
 
 
-def keys(marks, time_s, rows):
+def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Artist]:
     """Handles of the legend, of what the figure has."""
     low, high = time_s[0], time_s[-1]
-    found = []
+    found: list[Artist] = []
     if any(newton for _, newton in marks.setpoints) and any(
         line.controlled for row in rows for line in row
     ):
