@@ -1,8 +1,8 @@
 #include "firmware/app/sensing.h"
 
 #include "firmware/app/law.h"
-#include "firmware/drive/calibration.h"
 #include "firmware/drive/state.h"
+#include "firmware/guard/calibration.h"
 
 /* Puts the result in force, and what depends on it: a command cannot write objects itself. */
 static void adopt(fw_t *fw, uint32_t force_scale) {

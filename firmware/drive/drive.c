@@ -151,19 +151,19 @@ static void react(cia402_t *drive, axis_t *axis) {
   }
 }
 
-static void answer_touch(cia402_t *drive, axis_t *axis) {
-  const uint8_t fault =
-      touch_answer(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
+static void answer_contact_guard(cia402_t *drive, axis_t *axis) {
+  const uint8_t fault = contact_guard_answer(&drive->contact_guard, &drive->contact, &drive->params,
+                                             &drive->signals, axis);
   if (fault != AXIS_FAULT_NONE && state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     raise_fault(drive, axis, fault);
   }
 }
 
 void cia402_before(cia402_t *drive, axis_t *axis) {
-  if (drive->touch.finding != AXIS_FAULT_NONE) {
-    answer_touch(drive, axis);
+  if (drive->contact_guard.finding != AXIS_FAULT_NONE) {
+    answer_contact_guard(drive, axis);
   }
-  drive->touch.setpoint = 0;
+  drive->contact_guard.setpoint = 0;
   drive->slowing = (uint8_t)((drive->slowing == CIA402_SLOWING) ? 1 : 0);
   drive->limited = 0;
   drive->lead_cnt = 0;
@@ -204,7 +204,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   }
   if (controlled != 0 && drive->controlled == 0) {
     contact_start(&drive->contact, &drive->signals);
-    touch_start(&drive->touch);
+    contact_guard_start(&drive->contact_guard);
   }
   drive->controlled = controlled;
   if (drive->homing.state == CIA402_HOMING_ASKED) {

@@ -24,14 +24,14 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
-#include "firmware/drive/contact.h"
-#include "firmware/drive/contact_excitation.h"
-#include "firmware/drive/first_motion.h"
-#include "firmware/drive/sensor.h"
 #include "firmware/drive/shaper.h"
-#include "firmware/drive/tare.h"
-#include "firmware/drive/touch.h"
 #include "firmware/fx/fx.h"
+#include "firmware/guard/contact.h"
+#include "firmware/guard/contact_excitation.h"
+#include "firmware/guard/contact_guard.h"
+#include "firmware/guard/first_motion.h"
+#include "firmware/guard/sensor.h"
+#include "firmware/guard/tare.h"
 
 /* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
  * failed. */
@@ -145,7 +145,7 @@ typedef struct {
   shaper_t motion_shaper; /* of the trajectory's speed */
   contact_t contact;
   contact_excitation_t excitation;
-  touch_t touch;
+  contact_guard_t contact_guard;
   cia402_homing_t homing;
   first_motion_t first_motion;
   sensor_t sensor;

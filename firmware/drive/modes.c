@@ -123,7 +123,7 @@ static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
          (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION ||
-          (mode->controls_force != 0 && drive->touch.speed_q8 != 0));
+          (mode->controls_force != 0 && drive->contact_guard.speed_q8 != 0));
 }
 
 /* The set-point of the force law of mode -1, from the force that is there. */
@@ -142,7 +142,7 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   axis->params.mode = mode;
   if (mode == AXIS_MODE_FORCE) {
     const int32_t demand = axis->params.force_setpoint;
-    if (drive->touch.speed_q8 != 0 || drive->uncertified != 0) {
+    if (drive->contact_guard.speed_q8 != 0 || drive->uncertified != 0) {
       motion_override(drive, axis);
     }
     if (drive->uncertified != 0) {
@@ -154,7 +154,7 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
     if (shaper_is_on(&drive->force_shaper)) {
       shape_setpoint(drive, axis);
     }
-    touch_press(&drive->touch, &drive->signals, axis, demand);
+    contact_guard_press(&drive->contact_guard, &drive->signals, axis, demand);
   }
 }
 

@@ -1,10 +1,10 @@
 #include "firmware/drive/parameters.h"
 
-#include "firmware/drive/calibration.h"
 #include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
+#include "firmware/guard/calibration.h"
 #include "firmware/objects/access.h"
 
 /* Of per mille, and the code that is no limit. */
@@ -16,7 +16,7 @@ static void derive_rates(cia402_t *drive) {
   drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
   drive->deceleration = units_rate_q16(drive, params->trajectory_deceleration);
   drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
-  touch_derive(&drive->touch, params);
+  contact_guard_derive(&drive->contact_guard, params);
 }
 
 static void derive_forces(cia402_t *drive) {

@@ -20,7 +20,7 @@ void cia402_init(cia402_t *drive) {
   shaper_clear(&drive->motion_shaper);
   drive->contact = (contact_t){0};
   drive->excitation = (contact_excitation_t){0};
-  touch_start(&drive->touch);
+  contact_guard_start(&drive->contact_guard);
   drive->homing = (cia402_homing_t){0};
   drive->sensor = (sensor_t){0};
   drive->tare = (tare_t){0};

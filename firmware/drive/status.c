@@ -205,7 +205,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
       sensor_guides(&drive->sensor, axis, cia402_is_guided_by_force(drive));
     }
     if (axis->primed != 0 && drive->controlled != 0) {
-      touch_judge(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
+      contact_guard_judge(&drive->contact_guard, &drive->contact, &drive->params, &drive->signals,
+                          axis);
     }
   }
   cia402_show(drive, axis);

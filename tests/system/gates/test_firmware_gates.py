@@ -339,6 +339,10 @@ CIRCLES = {
         "firmware/core/faults.h: circle: uses itself through firmware/core/laws.h, "
         "firmware/core/limits.h",
     ),
+    "of modules": (
+        {"core/laws.c": '#include "firmware/core/limits.h"\n'},
+        "firmware/core/laws: circle: the module includes itself through firmware/core/limits",
+    ),
     "in sim": (
         {
             "../sim/a.hpp": '#include "sim/b.hpp"\n',
