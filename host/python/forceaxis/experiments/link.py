@@ -57,9 +57,7 @@ class LinkOptions:
     def words(self) -> list[str]:
         """The same as options of `forceaxis run`; those that are not the default."""
         can = self.can if self.can != LinkOptions.can else None
-        return option_words(
-            link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject
-        )
+        return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 
 
 class LinkedRun(NamedTuple):
@@ -191,7 +189,10 @@ class AxisNode:
         """Prepare the process for a run. Raises InputError, LinkError."""
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
-            raise InputError(f"{experiment}: expected no tabs and line breaks in the names of files and in the overrides")
+            raise InputError(
+                f"{experiment}: expected no tabs and line breaks in the names of files and "
+                "in the overrides"
+            )
         self._send("\t".join(fields) + "\n")
         line = self._line(30)
         if line.startswith("{"):

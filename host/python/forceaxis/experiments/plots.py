@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -49,7 +49,9 @@ class Line:
     label: str
     unit: str
     values: Array
-    names: dict[int, str] = field(default_factory=dict)  # of its values, shown where it has a row of its own
+    names: dict[int, str] = field(
+        default_factory=dict
+    )  # of its values, shown where it has a row of its own
     controlled: bool = False  # a force, N, that set-points are meant for
 
 
@@ -134,8 +136,8 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
         if len(row) == 1 and line.names:
             met, values = np.unique(values, return_inverse=True)
             ax.set_yticks(range(len(met)), [line.names.get(int(v), str(v)) for v in met])
-        stepped = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
-        ax.plot(time_s, values, label=line.label, **THIN, **stepped)
+        stepped: dict[str, Any] = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
+        ax.plot(time_s, values, label=line.label, **(THIN | stepped))
     units = ", ".join(dict.fromkeys(line.unit for line in row if line.unit))
     label = row[0].label.replace("_", "_\n", len(row[0].label) // 20)
     ax.set_ylabel(units if len(row) > 1 else f"{label}\n{units}", parse_math=False)
@@ -146,7 +148,8 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
 def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
     """What is demanded of the force: steps, or ramps where it follows its set-points by a slope;
     nothing where there is none."""
-    setpoints, look = marks.setpoints, {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
+    setpoints = marks.setpoints
+    look: dict[str, Any] = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
     if marks.demand is not None:
@@ -208,7 +211,7 @@ def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
 def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
     """A mark above the rows for each event inside the figure; a line from the first to the last of
     those that no picture could keep apart. Their number is in the legend."""
-    look = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+    look: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False}
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
         for cluster in clusters(times, CLOSE * (time_s[-1] - time_s[0])):
@@ -238,6 +241,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
     """Handles of the legend, of what the figure has."""
     low, high = time_s[0], time_s[-1]
     found: list[Artist] = []
+    look: dict[str, Any]
     if any(newton for _, newton in marks.setpoints) and any(
         line.controlled for row in rows for line in row
     ):
@@ -259,12 +263,39 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
     return found
 
 
-def comparison(time_s, rows, levels, settling, table, title):
+@dataclass(frozen=True)
+class Level:
+    """A height of a signal that is expected, in the unit of the trace."""
+
+    row: int  # of the figure
+    name: str
+    from_s: float
+    low: float
+    high: float
+    obtained: float
+
+
+@dataclass(frozen=True)
+class Settling:
+    """A settling time that is expected; times count from from_s on."""
+
+    from_s: float
+    band: list[float]  # its two edges, in the unit of the trace
+    expected_s: tuple[float, float] | None
+    obtained_s: float | None
+
+
+def comparison(
+    time_s: Array,
+    rows: Sequence[Columns],
+    levels: Sequence[Level],
+    settling: Settling | None,
+    table: str,
+    title: str,
+) -> Figure:
     """Figure of the expected values (green) over the obtained ones, with a table of both below.
 
-    rows: [{name: values}], the response first. levels: (row, name, from_s, low, high, obtained) of
-    each height that is expected, in the units of the trace. settling: None, or (from_s, the two
-    edges of the band, the expected times or None, the obtained time or None), times from from_s on.
+    rows: the signals of each row, the response first.
     """
     heights = [2.4] * len(rows) + [0.1 + 0.145 * len(table.splitlines())]
     figure, axes = plt.subplots(
@@ -284,10 +315,10 @@ def comparison(time_s, rows, levels, settling, table, title):
         if len(row) > 1:
             legend(ax, loc="lower right")
     axes[len(rows) - 1].set_xlabel("time, s", fontsize=8)
-    for row, *level in levels:
-        mark_level(axes[row], unit_of(next(iter(rows[row])))[1], time_s[-1], *level)
+    for level in levels:
+        mark_level(axes[level.row], unit_of(next(iter(rows[level.row])))[1], time_s[-1], level)
     if settling:
-        mark_settling(axes[0], unit_of(next(iter(rows[0])))[1], time_s[-1], *settling)
+        mark_settling(axes[0], unit_of(next(iter(rows[0])))[1], time_s[-1], settling)
     axes[0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False, pad=14)
     legend(
         figure,
@@ -308,32 +339,33 @@ def comparison(time_s, rows, levels, settling, table, title):
     return figure
 
 
-def mark_level(ax, factor, end, name, start, low, high, obtained):
-    """The range expected of a height, from `start` to the end, and the obtained one."""
-    view = ax.get_ylim()
-    low = low * factor if low > -np.inf else view[0]
-    high = high * factor if high < np.inf else view[1]
+def mark_level(ax: Axes, factor: float, end: float, level: Level) -> None:
+    """The range expected of a height, from its start to the end, and the obtained one."""
+    view, start = ax.get_ylim(), level.from_s
+    low = level.low * factor if level.low > -np.inf else view[0]
+    high = level.high * factor if level.high < np.inf else view[1]
     ax.fill_between((start, end), low, high, color=WANTED, alpha=0.3, linewidth=0, zorder=3)
     edges = [e for e in (low, high) if e not in view]
     ax.hlines(edges, start, end, color=WANTED, linewidth=0.8, zorder=3)
-    ax.hlines(obtained * factor, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
+    obtained = level.obtained * factor
+    ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
-        name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        va="bottom" if name == "peak_force_N" else "top",  # the two are often close
+        level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
+        va="bottom" if level.name == "peak_force_N" else "top",  # the two are often close
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip
 
 
-def mark_settling(ax, factor, end, begin, band, expected, obtained):
+def mark_settling(ax: Axes, factor: float, end: float, settling: Settling) -> None:
     """The settling band, the expected times and the obtained one."""
-    edges = [edge * factor for edge in band]
+    begin, edges = settling.from_s, [edge * factor for edge in settling.band]
     ax.hlines(edges, begin, end, color="#5d6874", linestyle=":", linewidth=1, zorder=3)
-    if expected is not None:
+    if expected := settling.expected_s:
         low, high = (min(begin + time, end) for time in (max(expected[0], 0), expected[1]))
         ax.axvspan(low, high, color=WANTED, alpha=0.3, linewidth=0.8, zorder=3)
         ax.annotate(
             "settle_s", ((low + high) / 2, 1), (0, 2), xycoords=("data", "axes fraction"),
             textcoords="offset points", fontsize=7, color=WANTED, ha="center",
         )  # fmt: skip
-    if obtained is not None:
-        ax.axvline(begin + obtained, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
+    if settling.obtained_s is not None:
+        ax.axvline(begin + settling.obtained_s, color=GOT, linestyle="--", linewidth=1.3, zorder=4)

@@ -97,7 +97,7 @@ def finished(
     overrides: Sequence[str] = (),
 ) -> Run:
     """The Run of a result of the compiled module."""
-    columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
+    columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     converters = run_result.read_converters(result.converters)
     metrics = run_result.read_metrics(result.metrics)
     missed = run_result.read_missed(result.missed)

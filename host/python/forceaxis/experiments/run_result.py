@@ -12,7 +12,7 @@ import numpy as np
 
 from forceaxis.results import json_field, to_json
 
-Array: TypeAlias = "np.ndarray[Any, np.dtype[Any]]"  # of any type of number
+Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of any type of number
 Columns: TypeAlias = dict[str, Array]  # name of a signal, an object or a figure -> its values
 
 
@@ -38,7 +38,9 @@ class Converter:
         return ends[0], ends[1]
 
 
-Converters: TypeAlias = dict[str, Converter]  # column of codes ("encoder", "adc0", ...) -> converter
+Converters: TypeAlias = dict[
+    str, Converter
+]  # column of codes ("encoder", "adc0", ...) -> converter
 
 
 @dataclass(frozen=True)

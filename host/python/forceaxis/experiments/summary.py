@@ -103,6 +103,7 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
         return "force not settled before the window"
     if limit in MISSED:
         held, reading = metrics.held_force, converters.get("adc0")
+        low, high = reading.range if reading else (0.0, 0.0)
         return MISSED[limit].format(
             value=value,
             bound=bound,
@@ -110,7 +111,7 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
             times=counted(int(value), "time"),
             ticks=metrics.window_ticks,
             kept=f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N held" if held else "",
-            range=" ({:.4g} to {:.4g} {})".format(*reading.range, reading.unit) if reading else "",
+            range=f" ({low:.4g} to {high:.4g} {reading.unit})" if reading else "",
         )
     what = limit.split("_")[0]
     text = ripple(what, value, converters, bound, beyond=True)
@@ -240,9 +241,7 @@ def link_rows(report: LinkReport) -> list[Row]:
     ]
     if report.interrupts is not None:
         rate_hz = _core.TICKS_PER_SECOND
-        found.append(
-            ("interrupts", f"{report.interrupts} at {rate_hz} Hz, {report.ticks} ticks")
-        )
+        found.append(("interrupts", f"{report.interrupts} at {rate_hz} Hz, {report.ticks} ticks"))
     if counts := report.statistics:
         sent, repeated = counts.plant["sent"], report.repeated
         lost, twice = (counts.plant[k] + counts.axis[k] for k in ("dropped", "doubled"))

@@ -173,9 +173,7 @@ def write_tables(done: Run, trace_csv: Path, trace_npz: Path, events_csv: Path) 
 
 
 @contextlib.contextmanager
-def beside(
-    work: Callable[P, None], *arguments: P.args, **options: P.kwargs
-) -> Iterator[None]:
+def beside(work: Callable[P, None], *arguments: P.args, **options: P.kwargs) -> Iterator[None]:
     """Do `work` in a child process while the context lasts. The files that it writes are complete
     at the end of the context. Raises OSError where the child could not write."""
     child = os.fork()
