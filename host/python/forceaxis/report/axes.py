@@ -89,9 +89,9 @@ def _map(entries):
         given = _core.inputs(str(entry.file))["firmware"]
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
         native = gain and setpoint and not given.get("force_bank") and "mode" in given
-        if not native or entry.done.summary["ticks"] > MAP_TICKS:
+        if not native or entry.done.result.ticks > MAP_TICKS:
             continue
-        if entry.done.summary["criterion"] is None:
+        if entry.done.result.criterion is None:
             continue
         grid = {
             "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAINS],
