@@ -44,7 +44,7 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * ticks; it acts in the next tick. Nothing is clipped.
  * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to
  *   command_source, and the owner canopen's.
- * FW_ERROR_RANGE: outside the object's range; force_sign 0; position_min above position_max; a
+ * FW_ERROR_RANGE: outside the object's range; 0 where the table forbids it; position_min above position_max; a
  *   recorder channel or trigger that is no readable object; recorder_arm with no channel, or with
  *   a pretrigger or length that the buffer does not hold; a mode of operation or homing method
  *   that does not exist.
