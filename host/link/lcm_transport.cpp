@@ -12,6 +12,7 @@
 #include <optional>
 #include <type_traits>
 
+#include "firmware/port/host/firmware.hpp"
 #include "host/lcm/lcm_ends.hpp"
 #include "host/lcm/receiver.hpp"
 #include "host/lcm/url.hpp"
@@ -20,9 +21,8 @@ namespace forceaxis::host {
 namespace {
 
 constexpr std::int64_t kFirstPort = 20000, kPorts = 40000;
-constexpr int kTickRateHz = 1500;
 
-std::int64_t microseconds_at(std::int64_t tick) { return tick * 1000000 / kTickRateHz; }
+std::int64_t microseconds_at(std::int64_t tick) { return tick * 1000000 / FX_TICK_RATE_HZ; }
 
 link_inputs_t message_of(const LinkInputs &in) {
   link_inputs_t m{};

@@ -75,8 +75,9 @@ class Scales {
   std::variant<Scale, Obstacle> of_counts(const axis_object_meta_t &meta) const {
     const std::string_view unit = meta.unit;
     const std::string_view name = meta.name;
-    const bool gain = unit == "code/count" && name == "force_gain";
-    const bool of_reading = unit == "count" && meta.scale != 1.0;
+    const bool of_force = std::string_view(meta.quantity) == "force";
+    const bool gain = unit == "code/count" && of_force;
+    const bool of_reading = unit == "count" && of_force;
     const bool of_both = name == "stiffness" || name == "damping";
     if (gain || of_reading || of_both) {
       if (!reading_) return "the model has no ADC 0";

@@ -160,7 +160,7 @@ void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride
 }
 
 Extended tick_s(const ModeCache &cache) {
-  return 1.0L / (1500.0L * static_cast<Extended>(cache.parts()));
+  return 1.0L / (static_cast<Extended>(kTickRateHz) * static_cast<Extended>(cache.parts()));
 }
 
 ExtendedMatrix square_flow(const ModeCache &cache, const ModeEquations &equations) {

@@ -31,6 +31,8 @@ KEYS = {
     "meaning": str,
     "type": str,
     "unit": str,
+    "quantity": str,
+    "not_zero": bool,
     "scale": (int, float),
     "min": int,
     "max": int,
@@ -53,6 +55,9 @@ KEYS = {
     "stored": bool,
     "mappable": (bool, str),
 }
+# Units whose count may be one of the force or one of the encoder.
+COUNTED = ("count", "code/count")
+QUANTITIES = ("force", "encoder")
 REQUIRED = ("name", "kind", "meaning", "type", "unit", "access", "index")
 # The keys of the other kinds of entries. All are required except those of OPTIONAL.
 SPECIAL_KEYS = {"name": str, "title": str, "meaning": str, "type": str, "index": int}
@@ -137,6 +142,7 @@ def check_object(raw, position, known):
     o.setdefault("index_step", 0)
     o.setdefault("per_index", o["count"])
     o.setdefault("node_id", False)
+    o.setdefault("not_zero", False)
     o.setdefault("law", False)
     o.setdefault("modbus", None)
     o.setdefault("stored", o["kind"] == "parameter")
@@ -152,6 +158,7 @@ def check_object(raw, position, known):
     if o["access"] not in KIND_ACCESS[o["kind"]]:
         allowed = " or ".join(KIND_ACCESS[o["kind"]])
         fail(label, "access", f"expected {allowed} for a {o['kind']}")
+    check_quantity(label, o)
     if not 0 < float(o["scale"]) < float("inf"):
         fail(label, "scale", "expected a finite number above 0")
     if not 1 <= o["count"] <= 64:
@@ -164,6 +171,15 @@ def check_object(raw, position, known):
     if refusal := meaning.set_mappable(o, raw.get("mappable", True)):
         fail(label, "mappable", refusal)
     return o
+
+
+def check_quantity(label, o):
+    """Of what a count of the unit is a step, where the unit does not tell; else ""."""
+    if (o["unit"] in COUNTED) != ("quantity" in o):
+        other = "a value" if o["unit"] in COUNTED else "none"
+        fail(label, "quantity", f"expected {other} for the unit {o['unit']}")
+    if o.setdefault("quantity", "") not in ("", *QUANTITIES):
+        fail(label, "quantity", f"{one_of(QUANTITIES)}, got {o['quantity']!r}")
 
 
 def check_texts(label, o, raw, known):
@@ -230,6 +246,10 @@ def check_range(label, o, raw, known):
         fail(label, "min", "expected no range beside an enum")
     o.setdefault("min", 0 if texts else lowest)
     o.setdefault("max", len(texts) - 1 if texts else highest)
+    if o["not_zero"] and not (o["min"] < 0 < o["max"] or 0 in (o["min"], o["max"])):
+        fail(label, "not_zero", "expected false, the range does not contain 0")
+    if o["not_zero"] and 0 in o.get("defaults", [o["default"]]):
+        fail(label, "default", "expected another value than 0")
     if not lowest <= o["min"] <= highest:
         fail(label, "min", f"expected {lowest} to {highest}, got {o['min']}")
     if not o["min"] <= o["max"] <= highest:

@@ -290,6 +290,7 @@ std::string magic_text(std::uint32_t magic) {
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The firmware's tick around the plant, in process.";
+  static_assert(static_cast<int>(forceaxis::sim::kTickRateHz) == FX_TICK_RATE_HZ);
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
   m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
   m.attr("SIMULATOR_HASH") = FORCEAXIS_SIMULATOR_HASH;

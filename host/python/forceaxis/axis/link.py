@@ -25,7 +25,7 @@ from forceaxis.linear import plant_facts
 
 __all__ = ["Link", "Live", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
-TICKS_PER_S = 1500
+TICKS_PER_S: int = _core.TICKS_PER_SECOND
 SCALE_WITHIN = 0.1  # of a sensor's force_scale: what a calibration may find
 NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen: of the device, of its firmware
 

@@ -99,7 +99,7 @@ def never_set(force_scale: float, calibration_date: int) -> bool:
 
 def is_reading(known: AxisObject | None) -> bool:
     """Whether an object is in counts of the force reading."""
-    return known is not None and known.unit == "count" and known.scale != 1
+    return known is not None and known.unit == "count" and known.quantity == "force"
 
 
 def user_per_count(axis: Scaled) -> float | None:
