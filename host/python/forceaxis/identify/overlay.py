@@ -73,16 +73,3 @@ def _model_curve(measured, span_hz):
 
 def _same(one, other):
     return len(one.response) == len(other.response) and np.allclose(one.response, other.response)
-
-
-def describe(summary):
-    """The text of `forceaxis bode --measured`."""
-    lines = [curves.describe_bode(summary)]
-    for row in summary["measured"]:
-        inside = "-" if row["inside"] is None else f"{100 * row['inside']:.1f} %"
-        verdict = "the model fits" if row["fits"] else "the model does not fit"
-        lines.append(
-            f"measured     {row['folder']}: {inside} of {row['coherent']} coherent points within "
-            f"the 95 % band; {verdict} (p = {row['p_value']:.3g})"
-        )
-    return "\n".join(lines)

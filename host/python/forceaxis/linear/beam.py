@@ -443,19 +443,3 @@ def summary(beam: Beam, modes: int) -> dict[str, Any]:
         ],
         "approximation_errors": beam.approximation_errors(),
     }
-
-
-def describe(result: dict[str, Any]) -> str:
-    """The same for people."""
-    lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
-    for k, mode in enumerate(result["modes"], 1):
-        lines.append(
-            f"{k:<4}{mode['b_l']:16.12f}{mode['pole_rad_per_s']:15.8g} j"
-            f"{mode['actuator_zero_rad_per_s']:18.8g} j{mode['tip_zero_per_s']:13.8g} +-"
-        )
-    lines.append("poles and zeros in 1/s; all in pairs, the tip's zeros real")
-    lines.append("\nerror of the approximation through mode 4 with the first n modes")
-    lines.append(f"{'n':4}{'actuator':>12}{'tip':>12}")
-    for row in result["approximation_errors"]:
-        lines.append(f"{row['modes']:<4}{100 * row['actuator']:10.3g} %{100 * row['tip']:10.3g} %")
-    return "\n".join(lines)

@@ -245,32 +245,6 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]
     return curves, about | {"curves": details}
 
 
-AT = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about one gain
-
-
-def describe_bode(summary: Summary) -> str:
-    """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
-    lines = working.lines(summary)
-    for c in summary["curves"]:
-        frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
-        lines.append(f"{c['output']:12} {c['label']}".rstrip())
-        unit = f" {c['unit']}" if c["unit"] else ""
-        for i in (0, -1):
-            lines.append(
-                f"{'':12} {c['magnitude'][i]:.4g}{unit}, {phase[i]:.4g} degrees at "
-                f"{frequency[i]:.4g} Hz"
-            )
-        for j in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
-            share = (phase[j] + 180) / (phase[j] - phase[j + 1])
-            at = frequency[j] + share * (frequency[j + 1] - frequency[j])
-            size = np.interp(at, frequency, c["magnitude"])
-            lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g}{unit}")
-        if c.get("loop", {}).get("at"):
-            text = limits.describe_limit(c["loop"]).splitlines()
-            lines += [line for line in text if line.startswith(AT)]
-    return "\n".join(lines)
-
-
 def nyquist_of(request: LoopRequest) -> Summary:
     """What `forceaxis nyquist` prints; without a gain at half the critical one, or 1."""
     loop = request.loop()

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.errors import ParameterError
-from forceaxis.linear import limits, working
+from forceaxis.linear import limits
 from forceaxis.linear.limits import Summary
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Crossing, Limit, Loop
@@ -165,15 +165,3 @@ def loci_of(
     gains = [request.gain_of(loop) for loop in found]
     every = loci(found, [label for label, _ in runs], span_hz, gains)
     return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
-
-
-def describe(summary: Summary) -> str:
-    """The text of `forceaxis rlocus`: the limit of each locus."""
-    lines = working.lines(summary)
-    for one in summary["loci"]:
-        limit = one["critical_gain"]
-        text = one["reason"] if limit is None else f"limit {limit:.6g} {one['unit']}"
-        if one["frequency_hz"] is not None:
-            text += f" at {one['frequency_hz']:.4g} Hz"
-        lines.append(f"{one['label'] or summary['law']:12} {text}")
-    return "\n".join(lines)

@@ -370,15 +370,3 @@ def summary(system: System, mode: Working | None = None) -> dict[str, Any]:
         }
         | {name: getattr(system, name).tolist() for name in "ABCD"}
     )
-
-
-def describe(system: System, mode: Working | None = None) -> str:
-    """The same for people: one row of numbers a state or output."""
-    kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
-    lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
-    lines += working_mode.lines({"mode_text": mode.text} if mode else {})
-    for name, rows in (("A B", system.states), ("C D", system.outputs)):
-        left, right = (getattr(system, part) for part in name.split())
-        for label, values in zip(rows, np.hstack([left, right]), strict=True):
-            lines.append(f"{name}   {label:20} " + " ".join(f"{v + 0.0:11.5g}" for v in values))
-    return "\n".join(lines)
