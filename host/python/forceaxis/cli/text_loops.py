@@ -18,7 +18,8 @@ def law_text(summary: Summary) -> str:
             f"{n} {bank[n]:.5g}" for n in ("integral_rad_per_s", "velocity_gain") if n in bank
         ]
         parts.append(counted(count, "section"))
-    return summary["law"] + (f" ({', '.join(parts)})" if parts else "")
+    law = str(summary["law"])
+    return f"{law} ({', '.join(parts)})" if parts else law
 
 
 # How the firmware runs the laws that are no mode of its own.

@@ -85,7 +85,8 @@ def sliding_free_roots(count: int) -> np.ndarray:
 
     def step(y: np.ndarray) -> np.ndarray:
         sin, cos, tanh = np.sin(y), np.cos(y), np.tanh(y)
-        return (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
+        result: linear.Matrix = (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
+        return result
 
     return _newton(y, step)
 
@@ -97,7 +98,8 @@ def clamped_free_roots(count: int) -> np.ndarray:
     def step(y: np.ndarray) -> np.ndarray:
         e = np.exp(-y)
         sech, tanh = 2 * e / (1 + e * e), np.tanh(y)
-        return (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
+        result: linear.Matrix = (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
+        return result
 
     return _newton(y, step)
 
@@ -132,7 +134,7 @@ class Beam:
     def rate(self) -> float:
         """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam is the frequency rate y^2."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
-        return a / self.length_m**2
+        return float(a / self.length_m**2)
 
     def natural_frequencies(self, count: int) -> np.ndarray:
         """rad/s of the first `count` bending modes; the rigid-body mode at 0 is not among them."""

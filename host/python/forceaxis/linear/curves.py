@@ -43,13 +43,15 @@ def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
     A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
     integrator at -90, one that rises with the frequency at +90.
     """
-    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase: Numbers = np.degrees(np.unwrap(np.angle(response)))
     if len(phase) < 2:
         return phase
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    return phase + 360 * np.ceil(turns - 0.55)  # a negative gain, nearly a tie, counts as lag
+    # A negative gain, nearly a tie, counts as lag.
+    result: Numbers = phase + 360 * np.ceil(turns - 0.55)
+    return result
 
 
 def grid_hz(

@@ -89,7 +89,7 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
     natural = np.abs(light) / (2 * np.pi)
     if critical_hz:
-        return 1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]])
+        return float(1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]]))
     natural = natural if len(natural) else np.abs(roots) / (2 * np.pi)
     return 1.35 * float(natural.max(initial=1.0))
 

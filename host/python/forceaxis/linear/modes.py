@@ -86,7 +86,8 @@ def mechanics(
     def symmetric(columns: list[int]) -> np.ndarray:
         scaled = -root[:, None] * system.A[np.ix_(v, columns)] / root
         reduced = basis.T @ scaled @ basis
-        return (reduced + reduced.T) / 2
+        result: linear.Matrix = (reduced + reduced.T) / 2
+        return result
 
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
@@ -272,7 +273,8 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])
     sizes = np.array([residues[keep[pairs[i]]] if i in pairs else 0.0 for i in range(len(m.w))])
-    return sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
+    result: linear.Matrix = sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
+    return result
 
 
 def _pole(pole: complex) -> Pole:
