@@ -89,11 +89,11 @@ def find(
     for target in map(Path, targets):
         if target.is_dir():
             below = (p for p in target.rglob("*.toml") if p.is_file())
-            found = (
+            found = [
                 p
                 for p in below
                 if not any(part.startswith(".") for part in p.relative_to(target).parts)
-            )
+            ]
         elif target.exists():
             found = [target]
         else:

@@ -33,7 +33,7 @@ def sweep(done):
     title = draw(figure, ax, done)
     if len(done.axes) > 2:
         title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
-    title += f"\n{Path(done.summary['experiment']).name}, {done.summary['counts']['runs']} runs"
+    title += f"\n{Path(done.result.experiment).name}, {done.result.counts.runs} runs"
     in_newton(ax, done)
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log":
@@ -96,12 +96,12 @@ def run_plot(figure, ax, done):
 def mark_alone(ax, done):
     """A ring around each cell that stands alone, and the points around it that were run too.
     Returns the handles of their legend."""
-    single = [np.array([one[a.name] for a in done.axes]) for one in done.summary["alone"]]
+    single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
     ring = {"marker": "o", "markerfacecolor": "none", "color": INK, "linestyle": ""}
     ax.plot(*np.transpose(single), markersize=13, **ring)
-    label = "stands alone" + ("" if done.closer else ", --refine looks closer")
+    label = "stands alone" + ("" if done.closer else ", `refine` looks closer")
     handles = [plt.Line2D([], [], label=label, **ring, markersize=8)]
     if done.closer:
         x, y = (done.closer[a.name] for a in done.axes)
@@ -169,8 +169,8 @@ def over_one(ax, done, x, verdict, peak, axis=None):
     ax.set_ylabel("peak contact force, N")
     ax.set_ylim(bottom=0)
     if not done.search:
-        for one in done.summary["alone"]:
-            at = x == one[done.axes[0].name]
+        for point in done.result.alone:
+            at = x == point.values[done.axes[0].name]
             ax.plot(x[at], peak[at], "o", markersize=12, markerfacecolor="none", color=INK,
                     label="stands alone")  # fmt: skip
     if ax.get_legend_handles_labels()[1]:
@@ -195,7 +195,7 @@ def along(ax, which, axis, done):
 def label_of(name, done):
     """A parameter with its unit; a count with what it counts."""
     room, _, key = name.partition(".")
-    unit = done.summary["parameters"][name]
+    unit = done.result.parameters[name]
     if room == "firmware":
         unit = objects.unit_in_words(objects.BY_NAME[key])
     elif room == "verdict" and unit == "count":
@@ -209,9 +209,9 @@ def in_newton(ax, done):
     if len(shown) < 2 and done.search and done.axes:
         shown.append(done.search.name)
     reading = done.converters.get("adc0")
-    if "firmware.force_setpoint" not in shown or not reading or reading["unit"] != "N":
+    if "firmware.force_setpoint" not in shown or not reading or reading.unit != "N":
         return
-    newton = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
+    newton = reading.per_8_bit_count
     scale = {"functions": (lambda count: count * newton, lambda force: force / newton)}
     if shown[0] == "firmware.force_setpoint":
         other = ax.secondary_xaxis("top", **scale)
