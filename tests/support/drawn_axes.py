@@ -21,6 +21,7 @@ from forceaxis.design import data_sheet, files, new, sets, simulate
 from forceaxis.design.changes import Design
 from forceaxis.linear import over as margins
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 
 OVER = ("k_w=30%,m_w=30%",)
@@ -211,13 +212,13 @@ def judged(model, truth, folder, forces, moving=None):
     bank = Bank(held["force_gain"], held["integral_rad_per_s"], held["velocity_gain"], sections)
     modes = tuple(designed["modes"]) if moving is None else moving
     plants = PlantSet(str(model), truth, ranges_of(model, OVER, truth), modes)
-    worst = margins.worst(plants, ("zoh",), law="bank", bank=bank)
+    worst = margins.worst(plants, ("zoh",), LoopSpec("bank", bank=bank))
     rows = contacts(model, truth, forces, bank, designed)
     return {
         "Ms": worst.Ms,
         "fS_true_Hz": worst.fS_Hz,
         "stable": worst.stable and not simulate.unstable(rows),
-        "static_error_percent": [one["static_error_percent"] for one in rows],
+        "static_error_percent": [one.static_error_percent for one in rows],
     }
 
 
@@ -228,15 +229,15 @@ def contacts(model, truth, forces, bank, designed):
         objects = designed["objects"]
         speed = objects["approach_velocity_max"] / scale
         kept = {name: objects[name] for name in simulate.KEPT if name in objects}
-        bench = simulate.Bench(plant, designed["adc_bits"], firmware=kept)
+        bench = simulate.ContactBench(plant, designed["adc_bits"], firmware=kept)
         bench.wait_for(bank)
         bench.rated_N = max(forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
         loss = {n: designed["contact_loss"][n] for n in files.LOSS if n in designed["contact_loss"]}
-        cases = [simulate.Case(force, speed) for force in forces]
+        cases = [simulate.ContactCase(force, speed) for force in forces]
         done = simulate.run([bench.job(case, bank, {}, 0, loss) for case in cases], 1)
         return [
-            simulate.row("design", case.name, {}, 0, outcome)
+            simulate.simulated_contact("design", case.name, {}, 0, outcome)
             for case, outcome in zip(cases, done, strict=True)
         ]
 

@@ -610,7 +610,7 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
             ["--node-id", "127", "--axes", "2"],
             "--node-id 127: expected ids up to 127, but the last",
         ),
-        (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, several would"),
+        (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, because several"),
         (["--node-id", "128"], "--node-id"),
         (["--serial", "-1"], "--serial"),
     ],

@@ -10,6 +10,7 @@ from forceaxis.design import certificate, search, structures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,7 +34,7 @@ def laboratory():
 
 
 def exact(plants, member, timing, numbers, gain):
-    loop = plants.loop(member, timing, "bank", bank=structures.bank(numbers, gain))
+    loop = plants.loop(member, timing, LoopSpec("bank", bank=structures.bank(numbers, gain)))
     return over.figures(loop, loop.gain_of(gain))
 
 
@@ -51,10 +52,10 @@ def test_the_grid_has_the_exact_figures(laboratory):
             assert s[t, j] == pytest.approx(true.Ms, rel=3e-3)
             assert (falls[t, j] < first[t, j]) == true.sag
     every = [exact(plants, m, t, NUMBERS, 4.5) for m in grid.members for t in BOTH]
-    margins = grid.margins(law, 4.5)
-    assert margins["gain_margin"] == pytest.approx(min(f.gain_margin for f in every), rel=5e-3)
+    gain_margin, phase_margin_deg = grid.margins(law, 4.5)
+    assert gain_margin == pytest.approx(min(f.gain_margin for f in every), rel=5e-3)
     worst = min(abs(f.phase_margin_deg) for f in every)
-    assert margins["phase_margin_deg"] == pytest.approx(worst, rel=5e-3)
+    assert phase_margin_deg == pytest.approx(worst, rel=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -69,13 +70,12 @@ def test_the_grid_has_the_exact_figures(laboratory):
 )
 def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds, hf):
     plants, grid = laboratory
-    gain, ended, member, timing, hz = grid.largest_gain(
-        structures.response(NUMBERS, grid), hf, bounds
-    )
+    gain, ended, place = grid.largest_gain(structures.response(NUMBERS, grid), hf, bounds)
     assert ended == name
     if name == "hf":
-        assert gain == 2.0
+        assert gain == 2.0 and place is None
         return
+    member, timing, hz = place
     true = exact(plants, grid.members[member], BOTH[timing], NUMBERS, gain)
     if name == "ms":
         assert true.Ms == pytest.approx(bounds.ms[timing], rel=3e-3)
@@ -86,7 +86,9 @@ def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds
         assert abs(true.phase_margin_deg) == pytest.approx(45.0, abs=0.5)
     else:
         loop = plants.loop(
-            grid.members[member], BOTH[timing], "bank", bank=structures.bank(NUMBERS, gain)
+            grid.members[member],
+            BOTH[timing],
+            LoopSpec("bank", bank=structures.bank(NUMBERS, gain)),
         )
         size = abs(loop.closed(loop.gain_of(gain)).response(np.geomspace(1, 700, 20000))).max()
         assert size == pytest.approx(1.3, rel=3e-3)
@@ -123,7 +125,7 @@ def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
     ramp = Ramp([plants.loop(member)], [0], 0.1)
     for rate in (7.0, 25.0):
         numbers = np.log([rate, *np.exp(NUMBERS[1:])])
-        loop = plants.loop(member, "zoh", "bank", bank=structures.bank(numbers, 4.5))
+        loop = plants.loop(member, "zoh", LoopSpec("bank", bank=structures.bank(numbers, 4.5)))
         closed = loop.closed(loop.gain_of(4.5))
         state, response = np.zeros(len(closed.A)), []
         for setpoint in np.clip(np.arange(1500) / 150, 0, 1):
@@ -148,7 +150,7 @@ def fast(monkeypatch):
 def held(plants, found, goal):
     """The worst of the set keeps the goal, by figures that the search did not compute."""
     for timing in goal.timings:
-        worst = over.worst(plants, (timing,), law="bank", bank=found.bank)
+        worst = over.worst(plants, (timing,), LoopSpec("bank", bank=found.bank))
         assert worst.stable and not worst.sag
         assert worst.Ms <= goal.ms_of(timing)
         assert worst.gain_margin >= goal.gain_margin
@@ -163,8 +165,8 @@ def test_a_search_keeps_its_goal():
     found = search.search(plants, goal, said.append)
     held(plants, found, goal)
     assert found.chosen == "PI and one biquad" and len(said) >= 3
-    assert found.worst["fS_Hz"] > 2 * found.p["fS_Hz"] > 0
-    assert [row["name"] for row in found.structures] == ["P", "PI", "PI and one biquad"]
+    assert found.worst.fS_Hz > 2 * found.p.fS_Hz > 0
+    assert [row.name for row in found.structures] == ["P", "PI", "PI and one biquad"]
     assert " is the limit" in found.limited_by
 
 
@@ -176,8 +178,8 @@ def test_a_search_is_repeated_to_the_bit_and_a_smaller_peak_of_S_costs_bandwidth
         for ms in (2.0, 2.0, 1.4)
     )
     assert (one.bank, one.worst, one.limited_by) == (again.bank, again.worst, again.limited_by)
-    assert one.worst["Ms_late"] is None and narrow.worst["Ms"] <= 1.4 < one.worst["Ms"]
-    assert narrow.worst["fS_Hz"] < one.worst["fS_Hz"]
+    assert one.worst.Ms_late is None and narrow.worst.Ms <= 1.4 < one.worst.Ms
+    assert narrow.worst.fS_Hz < one.worst.fS_Hz
 
 
 @pytest.mark.parametrize(
@@ -202,10 +204,10 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     _, grid = laboratory
     bank = structures.bank(NUMBERS, 7.0).quantised()
     goal = search.Goal(timings=("zoh+1",))
-    assert over.worst(plants, goal.timings, law="bank", bank=bank).gain_margin < 2
+    assert over.worst(plants, goal.timings, LoopSpec("bank", bank=bank)).gain_margin < 2
     lowered, figures = certificate.exact(plants, [grid], bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
-    assert 2.3 <= figures["gain_margin"] < 2.5 or 2.1 < figures["Ms_late"] <= 2.2
+    assert 2.3 <= figures.gain_margin < 2.5 or 2.1 < figures.Ms_late <= 2.2
 
 
 def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
@@ -215,7 +217,7 @@ def test_a_section_may_begin_near_the_bandwidth_of_pi(monkeypatch):
     monkeypatch.setattr(search, "RESTARTS", (1, 1, 1))
     plants = plant_set("fig4_19", [], ({},))
     found = search.search(plants, search.Goal(adc_bits=12, timings=("zoh",)))
-    assert found.chosen == "PI and two biquads" and found.worst["fS_Hz"] > 24
+    assert found.chosen == "PI and two biquads" and found.worst.fS_Hz > 24
 
 
 # Plant, the bandwidth in Hz that the best law of any structure reaches over its set: of the issue.
@@ -229,7 +231,7 @@ def test_the_search_finds_the_order_of_the_law(model, possible):
     found = search.search(plants, goal)
     held(plants, found, goal)
     best = max(row["worst"]["fS_Hz"] for row in found.structures)
-    assert found.worst["fS_Hz"] >= 0.95 * max(best, possible)
+    assert found.worst.fS_Hz >= 0.95 * max(best, possible)
 
 
 # Model, overrides, modes, ADC bits, least fS in Hz.
@@ -250,7 +252,7 @@ def test_bandwidth_over_the_set(name, tmp_path):
     plants, goal = plant_set(model, overrides=overrides, modes=modes), search.Goal(adc_bits=bits)
     found = search.search(plants, goal)
     held(plants, found, goal)
-    assert found.worst["fS_Hz"] >= least
+    assert found.worst.fS_Hz >= least
     if model == "laboratory" and not overrides:
         assert settles(found.bank, bits, tmp_path) <= 0.16  # of the bandwidth that the set has
 

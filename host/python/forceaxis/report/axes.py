@@ -4,12 +4,13 @@ import re
 
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
-from forceaxis.design.search import Goal
+from forceaxis.design.grid import Goal
 from forceaxis.experiments import sweep, sweep_plots
 from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.limits import hz_text
+from forceaxis.linear.request import LoopRequest
 from forceaxis.report import pictures
 from forceaxis.words import plain
 
@@ -63,13 +64,13 @@ def described(entries):
 
 def _margins(model, row):
     """[(caption, picture)] of the loop gain at the recommended P gain, around -1; [] without."""
-    if not (row.get("p") and row["p"]["worst"]):
+    if not (row.get("p") and row["p"].worst):
         return []
-    gain = row["p"]["bank"].force_gain
+    gain = row["p"].bank.force_gain
     try:
         found = curves.nyquist_of(
-            str(model), {}, {}, False, "p", "zoh", "reading", None, gain
-        )  # fmt: skip
+            LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
+        )
     except _core.InputError:  # no response in this mode
         return []
     at = found["at"]
@@ -138,7 +139,7 @@ def laws(model, entries):
     try:
         plants = sets.plant_set(str(model))
         bits = linear.facts(model).required_reading.bits
-        problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
+        problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
         p = problem.worst(Bank(1.0))
     except (_core.InputError, TypeError) as error:
         reason = "no force sensor is read" if isinstance(error, TypeError) else str(error)
