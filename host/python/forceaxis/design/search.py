@@ -318,12 +318,6 @@ def _result(
         if chosen is None or _is_worth_it(row, chosen):
             chosen = row
 
-    def p_law() -> P:
-        for row in rows:
-            if row.name == "P" and row.worst:
-                return certificate.p_figures(row.worst, row.bank.bank)
-        return certificate.NoPFigures()
-
     def taken(name: str) -> SearchResult | None:
         # The gain of the other structures is not made exact: they are only compared.
         at = next(i for i, row in enumerate(rows) if row.name == name)
@@ -335,7 +329,7 @@ def _result(
         return SearchResult(
             bank,
             worst,
-            p_law(),
+            _p_of(rows),
             rows,
             certificate.sentence(tightest, bank, steep[name], bounds, goal.hf_cure()),
             name,
@@ -346,6 +340,14 @@ def _result(
     if found is None:
         raise _no_gain()
     return found
+
+
+def _p_of(rows: list[StructureDesign]) -> P:
+    """The figures of the P law among the structures."""
+    for row in rows:
+        if row.name == "P" and row.worst:
+            return certificate.p_figures(row.worst, row.bank.bank)
+    return certificate.NoPFigures()
 
 
 def _no_gain() -> InputError:
