@@ -9,7 +9,7 @@ from forceaxis import paths
 from forceaxis.cli import main as cli
 from forceaxis.cli.advise_text import describe
 from forceaxis.design import advise, new
-from forceaxis.linear import curves, locus, loops, over, plant_set, plots, stability
+from forceaxis.linear import locus, loops, over, plant_set, plots, request, stability
 from forceaxis.report import axes
 
 MODEL = "fig4_19"
@@ -78,4 +78,4 @@ def test_pictures_and_pages_say_so():
 def test_first_gains_stay_below_what_is_known():
     """A sixth of it, in DAC codes per unit of the signal."""
     assert new.highest_gain(loops.force_loop(MODEL), 0.05) == pytest.approx(KNOWN_TO / 0.05)
-    assert curves.shown_gain(loops.force_loop(MODEL), None, None) == 1.0
+    assert request.drawn_gain(loops.force_loop(MODEL), None, None) == 1.0

@@ -61,7 +61,7 @@ def printed_streams():
 
 # {parameter of the library: the option that sets it}, where neither the option nor the parameter of
 # the click command has the same name.
-OTHER_NAMES = {"states": "--mode", "overrides": "--set"}
+OTHER_NAMES = {"states": "--mode", "overrides": "--set", "forces_N": "--force"}
 
 
 def option_of(command: click.Command, parameter: str) -> str | None:
@@ -82,11 +82,13 @@ def option_of(command: click.Command, parameter: str) -> str | None:
     return None
 
 
-def with_options(command: click.Command, error: ParameterError) -> str:
+def with_options(command: click.Command, error: InputError) -> str:
     """Return the message of `error` with the options of `command` instead of the names of
     parameters: the parameter of the error, and each name that is between backticks."""
-    text = re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], error.text)
-    return f"{option_of(command, error.parameter) or error.parameter}: {text}"
+    text = str(error)
+    if isinstance(error, ParameterError):
+        text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
+    return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 
 class Verb(click.Command):
@@ -95,7 +97,7 @@ class Verb(click.Command):
     def invoke(self, ctx):
         try:
             return super().invoke(ctx)
-        except ParameterError as error:
+        except InputError as error:
             raise InputError(with_options(self, error)) from error
 
     def format_epilog(self, ctx, formatter):
@@ -358,7 +360,7 @@ def link_of(kind, lcm_url, link_can, inject):
         return None
     from forceaxis.experiments import link
 
-    over = link.Link(kind, lcm_url, link_can, inject)
+    over = link.LinkOptions(kind, lcm_url, link_can, inject)
     link.under_vcan(over)
     return over
 

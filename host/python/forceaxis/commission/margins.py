@@ -38,11 +38,10 @@ def on_fitted(tuning, banks, late):
 
 def _loop(tuning, bank, late, modes=None):
     """(loop of a Bank on the fitted plant, its gain)."""
-    loop = loops.force_loop(
-        str(tuning.model), "bank", ("zoh", "zoh+1")[late], tuning.result("fit")["values"],
-        tuning.states if modes is None else modes, bank=bank,
-    )  # fmt: skip
-    return loop, over.gain_at(loop, None, None, {"bank": bank})
+    spec = loops.LoopSpec("bank", ("zoh", "zoh+1")[late], bank=bank)
+    states = tuning.states if modes is None else modes
+    loop = spec.around(str(tuning.model), tuning.result("fit")["values"], states)
+    return loop, over.gain_at(loop, None, None)
 
 
 def peaks(tuning, bank, late, level):

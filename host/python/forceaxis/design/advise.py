@@ -166,7 +166,7 @@ class NextCrossing:
     """The gain and the frequency at which the next pole becomes unstable above the limit."""
 
     gain: float
-    frequency_hz: float
+    frequency_hz: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -344,7 +344,9 @@ class _Over:
 
     def __init__(self, design: Design, over: Sequence[str], modes_: str) -> None:
         if design.timing == "continuous":
-            raise InputError("--timing: expected zoh or zoh+1 with --over, the firmware samples")
+            raise ParameterError(
+                "timing", "expected zoh or zoh+1 with `over`, because the firmware samples"
+            )
         self.design, self.over = design, tuple(over)
         self.modes: tuple[dict[str, str], ...]
         if modes_ == "nominal":

@@ -13,6 +13,7 @@ import numpy as np
 from forceaxis.design.grid import DELAYS, Bounds, Goal, Grid, Response
 from forceaxis.linear import over
 from forceaxis.linear.bank import GAIN_STEP, Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
@@ -132,7 +133,7 @@ def exact(
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        found = {t: over.worst(plants, (t,), law="bank", bank=bank) for t in goal.timings}
+        found = {t: over.worst(plants, (t,), LoopSpec("bank", bank=bank)) for t in goal.timings}
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grids, bank)

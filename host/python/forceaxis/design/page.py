@@ -23,6 +23,7 @@ from forceaxis.design.simulate import ContactBench
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
 from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.system import TICK_S
 from forceaxis.words import plain
 
@@ -45,10 +46,11 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     found: Loops = []
     for latency in outcomes.LATENCIES[outcome.order.latency]:
         for member, nominal in members:
-            loop = plants.loop(member, outcomes.TIMINGS[latency], law="bank", bank=bank)
+            loop = plants.loop(member, outcomes.TIMINGS[latency], LoopSpec("bank", bank=bank))
             gain = loop.gain_of(bank.force_gain)
             kind = "members" if not nominal else "late" if latency else "nominal"
-            found.append((gain * loop.open.response(frequency_hz), kind))
+            response = np.asarray(gain * loop.open.response(frequency_hz), complex)
+            found.append((response, kind))
     return found
 
 

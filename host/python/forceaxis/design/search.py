@@ -20,6 +20,7 @@ from forceaxis.design.banks import BankFigures, bank_figures
 from forceaxis.design.certificate import P, WorstFigures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import DELAYS, THIN, Goal, Grid, Response, Samples, blocks
+from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 
@@ -274,7 +275,7 @@ def _check(goal: Goal) -> None:
             )
     for name in ("ms", "ms_late", "gain_margin"):
         if not getattr(goal, name) > 1:
-            raise InputError(f"--{name.replace('_', '-')}: expected a number above 1")
+            raise ParameterError(name, "expected a number above 1")
 
 
 def check_plants(problem: SearchProblem) -> None:
@@ -350,11 +351,11 @@ def _p_of(rows: list[StructureDesign]) -> P:
     return certificate.NoPFigures()
 
 
-def _no_gain() -> InputError:
-    return InputError(
-        f"--ms: expected margins that some law keeps over the set and still follows, no gain from "
-        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow --over or accept smaller margins"
-    )
+def _no_gain() -> ParameterError:
+    return ParameterError(
+        "ms", "expected margins that some law keeps over the set and still follows, no gain from "
+        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow `over` or accept smaller margins",
+    )  # fmt: skip
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:

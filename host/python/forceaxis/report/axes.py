@@ -10,6 +10,7 @@ from forceaxis.linear import curves, loops, modes, plots, settings, stability, w
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.limits import hz_text
+from forceaxis.linear.request import LoopRequest
 from forceaxis.report import pictures
 from forceaxis.words import plain
 
@@ -68,8 +69,8 @@ def _margins(model, row):
     gain = row["p"].bank.force_gain
     try:
         found = curves.nyquist_of(
-            str(model), {}, {}, False, "p", "zoh", "reading", None, gain
-        )  # fmt: skip
+            LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
+        )
     except _core.InputError:  # no response in this mode
         return []
     at = found["at"]
@@ -88,9 +89,9 @@ def _map(entries):
         given = _core.inputs(str(entry.file))["firmware"]
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
         native = gain and setpoint and not given.get("force_bank") and "mode" in given
-        if not native or entry.done.summary["ticks"] > MAP_TICKS:
+        if not native or entry.done.result.ticks > MAP_TICKS:
             continue
-        if entry.done.summary["criterion"] is None:
+        if entry.done.result.criterion is None:
             continue
         grid = {
             "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAINS],
