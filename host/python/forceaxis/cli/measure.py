@@ -236,7 +236,9 @@ def measure(
             click.echo(f"files        {paths.quoted(out)}")
 
 
-def command_line(target: str, options: Mapping[str, Any], plant_set: Mapping[str, float]) -> str:
+def command_line(
+    target: str, options: Mapping[str, Any], plant_set: Mapping[str, float | str]
+) -> str:
     """Return the command that measures with the same options again."""
     from forceaxis import linear
 
