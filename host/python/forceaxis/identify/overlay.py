@@ -85,16 +85,3 @@ def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.
 
 def _same(one: curves.Curve, other: curves.Curve) -> bool:
     return len(one.response) == len(other.response) and np.allclose(one.response, other.response)
-
-
-def describe(summary: Mapping[str, Any]) -> str:
-    """The text of `forceaxis bode --measured`."""
-    lines = [curves.describe_bode(summary)]
-    for row in summary["measured"]:
-        inside = "-" if row["inside"] is None else f"{100 * row['inside']:.1f} %"
-        verdict = "the model fits" if row["fits"] else "the model does not fit"
-        lines.append(
-            f"measured     {row['folder']}: {inside} of {row['coherent']} coherent points within "
-            f"the 95 % band; {verdict} (p = {row['p_value']:.3g})"
-        )
-    return "\n".join(lines)

@@ -43,13 +43,15 @@ def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
     A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
     integrator at -90, one that rises with the frequency at +90.
     """
-    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase: Numbers = np.degrees(np.unwrap(np.angle(response)))
     if len(phase) < 2:
         return phase
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    return phase + 360 * np.ceil(turns - 0.55)  # a negative gain, nearly a tie, counts as lag
+    # A negative gain, nearly a tie, counts as lag.
+    result: Numbers = phase + 360 * np.ceil(turns - 0.55)
+    return result
 
 
 def grid_hz(
@@ -243,32 +245,6 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]
     about: Summary = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
     about |= working.summary(mode)
     return curves, about | {"curves": details}
-
-
-AT = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about one gain
-
-
-def describe_bode(summary: Summary) -> str:
-    """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
-    lines = working.lines(summary)
-    for c in summary["curves"]:
-        frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
-        lines.append(f"{c['output']:12} {c['label']}".rstrip())
-        unit = f" {c['unit']}" if c["unit"] else ""
-        for i in (0, -1):
-            lines.append(
-                f"{'':12} {c['magnitude'][i]:.4g}{unit}, {phase[i]:.4g} degrees at "
-                f"{frequency[i]:.4g} Hz"
-            )
-        for j in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
-            share = (phase[j] + 180) / (phase[j] - phase[j + 1])
-            at = frequency[j] + share * (frequency[j + 1] - frequency[j])
-            size = np.interp(at, frequency, c["magnitude"])
-            lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g}{unit}")
-        if c.get("loop", {}).get("at"):
-            text = limits.describe_limit(c["loop"]).splitlines()
-            lines += [line for line in text if line.startswith(AT)]
-    return "\n".join(lines)
 
 
 def nyquist_of(request: LoopRequest) -> Summary:

@@ -1,7 +1,6 @@
 """The results of `forceaxis limit`, `poles` and `step`, and their texts."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -13,9 +12,8 @@ from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.request import LoopRequest
 from forceaxis.linear.settings import ModelSettings
-from forceaxis.linear.stability import Limit, Loop, known_text
+from forceaxis.linear.stability import Limit, Loop
 from forceaxis.linear.system import Matrix, System
-from forceaxis.words import counted
 
 # The result of an analysis as a verb prints it in JSON: {key: value}.
 Summary = dict[str, Any]
@@ -43,20 +41,6 @@ def describe_loop(loop: Loop) -> Summary:
         "output": loop.signal,
         **working.summary(loop.working),
     } | ({"bank": loop.bank.keys()} if loop.bank else {})
-
-
-def law_text(summary: Summary) -> str:
-    """The law with its parameters or its bank, for people."""
-    bank = summary.get("bank")
-    parts = [f"{name} {value:.5g}" for name, value in summary["parameters"].items()]
-    if bank:
-        count = len(bank.get("sections", ()))
-        parts.append(f"gain {bank['gain']:.6g}")
-        parts += [
-            f"{n} {bank[n]:.5g}" for n in ("integral_rad_per_s", "velocity_gain") if n in bank
-        ]
-        parts.append(counted(count, "section"))
-    return summary["law"] + (f" ({', '.join(parts)})" if parts else "")
 
 
 def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
@@ -92,84 +76,6 @@ def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
 def hz_text(hz: float | None, digits: int = 4) -> str:
     """At which frequency, None: an infinite one."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
-
-
-# How the firmware runs the laws that are no mode of its own.
-IN_FIRMWARE = {
-    "pi": "runs this law as a bank with an integral: `forceaxis design`",
-    "lead": "runs this law as a bank with a section: `forceaxis design`",
-    "pd": "runs this law by differences, as a bank with a section: `forceaxis design`",
-    "derivative": "does not have this law: it has no input for a sensor of the force's derivative",
-}
-
-
-def describe_limit(summary: Summary) -> str:
-    """The same for people."""
-    unit = summary["unit"]
-    lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
-    lines += working.lines(summary)
-    if summary["law"] in IN_FIRMWARE:
-        lines.append(f"firmware     {IN_FIRMWARE[summary['law']]}")
-    if summary["critical_gain"]:
-        hz = hz_text(summary["frequency_hz"])
-        lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
-    else:
-        none = "none" if summary["critical_gain"] is None else "0"
-        lines.append(f"limit        {none}: {summary['reason']}")
-    if summary["firmware_gain"] and summary["law"] not in IN_FIRMWARE:
-        largest = summary["largest_firmware_gain"]
-        below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
-        lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
-    turns = {1: "a pole leaves", -1: "a pole returns", 0: "a pole touches"}
-    undamped = {1: "leaves", -1: "is drawn in", 0: "stays on the boundary"}
-    for c in summary["crossings"]:
-        what = turns[c["direction"]]
-        if c["gain"] == 0:
-            what = f"an undamped pole of the plant {undamped[c['direction']]}"
-        lines.append(f"crossing     {c['gain']:.6g} {unit} {hz_text(c['frequency_hz'])}, {what}")
-    at = summary.get("at")
-    if at:
-        own = at["firmware_gain"] and summary["law"] not in IN_FIRMWARE
-        own = f", force_gain {at['firmware_gain']:.5g}" if own else ""
-        lines.append(
-            f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
-        )
-        factor, phase = at["gain_margin"], at["phase_margin_deg"]
-        none = "none, no crossing above"
-        if at["known_to"] is not None:
-            none += f" up to {known_text(at['gain'] * at['known_to'], unit)}"
-        lines.append(f"gain margin  {f'factor {factor:.4g}' if factor else none}")
-        if at["gain_reduction"]:
-            lines.append(f"             factor {at['gain_reduction']:.4g} down")
-        lines.append(
-            "phase margin "
-            + (
-                "none, |L| is nowhere 1"
-                if phase is None
-                else f"{phase:.4g} degrees, crossover {hz_text(at['crossover_hz'])}"
-            )
-        )
-        if at["stable"]:
-            lines += figures_text(at)
-    return "\n".join(lines)
-
-
-# Where a law's static error alone is that large.
-AT_REST = {
-    "fS_Hz": "above it from 0 Hz on: a static error of 71 % or more",
-    "fT_Hz": "below it from 0 Hz on: a static error of 29 % or more",
-}
-
-
-def figures_text(at: Summary) -> list[str]:
-    """Lines about |S| and |T| of a loop, or of the worst of some."""
-    rows = []
-    for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
-        text = {None: "nowhere", 0.0: AT_REST[key]}.get(at[key]) or hz_text(at[key])
-        rows.append(f"{name:12} {text}")
-    sag = ", and is below it also below fS" if at["sag"] and at["fT_Hz"] else ""
-    rows[1] += sag
-    return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 
 
 def _figures(
@@ -228,23 +134,6 @@ def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
         "time_s": time_s.tolist(),
         "value": value.tolist(),
     }
-
-
-def describe_step(summary: Summary) -> str:
-    """The same for people."""
-    lines = [
-        f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
-        f"{summary['gain']:.6g} {summary['unit']}",
-        *working.lines(summary),
-        f"stable       {'yes' if summary['stable'] else 'no'}",
-    ]
-    units = {"final": "of the step", "overshoot": "of the final value"}
-    late = f"not within {summary['time_s'][-1]:.4g} s" if summary["final"] else "-"
-    for name in ("final", "overshoot", "rise_s", "settle_s"):
-        value = summary[name]
-        text = late if value is None else f"{value:.4g} {units.get(name, 's')}"
-        lines.append(f"{name.removesuffix('_s'):12} {text}")
-    return "\n".join(lines)
 
 
 def _root(value: complex, dt: float | None) -> Summary:
@@ -331,25 +220,3 @@ def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: s
         plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
     described = {"model": paths.display(path), "timing": timing, **working.summary(mode)}
     return poles_summary(plant, described)
-
-
-def describe_poles(summary: Summary) -> str:
-    """The same for people."""
-
-    def lines(kind: str) -> Iterator[str]:
-        for root in summary[kind]:
-            s = [root["re_per_s"], root["im_per_s"]]
-            text = "at -infinity" if None in s else f"{s[0]:11.6g} {s[1]:+11.6g}j 1/s"
-            if None not in s:
-                text += f" {root['hz']:8.5g} Hz"
-            if None not in s and root.get("damping_ratio") is not None:
-                text += f" zeta {root['damping_ratio']:<8.4g}"
-            if "re_z" in root:
-                text += f" z {root['re_z']:+.5f}{root['im_z']:+.5f}j"
-            yield f"{kind[:-1]} {text.rstrip()}"
-
-    head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
-    if "closed" in summary:
-        closed = summary["closed"]
-        head += f", closed with {law_text(summary)} at {closed['gain']:.6g} {closed['unit']}"
-    return "\n".join([head, *working.lines(summary), *lines("poles"), *lines("zeros")])

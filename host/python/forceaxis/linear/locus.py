@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.errors import ParameterError
-from forceaxis.linear import limits, working
+from forceaxis.linear import limits
 from forceaxis.linear.limits import Summary
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Crossing, Limit, Loop
@@ -89,7 +89,7 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
     natural = np.abs(light) / (2 * np.pi)
     if critical_hz:
-        return 1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]])
+        return float(1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]]))
     natural = natural if len(natural) else np.abs(roots) / (2 * np.pi)
     return 1.35 * float(natural.max(initial=1.0))
 
@@ -165,15 +165,3 @@ def loci_of(
     gains = [request.gain_of(loop) for loop in found]
     every = loci(found, [label for label, _ in runs], span_hz, gains)
     return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
-
-
-def describe(summary: Summary) -> str:
-    """The text of `forceaxis rlocus`: the limit of each locus."""
-    lines = working.lines(summary)
-    for one in summary["loci"]:
-        limit = one["critical_gain"]
-        text = one["reason"] if limit is None else f"limit {limit:.6g} {one['unit']}"
-        if one["frequency_hz"] is not None:
-            text += f" at {one['frequency_hz']:.4g} Hz"
-        lines.append(f"{one['label'] or summary['law']:12} {text}")
-    return "\n".join(lines)

@@ -69,8 +69,8 @@ class Figures:
         if value is None:
             return -math.inf
         if name == "phase_margin_deg":
-            return -abs(value)
-        return value if FIGURES[name] else -value
+            return float(-abs(value))
+        return float(value if FIGURES[name] else -value)
 
 
 class _Response:
@@ -87,7 +87,8 @@ class _Response:
     def size(self, w: ArrayLike) -> Matrix:
         """|H| at frequencies w of the plane, array like w."""
         at = np.asarray(w, float)
-        return np.abs(self.response(at.ravel())[0]).reshape(at.shape)
+        result: Matrix = np.abs(self.response(at.ravel())[0]).reshape(at.shape)
+        return result
 
     def ends(self) -> tuple[float, float]:
         """|H| at frequency 0 and at the end of the axis (z = -1)."""
@@ -105,7 +106,8 @@ class _Response:
                 [-C.T @ C * (1 + D * D / rest), -(A + B @ C * (D / rest)).T],
             ]
         )
-        return _core.eigenvalues(matrix)
+        result: Matrix = _core.eigenvalues(matrix)
+        return result
 
     def marks(self, level: float) -> Matrix:
         """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
@@ -151,8 +153,8 @@ class _Response:
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
                 summit = optimize.brentq(self._rise, *ends, xtol=1e-300, rtol=1e-15)
-                return max(best, float(self.size(summit)))
-        return best
+                return float(max(best, float(self.size(summit))))
+        return float(best)
 
     def _rise(self, w: float) -> float:
         """d ln |H| / dw."""

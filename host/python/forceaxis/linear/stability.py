@@ -192,7 +192,7 @@ class Loop:
                 C=self.open.C * scale,
             )
             apart = max(apart, abs(response(minimal(system))([0.0])[0].item().real - static))
-        return 100 * max(apart, self._known(0.0)[2].item())
+        return float(100 * max(apart, self._known(0.0)[2].item()))
 
     def _marks(self, zeros: Matrix) -> Matrix:
         """Frequencies of the plane between which the sign of a real function of w changes at most
@@ -202,7 +202,8 @@ class Loop:
 
     @cached_property
     def _poles(self) -> Matrix:
-        return _core.eigenvalues(self._plane[0])
+        result: Matrix = _core.eigenvalues(self._plane[0])
+        return result
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
@@ -375,7 +376,8 @@ class Loop:
         A = system.A.astype(np.longdouble)
         A = A - gain / (1 + gain * system.D[0, 0]) * system.B @ system.C
         scale = _core.balance(A)
-        return A * scale / scale[:, None]
+        result: Matrix = A * scale / scale[:, None]
+        return result
 
     @cached_property
     def stable_ranges(self) -> list[tuple[float, float | None]]:
@@ -478,9 +480,9 @@ class Loop:
             return self.closed(gain).poles().astype(complex)
 
         def follow(before: Matrix, low: float, high: float, depth: int) -> Matrix:
-            after = poles(high)
-            move = np.abs(before[:, None] - after)
-            after = after[optimize.linear_sum_assignment(move)[1]]
+            unordered = poles(high)
+            move = np.abs(before[:, None] - unordered)
+            after: Matrix = unordered[optimize.linear_sum_assignment(move)[1]]
             apart = np.abs(before[:, None] - before) + np.diag(np.full(len(before), np.inf))
             if not depth or np.all(
                 np.abs(after - before) < 0.3 * apart.min(axis=1, initial=np.inf)

@@ -81,7 +81,8 @@ class System:
 
     def poles(self) -> Matrix:
         """Eigenvalues of A: 1/s, or z of a sampled system."""
-        return _core.eigenvalues(self.A)
+        result: Matrix = _core.eigenvalues(self.A)
+        return result
 
     def poles_s(self) -> Matrix:
         """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
@@ -125,7 +126,8 @@ class System:
             raise ValueError(f"expected a path from {self.inputs[0]} to {self.outputs[0]}")
         A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
         if not degree:
-            return _core.eigenvalues(A - B @ C / value)
+            result: Matrix = _core.eigenvalues(A - B @ C / value)
+            return result
         # The output's derivatives below, each without what the ones before it say already.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
@@ -135,7 +137,8 @@ class System:
             rows = np.vstack([rows, row / np.linalg.norm(row)])
         held = A - B @ (rows[-1:] @ A) / (rows[-1:] @ B)
         basis = _complement(rows)
-        return _core.eigenvalues(basis.T @ held @ basis)
+        result = _core.eigenvalues(basis.T @ held @ basis)
+        return result
 
     def zeros_s(self) -> Matrix:
         """Zeros in 1/s, as `poles_s`."""
@@ -145,7 +148,8 @@ class System:
         if self.dt is None:
             return roots.astype(complex)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.log(roots.astype(complex)) / self.dt
+            result: Matrix = np.log(roots.astype(complex)) / self.dt
+            return result
 
     def gain(self) -> float:
         """What multiplies the product of (s - zeros) / (s - poles)."""
@@ -160,7 +164,8 @@ class System:
 
     @cached_property
     def _hessenberg(self) -> tuple[Matrix, Matrix, Matrix]:
-        return _core.hessenberg(*self.balanced)
+        result: tuple[Matrix, Matrix, Matrix] = _core.hessenberg(*self.balanced)
+        return result
 
     def at(self, points: ArrayLike) -> Matrix:
         """Transfer function at complex points s (or z): like `points` in shape; with several inputs
@@ -370,15 +375,3 @@ def summary(system: System, mode: Working | None = None) -> dict[str, Any]:
         }
         | {name: getattr(system, name).tolist() for name in "ABCD"}
     )
-
-
-def describe(system: System, mode: Working | None = None) -> str:
-    """The same for people: one row of numbers a state or output."""
-    kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
-    lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
-    lines += working_mode.lines({"mode_text": mode.text} if mode else {})
-    for name, rows in (("A B", system.states), ("C D", system.outputs)):
-        left, right = (getattr(system, part) for part in name.split())
-        for label, values in zip(rows, np.hstack([left, right]), strict=True):
-            lines.append(f"{name}   {label:20} " + " ".join(f"{v + 0.0:11.5g}" for v in values))
-    return "\n".join(lines)

@@ -162,7 +162,7 @@ def thesis_figure(number):
 
 def advised():
     """(advice for the laboratory's axis, its picture)."""
-    advice = advise.advise("laboratory", threads=1)
+    advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(advice_plot.figure(advice))
 
 
