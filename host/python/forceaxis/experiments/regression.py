@@ -250,7 +250,7 @@ def figure(examined: expect.Examined) -> "Figure":
     if "peak_force_N" in wanted and forces != names[0]:
         names.append(forces)
     levels = [
-        plots.Level(row, key, start, level.low, level.high, value)
+        plots.ExpectedLevel(row, key, start, level.low, level.high, value)
         for row, key, start in (
             (0, "final_value", time_s[-1] - measured.final_s),
             (len(names) - 1, "peak_force_N", time_s[0]),
