@@ -25,6 +25,7 @@ from forceaxis.linear.bank import Bank
 if TYPE_CHECKING:
     from forceaxis.design.outcome import DesignOutcome
 
+
 class WritableBench(Protocol):
     """The parts of a simulate.ContactBench that its files contain."""
 
