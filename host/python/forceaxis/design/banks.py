@@ -1,9 +1,12 @@
 """A bank of the firmware as results have it in JSON."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from forceaxis.linear.bank import Bank
 from forceaxis.results import json_field
+
+if TYPE_CHECKING:  # the package loads SciPy, which `forceaxis --help` does without
+    from forceaxis.linear.bank import Bank
 
 
 @dataclass(frozen=True)
@@ -18,12 +21,14 @@ class BankFigures:
     hf_gain: float
 
     @property
-    def bank(self) -> Bank:
+    def bank(self) -> "Bank":
         """The bank of the firmware."""
+        from forceaxis.linear.bank import Bank
+
         return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)
 
 
-def bank_figures(bank: Bank) -> BankFigures:
+def bank_figures(bank: "Bank") -> BankFigures:
     """The JSON form of a bank."""
     return BankFigures(
         force_gain=bank.force_gain,
@@ -47,7 +52,7 @@ class BankKeys:
     hf_gain: float | None = json_field(omit_none=True)
 
 
-def bank_keys(bank: Bank) -> BankKeys:
+def bank_keys(bank: "Bank") -> BankKeys:
     """The keys of a bank, without hf_gain."""
     return BankKeys(
         gain=bank.force_gain,

@@ -32,7 +32,7 @@ class NamedCase(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MissedLimit:
+class MissedContactLimit:
     """A limit of [verdict] that a run did not keep: name of the limit, the verdict that follows,
     the value (None: the event never happened), the bound and their unit."""
 
@@ -49,7 +49,7 @@ class ContactRun:
 
     verdict: str
     fault: str
-    missed: tuple[MissedLimit, ...]
+    missed: tuple[MissedContactLimit, ...]
     peak_N: float
     losses: int
     saturated_ms: float
@@ -72,7 +72,7 @@ def read_run(outcome: Mapping[str, Any]) -> ContactRun:
     return ContactRun(
         verdict=outcome["verdict"],
         fault=outcome["fault"],
-        missed=tuple(MissedLimit(**one) for one in outcome["missed"]),
+        missed=tuple(MissedContactLimit(**one) for one in outcome["missed"]),
         peak_N=metrics["peak_force_N"],
         losses=metrics["contact_losses_run"],
         saturated_ms=1e3 * metrics["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
@@ -94,7 +94,7 @@ class SimulatedContact:
     verdict: str
     fault: str
     static_error_percent: float | None
-    missed: tuple[MissedLimit, ...]
+    missed: tuple[MissedContactLimit, ...]
     peak_N: float
     losses: int  # of contact, in the whole run
     saturated_ms: float

@@ -12,17 +12,39 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import tomlkit
 
 from forceaxis import _core, objects
+from forceaxis.design.cases import ContactCase
+from forceaxis.design.changes import Change, Design
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank
 
 if TYPE_CHECKING:
     from forceaxis.design.outcome import DesignOutcome
-    from forceaxis.design.simulate import ContactBench
+
+
+class WritableBench(Protocol):
+    """The parts of a simulate.ContactBench that its files contain."""
+
+    design: Design
+    change: Change
+    model: Path
+    overrides: dict[str, float]
+    settings: dict[str, float | str]
+
+    @property
+    def shown(self) -> ContactCase: ...
+
+    def text(
+        self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
+        model: str | None = None,
+    ) -> str: ...  # fmt: skip
+
+    def approach_count_per_s(self, case: ContactCase) -> int: ...
+
 
 BANK = 1  # the bank that a design is written to
 EPOCH = datetime.date(1984, 1, 1)  # of certificate_date
@@ -81,7 +103,7 @@ def bank_objects(
     return {n: int(v) if objects.BY_NAME[n].scale == 1 else v for n, v in values.items()}
 
 
-def law_keys(bench: "ContactBench", bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
+def law_keys(bench: WritableBench, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
     """The [firmware] keys of a design."""
     sensor = {name: bench.settings[name] for name in ("adc_bits", "force_zero_code", "force_scale")}
     return (
@@ -92,7 +114,7 @@ def law_keys(bench: "ContactBench", bank: Bank, loss: Mapping[str, int]) -> dict
 
 
 def with_bank(
-    bench: "ContactBench", experiment: Path, bank: Bank, loss: Mapping[str, int],
+    bench: WritableBench, experiment: Path, bank: Bank, loss: Mapping[str, int],
     model: str | Path | None = None,
 ) -> str:  # fmt: skip
     """The text of an experiment with a bank; its comments stay. model: path of its model from
@@ -156,7 +178,7 @@ def refuse_existing(out: Path) -> None:
 
 
 def write(
-    folder: NewFolder, bench: "ContactBench", outcome: "DesignOutcome", own: Path | None = None,
+    folder: NewFolder, bench: WritableBench, outcome: "DesignOutcome", own: Path | None = None,
     date: datetime.date | None = None,
 ) -> list[str]:  # fmt: skip
     """Write experiments and bank.toml of a design into a folder. Returns the names of the files."""
@@ -186,7 +208,7 @@ def write(
     return [*names, *texts]
 
 
-def bank_text(bench: "ContactBench", values: dict[str, float]) -> str:
+def bank_text(bench: WritableBench, values: dict[str, float]) -> str:
     document = tomlkit.document()
     document.add(
         tomlkit.comment(f"The force law designed for {bench.design.model.stem}: objects of an")

@@ -33,7 +33,7 @@ HELD = "held.toml"  # with a bank
 
 
 @dataclass
-class Axis:
+class AxisConstants:
     """Constants derived from the data sheet."""
 
     v: dict  # data-sheet values by name
@@ -93,7 +93,7 @@ def derive(v):
             b_workpiece = 2 * zeta * math.sqrt(k * v["workpiece_mass_kg"])
     per_rev = v["encoder_counts_per_rev"]
     half = 2.0 ** (v["sensor_bits"] - 1)
-    return Axis(
+    return AxisConstants(
         v, r, rotor, mass, k_torque, v["guide_damping_n_s_per_m"], current, k_current, k_amp,
         k_tach, k_fdbk, k_cmd, 2 * math.pi * v["velocity_filter_hz"], b_transmission, b_workpiece,
         1e3 * v["encoder_counts_per_mm"] if per_rev is None else per_rev / (2 * math.pi * r),
