@@ -15,11 +15,12 @@ static int calibrate(fw_t *fw) {
   if (signals->calibration_state != AXIS_CALIBRATION_STATE_DONE) {
     return FW_ERROR_RANGE;
   }
-  const int refusal =
-      dictionary_write(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SCALE, (int32_t)force_scale);
-  return (refusal != FW_OK) ? refusal
-                            : dictionary_write(&fw->objects, FW_SOURCE_LOCAL,
-                                               AXIS_OBJ_CALIBRATION_DATE, fw->drive.params.date);
+  const int refusal = dictionary_write_value(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SCALE,
+                                             (int32_t)force_scale);
+  return (refusal != FW_OK)
+             ? refusal
+             : dictionary_write_value(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_CALIBRATION_DATE,
+                                      fw->drive.params.date);
 }
 
 int sensing_command(fw_t *fw, uint16_t object) {
@@ -39,8 +40,8 @@ static uint8_t write_tare(fw_t *fw) {
     return AXIS_TARE_STATE_REFUSED_ENABLED;
   }
   fw->tare_is_written = 1;
-  const int refusal = dictionary_write(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_TARE,
-                                       fw->drive.guards.tare.tare_q8);
+  const int refusal = dictionary_write_value(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_TARE,
+                                             fw->drive.guards.tare.tare_q8);
   fw->tare_is_written = 0;
   switch (refusal) {
     case FW_OK:

@@ -90,20 +90,20 @@ static void store_value(dictionary_t *objects, uint8_t source, uint16_t object, 
   }
 }
 
-int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
-  int refusal = refusal_of(objects, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
+int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  if (!dictionary_has_value(object)) {
+    return FW_ERROR_NO_OBJECT;
   }
-  if (axis_objects[object].block == AXIS_BLOCK_NONE) {
-    refusal = objects->owner->command(objects, object, value);
-  } else {
-    store_value(objects, source, object, value);
-  }
+  const int refusal = refusal_of(objects, source, object, value);
   if (refusal == FW_OK) {
-    objects->writers = (uint8_t)(objects->writers | fx_bit(source));
+    store_value(objects, source, object, value);
+    dictionary_written_by(objects, source);
   }
   return refusal;
+}
+
+void dictionary_written_by(dictionary_t *objects, uint8_t source) {
+  objects->writers = (uint8_t)(objects->writers | fx_bit(source));
 }
 
 bool dictionary_restorable(uint16_t object, int32_t value) {
