@@ -89,7 +89,7 @@ def run_many(
     progress: Callable[[int, int], None] | None = ...,
     keep_going: bool = ...,
     finished: Callable[[int, dict[str, Any]], None] | None = ...,
-    experiments: Experiments | None = ...,
+    experiments: object = ...,
 ) -> list[dict[str, Any]]: ...
 def judge(
     criterion: dict[str, Any], metrics: dict[str, Any], fault: str

@@ -478,7 +478,7 @@ def test_a_closed_link_frees_the_file_of_its_store(tmp_path):
 
 def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
     done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000")
-    told = f"; `forceaxis axis reset --sim {CONTACT}` resets the fault"
+    told = "; `forceaxis axis reset --sim sim/experiments/contact.toml` resets the fault"
     assert refusal(done, 1).endswith(told)
     resets = r"; reset_fault\(\) resets the fault$"
     with pytest.raises(NoAnswer, match=f"fault force_max.*{resets}"):

@@ -153,8 +153,8 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
 def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order):
     monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=3.5))
 
-    def worst(plants, timings, law, bank):
-        return over.Worst(True, Ms=bank.force_gain, member={"Ms": (Member(), timings[0])})
+    def worst(plants, timings, spec):
+        return over.Worst(True, Ms=spec.bank.force_gain, member={"Ms": (Member(), timings[0])})
 
     monkeypatch.setattr(over, "worst", worst)
     done = for_set.design(order(FINE, "k_w=30%", latency="0"))
@@ -191,7 +191,7 @@ def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
         ]
         return replace(steep, structures=rows, instead={"PI": calm}.get)
 
-    def worst(plants, timings, law, bank):
+    def worst(plants, timings, spec):
         return over.Worst(True, fS_Hz=left, member={"fS_Hz": (Member(), timings[0])})
 
     monkeypatch.setattr(search, "search", two)
@@ -247,10 +247,10 @@ def test_forces_and_approach_are_the_users(found, order):
     for given, words in (
         (
             {"forces_N": (30.0, 5000.0)},
-            "--force: 5000 N: expected at most 637.5 N, what the sensor",
+            "forces_N: 5000 N: expected at most 637.5 N, what the sensor",
         ),
-        ({"forces_N": (0.5,)}, "--force: 0.5 N: expected at least 2.5 N"),
-        ({"approach_mm_per_s": 1e-6}, "--approach: expected 1 to"),
+        ({"forces_N": (0.5,)}, "forces_N: 0.5 N: expected at least 2.5 N"),
+        ({"approach_mm_per_s": 1e-6}, "approach_mm_per_s: expected 1 to"),
     ):
         with pytest.raises(package.InputError, match=words):
             for_set.design(order(**given))
@@ -381,12 +381,12 @@ def test_without_simulation_the_bank_is_written_all_the_same(found, tmp_path):
 def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch, order, tmp_path):
     def alone(*arguments):
         got = answer(*arguments)
-        got.structures[0]["worst"] = None
-        return replace(got, p={"force_gain": 0.0})
+        rows = [replace(got.structures[0], worst=None), *got.structures[1:]]
+        return replace(got, structures=rows, p=certificate.NoPFigures())
 
     monkeypatch.setattr(search, "search", alone)
     done = for_set.design(order(latency="1"), tmp_path / "law")
-    assert {r["law"] for r in done.rows} == {"design"}
+    assert {r.law for r in done.rows} == {"design"}
     assert "P " in design_text.describe(done)
     assert (tmp_path / "law/index.html").read_text().count("<img") == 4
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import verbs
+from forceaxis.cli import sweep_text
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summaries
 from forceaxis.experiments import sweep as sweeps
@@ -62,18 +63,16 @@ def test_a_setpoint_beyond_the_sensor_is_warned_of():
 
 # A count of the press's reading at 8 bits is 300 N / 128: it ends at 127.9 counts.
 def test_a_map_is_not_green_beyond_the_sensor(tmp_path):
-    done = sweeps.sweep(
-        HERE / "contact.toml",
-        {"firmware.force_setpoint": "32,96,160,200", "firmware.force_gain": "3.5,7"},
-        out=tmp_path / "map",
-    )
+    grid = {"firmware.force_setpoint": "32,96,160,200", "firmware.force_gain": "3.5,7"}
+    request = sweeps.SweepRequest(HERE / "contact.toml", grid)
+    done = sweeps.sweep(request, out=tmp_path / "map")
     beyond = done.columns["firmware.force_setpoint"] > 128
     assert set(done.columns["verdict"][~beyond]) == {"stable"}
     assert set(done.columns["verdict"][beyond]) == {"not_met"}
     assert done.summary["counts"]["not_met"] == 4 and done.summary["counts"]["unstable"] == 0
     (warning,) = done.summary["warnings"]
     assert "4 of 8 points" in warning and "375 N" in warning
-    shown = dict(sweeps.describe(done))
+    shown = dict(sweep_text.rows(done))
     assert shown["verdict"] == "4 stable, 0 unstable, 4 not met"
     assert "never in contact" not in (tmp_path / "map/plot.svg").read_text()
 
@@ -81,10 +80,11 @@ def test_a_map_is_not_green_beyond_the_sensor(tmp_path):
 # Between two verdicts that are both not stable there is no boundary of stability.
 def test_a_boundary_is_where_stable_ends_whatever_follows():
     search = {"firmware.force_setpoint": "100:200:1"}
-    done = sweeps.sweep(HERE / "contact.toml", bisect=search)
+    done = sweeps.sweep(sweeps.SweepRequest(HERE / "contact.toml", bisect=search))
     assert 127 <= done.columns["boundary"][0] <= 128 <= done.columns["unstable_at"][0] <= 129
     assert done.columns["beyond"][0] == "not_met"
-    done = sweeps.sweep(HERE / "contact.toml", bisect={"firmware.force_gain": "0:20:1"})
+    search = {"firmware.force_gain": "0:20:1"}
+    done = sweeps.sweep(sweeps.SweepRequest(HERE / "contact.toml", bisect=search))
     assert done.columns["note"][0] == "no change: never_in_contact at 0, unstable at 20"
 
 

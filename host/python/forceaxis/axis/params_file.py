@@ -34,6 +34,7 @@ from forceaxis import objects, toml
 from forceaxis._core import InputError
 from forceaxis.bus.client import to_raw
 from forceaxis.bus.state_names import texts
+from forceaxis.errors import ParameterError
 from forceaxis.objects import AxisObject
 
 IDENTITY = {"stored_node_id", "stored_bit_rate", "configuration_date", "configuration_time"}
@@ -238,12 +239,13 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
                     into[known.name] = raw_value(known, value, node_id)
             except InputError as error:
                 problems.append(str(error))
-    problems += [f"skip: {name}: expected a name of the file" for name in sorted(unused)]
+    if unused:
+        raise ParameterError("skip", f"{', '.join(sorted(unused))}: expected names of {path}")
     if problems:
         theirs = str(about.get("object_table", ""))
         other = theirs and theirs != table_hash()
         where = f", which is of object table {theirs}, this one is {table_hash()}" if other else ""
-        hint = "; correct it or leave it out (skip)"
+        hint = "; correct it or skip it"
         raise InputError(f"{path}{where}: {'; '.join(problems)}{hint}")
     left_out = {*without, *skip}
     defaults = [

@@ -84,24 +84,26 @@ def advise(
     cannot do are marked and come last.
     """
     from forceaxis import linear as models
+    from forceaxis.cli.advise_text import describe
     from forceaxis.design import advise as design
-    from forceaxis.design import advise_text
+    from forceaxis.results import to_json
 
     check_drawing(out)
     if simulate and linear:
         raise click.UsageError("expected --simulate or --linear, got both")
     runs = "all" if simulate else "none" if linear else "present"
-    result = design.advise(
+    order = design.AdviceOrder(
         model, models.overrides(overrides), timing, factor, runs, threads, over, modes,
         models.states(states),
     )  # fmt: skip
+    result = design.advise(order)
     if out:
         from forceaxis import drawing
         from forceaxis.design import advice_plot
 
         drawing.save(advice_plot.figure(result), out)
     width = shutil.get_terminal_size().columns
-    present(result, as_json, lambda found: advise_text.describe(found, width), out)
+    present(to_json(result), as_json, lambda _: describe(result, width), out)
 
 
 @click.command(

@@ -81,7 +81,7 @@ def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_j
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
         files = [("files", paths.quoted(out))] if out else []
-        show([*summaries.rows(done), *files])
+        show([*summaries.rows(done.result, done.overrides), *files])
     if done.result.link:
         link.expect_same(done.result.link)
 
@@ -122,7 +122,7 @@ def replay(journal, out, codes, as_json):
     else:
         known = replayed.trace_hash or "none, it is broken off"
         text = f"{replayed.entries} entries, trace hash {known}"
-        show([*summaries.rows(done), ("journal", text)])
+        show([*summaries.rows(done.result, done.overrides), ("journal", text)])
     if replayed.ticks is None:
         fail(
             f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
@@ -232,16 +232,16 @@ def sweep(
     if both ends have the same verdict, the row says so. The plot marks a point whose verdict
     differs from that of all its neighbours.
     """
+    from forceaxis.cli import sweep_text
     from forceaxis.experiments import sweep as sweeps
 
-    done = sweeps.sweep(
-        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, refine
-    )
+    request = sweeps.SweepRequest(experiment, grid, random, count, seed, bisect, overrides, refine)
+    done = sweeps.sweep(request, out, threads, scheduler)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        show([*sweeps.describe(done), ("files", paths.quoted(out))])
-    if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
+        show([*sweep_text.rows(done), ("files", paths.quoted(out))])
+    if done.result.counts.failed == done.result.counts.points:
         sys.exit(1)
 
 

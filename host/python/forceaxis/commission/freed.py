@@ -53,7 +53,7 @@ class Record:
         return self.dead_zone > 0 or self.table_N > 0
 
 
-def record(path: str | Path, model: str, overrides: dict[str, float]) -> Record:
+def record(path: str | Path, model: str, overrides: linear.Overrides) -> Record:
     """The Record of a folder of `forceaxis measure --out`; newtons that it lacks by the model."""
     try:
         about = json.loads((Path(path) / "result.json").read_text(encoding="utf-8"))
@@ -95,7 +95,7 @@ def fit(
     folder: where that model may be written. Raises InputError; Refusal by the name `friction`."""
     model, held = measured.model, measured.overrides
     found = fit_response.fit(measured, starts)
-    about = record(path, model, dict(held))
+    about = record(path, model, held)
     freed = _freed(measured, starts, about, folder) if found.rejected else None
     if found.rejected and freed is None and about.rubs:
         raise _refused(found.p_value, model, about)

@@ -26,6 +26,7 @@ from forceaxis.design.grid import Goal
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.design.simulate import ContactBench, Plant
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, style
+from forceaxis.errors import ParameterError
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.results import json_field
@@ -92,8 +93,9 @@ def element_of(model: str | Path, overrides: Mapping[str, float]) -> str:
     contact = contact_of(toml.read(linear.find_model(model)))
     name = contact.get("stiffness") if contact else None
     if name not in linear.facts(model, overrides).parameters:
-        raise InputError(
-            f"{model}: --element: expected the name of a stiffness, the contact's is no parameter"
+        raise ParameterError(
+            "element",
+            f"expected the name of a stiffness, the contact of {model} has a number",
         )
     return str(name)
 
@@ -110,14 +112,14 @@ def compliance(order: ComplianceOrder) -> Compliance:
         known = design.facts.parameters
         if element not in known or known[element][1] != "N/m":
             stiff = sorted(n for n, (_, unit) in known.items() if unit == "N/m")
-            raise InputError(f"--element: expected one of {', '.join(stiff)}, got {element}")
+            raise ParameterError("element", f"expected one of {', '.join(stiff)}, got {element}")
         own = known[element][0]
         low, high = span or (own * SPAN[0], own * SPAN[1])
         if not (0 < low < high and 2 <= points <= POINTS_MAX):
-            raise InputError(
-                f"--from, --to: expected 0 < from < to and 2 to {POINTS_MAX} points, got {low:g}, "
-                f"{high:g} and {points}"
-            )
+            raise ParameterError(
+                "lowest", f"expected above 0 and below `highest`, with 2 to {POINTS_MAX} `points`, "
+                f"got {low:g}, {high:g} and {points}",
+            )  # fmt: skip
         over = tuple(
             sets.workpiece(design.model, design.overrides) if order.over is None else order.over
         )

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import tomlkit
 
 from forceaxis import _core, objects
-from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ class NewFolder:
 def refuse_existing(out: Path) -> None:
     """Raise InputError if `out` is a file or a folder with content."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise InputError(f"--out: {out}: expected no such file or folder, take another name")
+        raise ParameterError("out", f"{out}: expected no such file or folder, take another name")
 
 
 def write(

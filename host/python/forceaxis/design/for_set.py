@@ -29,6 +29,7 @@ from forceaxis.design.outcome import (
 )
 from forceaxis.design.sets import slopes
 from forceaxis.design.simulate import ContactBench, Plant
+from forceaxis.errors import ParameterError
 from forceaxis.linear import over as sets
 from forceaxis.linear import settings
 from forceaxis.linear.bank import Bank
@@ -44,21 +45,22 @@ Instead = Callable[[str], DesignOutcome | None]  # the design with the named str
 def check(order: DesignOrder) -> None:
     """Raise InputError for a value that is out of range whatever the model."""
     for name, value, low in (
-        ("--ms", order.ms, 1.0),
-        ("--ms-late", order.ms_late, 1.0),
-        ("--gain-margin", order.gain_margin, 1.0),
+        ("ms", order.ms, 1.0),
+        ("ms_late", order.ms_late, 1.0),
+        ("gain_margin", order.gain_margin, 1.0),
     ):
         if not low < value <= 100:
-            raise InputError(f"{name}: expected a number above {low:g}, at most 100, got {value:g}")
+            raise ParameterError(
+                name, f"expected a number above {low:g}, at most 100, got {value:g}"
+            )
     if order.adc_bits is not None and not 8 <= order.adc_bits <= 16:
-        raise InputError(f"--adc-bits: expected 8 to 16, got {order.adc_bits}")
+        raise ParameterError("adc_bits", f"expected 8 to 16, got {order.adc_bits}")
     for force_N in order.forces_N:
         if not 0 < force_N < math.inf:
-            raise InputError(f"--force: expected newtons above 0, got {force_N:g}")
+            raise ParameterError("forces_N", f"expected newtons above 0, got {force_N:g}")
     if not order.over:
-        raise InputError(
-            "--over: expected at least one parameter and how far it may be off, such as "
-            "--over k_w=30%,m_w=30%"
+        raise ParameterError(
+            "over", "expected at least one parameter with its tolerance, such as k_w=30%,m_w=30%"
         )
 
 
@@ -135,14 +137,14 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
-        raise InputError(f"{plant.model}: encoder: expected one for --approach, there is none")
+        raise InputError(f"{plant.model}: encoder: expected one for the approach, there is none")
     most = objects.BY_NAME["approach_velocity_max"].max
     count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts.required_encoder.scale))
     if not 1 <= count_per_s <= most:
-        raise InputError(
-            f"--approach: expected 1 to {most} encoder counts per second, "
-            f"{order.approach_mm_per_s:g} mm/s are {count_per_s}"
-        )
+        raise ParameterError(
+            "approach_mm_per_s", f"expected 1 to {most} encoder counts per second, "
+            f"{order.approach_mm_per_s:g} mm/s are {count_per_s}",
+        )  # fmt: skip
     return order.firmware | {"approach_velocity_max": count_per_s}
 
 

@@ -88,7 +88,7 @@ class Goal:
             return "an ADC of more bits would let it rise"
         if self.hf_gain:
             return "a higher bound, which a reading with less noise permits, would let it rise"
-        return "`design --hf-gain` lets it rise where the reading is quiet"
+        return "a larger hf_gain of the design lets it rise where the reading is quiet"
 
 
 class GridPlace(NamedTuple):

@@ -20,6 +20,7 @@ from forceaxis.design.data_sheet import (
     radius_m,
     weight_n,
 )
+from forceaxis.errors import ParameterError
 
 APPROACH_M_PER_S = 0.02  # at most
 MOMENTUM_SHARE = 0.1  # of the sensor's full scale, of the force that it makes at the touch
@@ -424,6 +425,7 @@ def refuse_existing(folder, force):
         raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
     there = [name for name in (*FILES, HELD) if (folder / name).exists()]
     if there and not force:
-        raise InputError(
-            f"{folder}: expected no {', '.join(there)} there; take another name or give --force"
-        )
+        raise ParameterError(
+            "name", f"{folder}: expected no {', '.join(there)} there; take another name or give "
+            "`force`",
+        )  # fmt: skip

@@ -50,7 +50,8 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
             loop = plants.loop(member, outcomes.TIMINGS[latency], LoopSpec("bank", bank=bank))
             gain = loop.gain_of(bank.force_gain)
             kind = "members" if not nominal else "late" if latency else "nominal"
-            found.append((gain * loop.open.response(frequency_hz), kind))
+            response = np.asarray(gain * loop.open.response(frequency_hz), complex)
+            found.append((response, kind))
     return found
 
 

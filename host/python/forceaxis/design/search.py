@@ -20,6 +20,7 @@ from forceaxis.design.banks import BankFigures, bank_figures
 from forceaxis.design.certificate import P, WorstFigures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import DELAYS, THIN, Goal, Grid, Response, Samples, blocks
+from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 
@@ -274,7 +275,7 @@ def _check(goal: Goal) -> None:
             )
     for name in ("ms", "ms_late", "gain_margin"):
         if not getattr(goal, name) > 1:
-            raise InputError(f"--{name.replace('_', '-')}: expected a number above 1")
+            raise ParameterError(name, "expected a number above 1")
 
 
 def check_plants(problem: SearchProblem) -> None:
@@ -318,12 +319,6 @@ def _result(
         if chosen is None or _is_worth_it(row, chosen):
             chosen = row
 
-    def p_law() -> P:
-        for row in rows:
-            if row.name == "P" and row.worst:
-                return certificate.p_figures(row.worst, row.bank.bank)
-        return certificate.NoPFigures()
-
     def taken(name: str) -> SearchResult | None:
         # The gain of the other structures is not made exact: they are only compared.
         at = next(i for i, row in enumerate(rows) if row.name == name)
@@ -335,7 +330,7 @@ def _result(
         return SearchResult(
             bank,
             worst,
-            p_law(),
+            _p_of(rows),
             rows,
             certificate.sentence(tightest, bank, steep[name], bounds, goal.hf_cure()),
             name,
@@ -348,11 +343,19 @@ def _result(
     return found
 
 
-def _no_gain() -> InputError:
-    return InputError(
-        f"--ms: expected margins that some law keeps over the set and still follows, no gain from "
-        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow --over or accept smaller margins"
-    )
+def _p_of(rows: list[StructureDesign]) -> P:
+    """The figures of the P law among the structures."""
+    for row in rows:
+        if row.name == "P" and row.worst:
+            return certificate.p_figures(row.worst, row.bank.bank)
+    return certificate.NoPFigures()
+
+
+def _no_gain() -> ParameterError:
+    return ParameterError(
+        "ms", "expected margins that some law keeps over the set and still follows, no gain from "
+        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow `over` or accept smaller margins",
+    )  # fmt: skip
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:

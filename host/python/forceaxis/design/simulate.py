@@ -33,6 +33,7 @@ from forceaxis.design.cases import (
 )
 from forceaxis.design.changes import Design
 from forceaxis.design.outcome import ContactLoss
+from forceaxis.errors import ParameterError
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
@@ -170,14 +171,15 @@ class ContactBench:
             (self._stall_N(), "the drive's largest force"),
         ):
             if self.forces_N[-1] > most_N:
-                raise InputError(
-                    f"--force: {self.forces_N[-1]:.4g} N: expected at most {most_N:.4g} N, {what}"
+                raise ParameterError(
+                    "forces_N",
+                    f"{self.forces_N[-1]:.4g} N: expected at most {most_N:.4g} N, {what}",
                 )
         if self.forces_N[0] < self.count_N:
-            raise InputError(
-                f"--force: {self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, a "
-                "count of the reading at 8 bits"
-            )
+            raise ParameterError(
+                "forces_N", f"{self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, a "
+                "count of the reading at 8 bits",
+            )  # fmt: skip
 
     def _position_gain(self) -> float:
         """A sixth of the linear limit out of contact, as in `forceaxis new`."""
@@ -534,7 +536,7 @@ def safe(
     raise InputError(
         f"simulation: expected contact that settles, {last.case} does not even at "
         f"{last.force_gain:.3g}, {share:.2g} of the designed gain ({last.why}); a smaller set, a "
-        "softer pad, a slower approach (--approach) or other forces (--force)"
+        "softer pad, a slower approach or other forces"
     )
 
 
@@ -549,6 +551,6 @@ def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> Non
         f"simulation: expected the approach to reach the part, {never[0].case} never touches it "
         f"({1e3 * bench.gap_m():.3g} mm away); the force law has no part in this: the position "
         f"gain {gain:.4g} is too small against what holds the axis back (a flexure, gravity, dry "
-        "friction), or the approach too slow; raise [firmware] position_gain or --approach, or "
-        "start nearer to the part"
+        "friction), or the approach too slow; raise [firmware] position_gain or the "
+        "speed of the approach, or start nearer to the part"
     )

@@ -1,4 +1,4 @@
-"""What bandwidth costs: designs for one margin after another, as a front (`--pareto`)."""
+"""What bandwidth costs: designs for one margin after another, as a front (`pareto`)."""
 
 import json
 from collections.abc import Callable
@@ -16,6 +16,7 @@ from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
 from forceaxis.design.outcome import LATENCIES, TIMINGS, DesignOrder
 from forceaxis.design.reduced import ShapedDesign, ShortSearch
+from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank
 from forceaxis.results import json_field, to_json
 
@@ -65,8 +66,8 @@ def against_of(text: str) -> str:
     """ms of "bandwidth,ms"."""
     names = text.split(",")
     if len(names) != 2 or names[0] != "bandwidth" or names[1] not in AGAINST:
-        raise InputError(
-            f"--pareto: expected bandwidth and one of {', '.join(AGAINST)}, got {text}"
+        raise ParameterError(
+            "pareto", f"expected bandwidth and one of {', '.join(AGAINST)}, got {text}"
         )
     return names[1]
 

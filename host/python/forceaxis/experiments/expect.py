@@ -460,7 +460,7 @@ def unit_of(key: str, signal: str, done: runs.Run) -> str:
     if key != "final_value":
         return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
     if signal in done.units:
-        return objects.unit_in_words(objects.BY_NAME[signal])
+        return str(objects.unit_in_words(objects.BY_NAME[signal]))
     return CODES.get(signal) or done.signal_units.get(signal, "")
 
 

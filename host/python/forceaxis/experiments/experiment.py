@@ -262,7 +262,7 @@ class Result:
 
     def __str__(self) -> str:
         """Give the summary that `forceaxis run` prints."""
-        return words.describe(self._run)
+        return words.describe(self._run.result, self._run.overrides)
 
     def __repr__(self) -> str:
         """Verdict, force held and settling time."""

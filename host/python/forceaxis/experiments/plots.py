@@ -264,7 +264,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
 
 
 @dataclass(frozen=True)
-class Level:
+class ExpectedLevel:
     """A height of a signal that is expected, in the unit of the trace."""
 
     row: int  # of the figure
@@ -288,7 +288,7 @@ class Settling:
 def comparison(
     time_s: Array,
     rows: Sequence[Columns],
-    levels: Sequence[Level],
+    levels: Sequence[ExpectedLevel],
     settling: Settling | None,
     table: str,
     title: str,
@@ -339,7 +339,7 @@ def comparison(
     return figure
 
 
-def mark_level(ax: Axes, factor: float, end: float, level: Level) -> None:
+def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> None:
     """The range expected of a height, from its start to the end, and the obtained one."""
     view, start = ax.get_ylim(), level.from_s
     low = level.low * factor if level.low > -np.inf else view[0]

@@ -5,7 +5,7 @@ import functools
 import os
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
@@ -89,11 +89,11 @@ def find(
     for target in map(Path, targets):
         if target.is_dir():
             below = (p for p in target.rglob("*.toml") if p.is_file())
-            found: Iterable[Path] = (
+            found = [
                 p
                 for p in below
                 if not any(part.startswith(".") for part in p.relative_to(target).parts)
-            )
+            ]
         elif target.exists():
             found = [target]
         else:
@@ -250,7 +250,7 @@ def figure(examined: expect.Examined) -> "Figure":
     if "peak_force_N" in wanted and forces != names[0]:
         names.append(forces)
     levels = [
-        plots.Level(row, key, start, level.low, level.high, value)
+        plots.ExpectedLevel(row, key, start, level.low, level.high, value)
         for row, key, start in (
             (0, "final_value", time_s[-1] - measured.final_s),
             (len(names) - 1, "peak_force_N", time_s[0]),

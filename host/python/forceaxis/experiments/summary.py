@@ -5,7 +5,7 @@ always a count of the force reading, at 8 bits for every ADC, or a count of the 
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from forceaxis import _core
 from forceaxis.experiments.run_result import (
@@ -18,9 +18,6 @@ from forceaxis.experiments.run_result import (
     RunResult,
 )
 from forceaxis.words import counted
-
-if TYPE_CHECKING:
-    from forceaxis.experiments.run import Run
 
 COUNTED_IN = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
 Row: TypeAlias = tuple[str, str]  # of a text for a terminal: its key and its value
@@ -201,14 +198,13 @@ def window_text(result: RunResult) -> str:
     return f"last {seconds:g} s: {', '.join(rows)}"
 
 
-def rows(done: "Run") -> list[Row]:
-    """The result of a run for a terminal, the verdict first."""
-    result = done.result
+def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
+    """The result of a run for a terminal, the verdict first. overrides: those of the run."""
     energy, metrics, margin = result.energy, result.metrics, result.edge_margin
     figure = f" (Fig {result.figure})" if result.figure else ""
     found = [("experiment", result.title + figure)]
-    if done.overrides:
-        found.append(("changed", ", ".join(done.overrides)))
+    if overrides:
+        found.append(("changed", ", ".join(overrides)))
     found.append(("verdict", verdict_text(result)))
     found += [("warning", text) for text in result.warnings]
     found.append(("fault", result.fault))
@@ -255,6 +251,6 @@ def link_rows(report: LinkReport) -> list[Row]:
     return found
 
 
-def describe(done: "Run") -> str:
+def describe(result: RunResult, overrides: Sequence[str] = ()) -> str:
     """The rows as lines."""
-    return "\n".join(f"{key:12} {value}" for key, value in rows(done))
+    return "\n".join(f"{key:12} {value}" for key, value in rows(result, overrides))

@@ -226,7 +226,7 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
 
 
 def read_response(
-    path: Path | str, model: Path | str, held: Mapping[str, float] | None = None, **given: Any
+    path: Path | str, model: Path | str, held: linear.Overrides | None = None, **given: Any
 ) -> Measurement:
     """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
 
@@ -241,7 +241,7 @@ def read_response(
     if file.suffix == ".csv":
         for key in ("output", "averages", "dt"):
             if key not in given:
-                raise ParameterError(key, f"expected with {file}, a CSV file does not have it")
+                raise ParameterError(key, f"expected with a CSV file, {file} does not have it")
         measured = response_of_csv(file, given["averages"])
         measured = replace(measured, **given, model=model, overrides=dict(held or {}))
         return checked(measured, file)

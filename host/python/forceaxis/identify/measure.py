@@ -47,7 +47,7 @@ class ExcitedPlant:
     wave: Reals  # V, one period; with a window, the whole excitation
 
     def __init__(
-        self, setup: Setup, overrides: Mapping[str, float], parts: int, samples: int, where: str
+        self, setup: Setup, overrides: linear.Overrides, parts: int, samples: int, where: str
     ) -> None:
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
@@ -197,7 +197,7 @@ def settling_steps(system: linear.System, where: str) -> int:
 def measure(
     target: str | Path,
     options: Mapping[str, Any] | None = None,
-    plant_set: Mapping[str, float] | None = None,
+    plant_set: linear.Overrides | None = None,
 ) -> Measurement:
     """Measure a frequency response. Returns a Measurement.
 
@@ -212,7 +212,7 @@ def measure(
 
 
 def measure_setup(
-    setup: Setup, where: str, plant_set: Mapping[str, float] | None = None
+    setup: Setup, where: str, plant_set: linear.Overrides | None = None
 ) -> Measurement:
     """measure() with the set-up already read; `where` names it in errors."""
     rng = np.random.default_rng(setup.seed)
@@ -311,7 +311,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
 
 
 def settling_of(
-    setup: Setup, plant_set: Mapping[str, float] | None, dt: float, where: str
+    setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
 ) -> tuple[int, bool]:
     """(samples until a transient has decayed, whether the plant integrates). Raises InputError."""
     overrides = dict(setup.set)

@@ -1,7 +1,6 @@
 """A measured frequency response: its error, characteristic values, comparison with a model."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +15,17 @@ Complexes = NDArray[np.complex128]
 BAND = 0.95
 COHERENT = 0.9
 FLAT = 0.1  # spread of an octave's amplitudes over their size that is a plateau
+
+
+@dataclass(frozen=True)
+class Points:
+    """A measured response at its frequencies, Hz."""
+
+    label: str
+    frequency_hz: Reals
+    magnitude: Reals  #: in the unit of the model's curve
+    phase_deg: Reals  #: in the turn of the model's curve
+    radius: Reals  #: the true response is this near with 95 %
 
 
 @dataclass(frozen=True)
@@ -79,7 +89,7 @@ class Measurement:
     dt: float  #: s from sample to sample, 1 / (1500 parts)
     inject: str  #: "volts" (plant alone) or "codes" (through the firmware, dt = 1/1500 s)
     model: str  #: path of the model file that was measured
-    overrides: Mapping[str, float]  #: nominal parameters, those of `predict()` without arguments
+    overrides: linear.Overrides  #: nominal parameters, those of `predict()` without arguments
     free: bool = False  #: contacts apart
     scale: float = 1.0  #: factor of the output
     window: str = "none"  #: or "hann", under which neighbouring frequencies mix
@@ -93,7 +103,7 @@ class Measurement:
     input_bias: float = 0.0  #: share by which the converter's noise in the input makes H1 too small
 
     def predict(
-        self, overrides: Mapping[str, float] | None = None, frequency_hz: ArrayLike | None = None
+        self, overrides: linear.Overrides | None = None, frequency_hz: ArrayLike | None = None
     ) -> Complexes:
         """The linear model's response between the same two signals, sampled alike: (n,) complex.
 
@@ -189,7 +199,7 @@ class Measurement:
         return Readings(low, float(frequency[0]), bool(flat), corner, crossings[:20])
 
 
-def sampled(measured: Measurement, overrides: Mapping[str, float]) -> linear.System:
+def sampled(measured: Measurement, overrides: linear.Overrides) -> linear.System:
     """The two signals over the drive's command (or the DAC's code) as a sampled System."""
     plain = [
         "drive.command" if name == "dac_code" else name

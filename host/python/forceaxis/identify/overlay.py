@@ -1,7 +1,7 @@
 """Measured responses over a model's between the same signals: `forceaxis bode --measured`."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,26 +10,15 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
-from forceaxis.identify.measurement import Measurement, Reals, sampled
+from forceaxis.identify.measurement import Measurement, Points, sampled
 from forceaxis.linear import curves
 from forceaxis.results import to_json
-
-
-@dataclass(frozen=True)
-class Points:
-    """A measured response at its frequencies, Hz."""
-
-    label: str
-    frequency_hz: Reals
-    magnitude: Reals  #: in the unit of the model's curve
-    phase_deg: Reals  #: in the turn of the model's curve
-    radius: Reals  #: the true response is this near with 95 %
 
 
 def overlay(
     model: Path | str,
     folders: Sequence[Path | str],
-    overrides: Mapping[str, float] | None = None,
+    overrides: linear.Overrides | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> tuple[list[curves.Curve], list[Points], dict[str, Any]]:
     """(curves of the model, Points of each folder, summary) of responses between the same signals.

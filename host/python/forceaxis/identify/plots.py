@@ -21,8 +21,7 @@ from forceaxis.drawing import (
     plain_ticks,
     style,
 )  # fmt: skip
-from forceaxis.identify.measurement import Complexes, Measurement
-from forceaxis.identify.overlay import Points
+from forceaxis.identify.measurement import Complexes, Measurement, Points
 from forceaxis.linear import plots
 from forceaxis.linear.curves import Curve
 
@@ -120,8 +119,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
 def overlay(
     curves: Sequence[Curve], points: Sequence[Points], summary: Mapping[str, Any]
 ) -> Figure:
-    """Figure of what `forceaxis bode --measured --json` prints: identify.overlay.Points with their
-    95 % band over the curves of the model."""
+    """Figure of measured responses, with their 95 % band, over the curves of the model."""
     output = summary["curves"][0]["output"]
     title = f"{name_of(summary['model'])}: {summary['input']} to {output}, measured and as modelled"
     figure: Figure = plots.bode([replace(c, label="model") for c in curves], title, output)

@@ -50,7 +50,7 @@ class MeasurementSummary:
     comparison: Comparison
     verdict: str
     readings: Readings
-    plant_set: dict[str, float]
+    plant_set: dict[str, float | str]
     seed: int
     firmware_hash: str
     simulator_hash: str
@@ -73,7 +73,7 @@ class MeasurementResult:
 def run(
     target: str | Path,
     options: Mapping[str, Any] | None = None,
-    plant_set: Mapping[str, float] | None = None,
+    plant_set: linear.Overrides | None = None,
     command: str = "",
 ) -> MeasurementResult:
     """measure(), compared with the linear model of the nominal parameters. `command` is the command

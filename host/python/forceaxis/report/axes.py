@@ -97,7 +97,7 @@ def _map(entries):
             "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAINS],
             "firmware.force_setpoint": [round(256 * setpoint * f) / 256 for f in MAP_FORCES],
         }
-        done = sweep.sweep(entry.file, grid=grid, threads=1)
+        done = sweep.sweep(sweep.SweepRequest(entry.file, grid=grid), threads=1)
         caption = (
             f"Stability of {entry.name} over gain and set-point; forceaxis sweep makes finer ones."
         )

@@ -162,7 +162,7 @@ def thesis_figure(number):
 
 def advised():
     """(advice for the laboratory's axis, its picture)."""
-    advice = advise.advise("laboratory", threads=1)
+    advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(advice_plot.figure(advice))
 
 
@@ -205,11 +205,9 @@ def values(threads=None):
     result = tables.run(threads)
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
     friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
-    stability_map = sweeps.sweep(
-        paths.EXPERIMENTS / "contact.toml",
-        grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
-        threads=threads,
-    )
+    grid = {"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"}
+    request = sweeps.SweepRequest(paths.EXPERIMENTS / "contact.toml", grid)
+    stability_map = sweeps.sweep(request, threads=threads)
     parameters = tables.parameters()
     constants = [
         {
