@@ -224,7 +224,7 @@ def measure(
     if way.overrides:
         options["set"] = linear.overrides(way.overrides)
     with waiting("measure"):
-        plant = linear.overrides(plant_set)
+        plant: dict[str, Any] = {**linear.overrides(plant_set)}
         done = analyzer.run(target, options, plant, command_line(target, options, plant))
         if out:
             analyzer.write(done, out)
