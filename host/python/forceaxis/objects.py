@@ -51,8 +51,7 @@ DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
     """{object: raw value} of the certificate of a bank with this CRC, made for an ADC of so many
     bits and a force_scale in uN; an object's name goes on with _ and the bank's number."""
-    values: dict[str, int] = _core.certificate(bank_crc, adc_bits, force_scale)
-    return values
+    return _core.certificate(bank_crc, adc_bits, force_scale)
 
 
 def default(name: str) -> float:
