@@ -12,11 +12,11 @@ from chip import ROOT
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.commission import measuring
-from forceaxis.commission.analyzer import Order
+from forceaxis.commission.analyzer import MeasuringOrder
 from forceaxis.identify import fit, result
 
 HOST = ROOT / "build/release/host"
-ORDER = Order(force_max_N=150.0, averages=6, amplitude=50)
+ORDER = MeasuringOrder(force_max_N=150.0, averages=6, amplitude=50)
 WORDS = "--free --force 75 --force-max 150 --averages 6 --level 50 --out"
 RESPONSES = tuple(live_axes.OF_MODEL)
 PLANT_K_W = 4.127e5  # N/m

@@ -23,12 +23,11 @@ from forceaxis.commission import (
     tune_measure,
 )
 from forceaxis.commission.analyzer import Analyzer
-from forceaxis.commission.level import Order
+from forceaxis.commission.level import MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import outcome
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
-from forceaxis.linear.bank import Bank
 
 pytestmark = pytest.mark.beside
 
@@ -58,7 +57,7 @@ def rubbing_press(press, folder, **found):
 
 def tuning(press, axis, out, say=lambda text: None, **changed):
     given = {"model": str(press / "model.toml"), "forces": FORCES, "over": OVER, "averages": 6}
-    order = tune.Order(**(given | {"force_max_N": FORCE_MAX_N} | changed))
+    order = tune.TuningOrder(**(given | {"force_max_N": FORCE_MAX_N} | changed))
     return tune.Tuning(axis, order, out, say)
 
 
@@ -129,9 +128,9 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
         scale = abs(linear.facts(work.model).required_encoder.scale)
         assert (
             max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
-            < (5.0 + 2 * tune.Order.travel_mm) * scale / 1e3
+            < (5.0 + 2 * tune.TuningOrder.travel_mm) * scale / 1e3
         )
-        found = tune_measure.moving_N(work)
+        found = tune_measure.moving_N(work, work.result("free"))
     assert found == pytest.approx(newton, rel=0.05, abs=0.3)
 
 
@@ -280,7 +279,9 @@ def measured(hidden, model, *words, **given):
         before = axis.get(*names)
         forces = tuple(word for word in words if word != "free")
         try:
-            done = measuring.measure(axis, Order(**order), forces, "free" in words, str(model))
+            done = measuring.measure(
+                axis, MeasuringOrder(**order), forces, "free" in words, str(model)
+            )
         finally:
             after = axis.get(*names)
             assert after.pop("drive_state") != "operation_enabled"
@@ -320,12 +321,15 @@ def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
     with Axis(SimLink(press / "contact.toml")) as axis:
         start = axis.read("position")
         axis.set(position_min=start - 120, position_max=start + 300)
-        with Analyzer(axis, Order(travel=500)) as analyzer:
+        with Analyzer(axis, MeasuringOrder(travel=500)) as analyzer:
             assert not friction.glide(analyzer, 512, first=2).rubs
         ends = [axis.link.axis.extremes[f"position_{end}_cnt"] for end in ("min", "max")]
         assert start - 130 < ends[0] and ends[1] < start + 130  # as far to either side
         axis.set(position_min=start - 5)
-        with Analyzer(axis, Order(travel=500)) as analyzer, pytest.raises(Refusal, match="counts"):
+        with (
+            Analyzer(axis, MeasuringOrder(travel=500)) as analyzer,
+            pytest.raises(Refusal, match="counts"),
+        ):
             friction.glide(analyzer, 512, first=2)
 
 
@@ -386,7 +390,7 @@ def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, see
     truth = drawn_axes.given(drawn_axes.truth_of(model, off))
     with Axis(SimLink(tmp_path / "true/contact.toml", truth)) as axis:
         done = measuring.measure(
-            axis, Order(force_max_N=most, averages=4), (low, high), False, str(model)
+            axis, MeasuringOrder(force_max_N=most, averages=4), (low, high), False, str(model)
         )
         assert axis.link.axis.extremes["force_N"] < most
     found = next(one.summary["friction"] for one in done.values())
@@ -554,13 +558,13 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
         work.run("check")
         assert any(line.startswith("mode ") and "seals slides" in line for line in said)
         work.run("free")
-        assert tune_measure.moving_N(work) == pytest.approx(40.0, rel=0.05)
-        held = work.result("check")["law"]
-        law = tune_measure.objects_of(work, Bank(held["gain"], held["integral_rad_per_s"]), {})
+        assert tune_measure.moving_N(work, work.result("free")) == pytest.approx(40.0, rel=0.05)
+        checked = work.result("check")
+        law = tune_measure.objects_of(work, checked, checked.law.bank, {})
         law |= tune_measure.reach(work)
         tune_measure.off(axis)
         with (
-            tune_measure.Settings(axis, law),
+            tune_measure.temporary(axis, law),
             tune_measure.analyzer_of(work) as measures,
         ):
             assert measures.press(18.0) == pytest.approx(18.0, rel=0.05)

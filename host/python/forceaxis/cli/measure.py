@@ -55,7 +55,7 @@ def measure_axis(way, out, as_json, live, options):
     known = ("band_hz", "resolution_hz", "averages", "seed")
     given = {n: options[n] for n in known} | {n: live[n] for n in ("force_max_N", "travel")}
     given |= {"settle_s": live["settle_s"], "amplitude": options["level"] and int(options["level"])}
-    order = analyzer.Order(**{n: value for n, value in given.items() if value is not None})
+    order = analyzer.MeasuringOrder(**{n: value for n, value in given.items() if value is not None})
     if not live["forces"] and not options["free"]:
         raise InputError("measure: expected --free, --force or both: what is to be measured")
     model = str(linear.find_model(live["model"])) if live["model"] else ""
@@ -67,7 +67,9 @@ def measure_axis(way, out, as_json, live, options):
 
     with live_options.owned(way) as axis:
         live_options.warn_of_newtons(axis, way)
-        kept = as_found.kept(as_found.Folder(axis, out, say)) if out else contextlib.nullcontext()
+        kept = contextlib.nullcontext()
+        if out:
+            kept = as_found.kept(as_found.AxisFolder(axis, out, say))
         try:
             with kept:
                 done = measuring.measure(

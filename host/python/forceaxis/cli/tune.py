@@ -17,6 +17,7 @@ from forceaxis.cli.common import (
     mode_option,
 )
 from forceaxis.cli.measure import band, newtons
+from forceaxis.results import to_json
 
 
 @click.command(
@@ -99,7 +100,7 @@ def tune(way, only, out, as_json, **options):
     given = {name: value for name, value in options.items() if value is not None}
     if "band_hz" in given:
         given["band_hz"] = tuple(given["band_hz"])
-    order = tuning.Order(**given)
+    order = tuning.TuningOrder(**given)
     with live_options.owned(way) as axis:
         steps = tuning.Tuning(
             axis, order, out, lambda text: click.echo(fitted(text, 2), err=as_json)
@@ -110,7 +111,7 @@ def tune(way, only, out, as_json, **options):
             summary = steps.summary()
             tune_page.write(steps, summary)
             if as_json:
-                click.echo(json.dumps(summary, allow_nan=False))
+                click.echo(json.dumps(to_json(summary), allow_nan=False))
     if not as_json:
         click.echo(f"page         {paths.quoted(out / tune_page.FILE)}")
 

@@ -1,6 +1,6 @@
 """A signal analyzer on a live axis: the response from DAC codes to the reading, or to the encoder.
 
-    analyzer = Analyzer(axis, Order(force_max_N=120))
+    analyzer = Analyzer(axis, MeasuringOrder(force_max_N=120))
     analyzer.rest()
     free = analyzer.free()
     pressed = analyzer.contact(30.0)
@@ -23,13 +23,13 @@ from forceaxis.axis import bounds
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.commission import friction, known, response
-from forceaxis.commission.level import Level, Order, Rest, noise_of
+from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
 
 IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 APART = ("position", "dac_code", "force")
-SWING = Order.swing
+SWING = MeasuringOrder.swing
 DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
 LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
@@ -66,7 +66,7 @@ class Analyzer:
     """
 
     def __init__(self, axis, order=None, model="", overrides=None, say=lambda text: None):
-        self.axis, self.order, self.say = axis, order or Order(), say
+        self.axis, self.order, self.say = axis, order or MeasuringOrder(), say
         self.model, self.overrides = str(model), dict(overrides or {})
         self._before = {}
         names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
@@ -156,7 +156,7 @@ class Analyzer:
         self.bound(bias, "noise", self.samples)
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
         noise = noise_of(still.values("force_raw"))
-        level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
+        level = Level(order.amplitude, bias, noise)
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
         level.of_loop = of_loop
         self._measure(level, self._pressed, still, order.swing * bias, "adc0", seeds)
@@ -191,7 +191,7 @@ class Analyzer:
         self.home = start
         self.axis.enable("profile position")
         still = self.axis.capture(APART, samples=self.samples)
-        level = Level(None, self.order.amplitude)
+        level = Level(self.order.amplitude)
         try:
             seeds = response.calm_seeds(
                 self.order.averages, self.samples, self._hold(), self.order.seed
@@ -244,7 +244,7 @@ class Analyzer:
             force = (y * scale).min(), (y * scale).max()
             zero = self.zero * 2.0 ** (8 - self.bits)
             level.force_min_N, level.force_max_N = (float((f - zero) * self.newton) for f in force)
-        level.measured = Measurement(
+        level.measured_or_none = Measurement(
             frequency_hz=self.lines * TICKS_PER_S / self.samples,
             **found,
             dof=float(len(r) - 1),
@@ -318,7 +318,7 @@ class Analyzer:
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
     def _halve(self, level, amplitude, ended):
-        level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
+        level.aborts.append(Abort(amplitude, ended.args[0]))
         self.say(f"{ended.args[0]} at {amplitude} codes: {'less' if self.order.rubs else 'halved'}")
         if amplitude < 2 or len(level.aborts) > (BACKS_RUBS if self.order.rubs else BACKS):
             raise Refusal(

@@ -238,7 +238,7 @@ def _refused(p: float, model: str, about: Record) -> Refusal:
 def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
     paths_of: list[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
-) -> joint_fit.Found:  # fmt: skip
+) -> joint_fit.JointFit:  # fmt: skip
     """commission.fit.joint of the responses at `paths_of`, with dampers for the friction of guide
     and gear that was measured where the model is rejected. Raises Refusal by the name `friction`
     where that is under the workpiece, or does not explain the responses either."""

@@ -83,7 +83,7 @@ class Directions:
 
 
 @dataclass(frozen=True)
-class Slow:
+class SlowLoading:
     """Of a slow change between two forces: friction under the workpiece, N (0: none shows; at
     least this where it `sticks` all the way), compliances in counts a newton of what moves always
     and of what moves only once the friction is overcome, and the softest place between the forces
@@ -312,9 +312,9 @@ def play(force: np.ndarray, half: float) -> np.ndarray:
     return left
 
 
-def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> Slow:
-    """The Slow of a record of between(). rigid: counts a newton of what is between the encoder and
-    the workpiece, by the model; 0: not known."""
+def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> SlowLoading:
+    """The SlowLoading of a record of between(). rigid: counts a newton of what is between the
+    encoder and the workpiece, by the model; 0: not known."""
     F, x = means(force), means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
@@ -344,7 +344,7 @@ def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> Slow:
         F, x - (c_slide * (play(F, half) - F) if rubs else 0.0), low, high
     )
     friction = half if rubs else (span / 2 if sticks else 0.0)
-    return Slow(
+    return SlowLoading(
         float(friction), sticks, float(c_stuck if rubs else c_all), float(c_slide if rubs else 0.0),
         softest_N, softest, low, high, round(float(np.ptp(x))),
     )  # fmt: skip

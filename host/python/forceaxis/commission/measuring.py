@@ -8,6 +8,7 @@ from forceaxis.commission import sought
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
+from forceaxis.results import to_json
 
 FREE = "free"
 
@@ -87,7 +88,16 @@ def result_of(axis, order, level, rest):
         "input": measured.input,
         "output": measured.output,
         "unit": measured.unit,
-        **level.about(),
+        "amplitude": level.amplitude,
+        "bias_N": level.bias_N,
+        "force_min_N": level.force_min_N,
+        "force_max_N": level.force_max_N,
+        "swing": level.swing,
+        "noise_lsb": level.noise_lsb,
+        "speed_rms": level.speed_rms,
+        "distorted": level.distorted,
+        "aborts": to_json(level.aborts),
+        "of_loop": level.of_loop,
         "rest": vars(rest),
         "force_max_allowed_N": order.force_max_N if np.isfinite(order.force_max_N) else None,
         "averages": measured.averages,

@@ -13,7 +13,7 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.commission import friction, known, rubbing
 from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
-from forceaxis.commission.level import Level, Order
+from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
 LOWER = LOWEST + MARGIN  # of the smallest force: from where it is changed slowly
@@ -30,7 +30,7 @@ WHOLE = 1.2  # times the friction under a workpiece: half a swing in which it sl
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundFriction:
     """What is known of dry friction at a response. moving_N, table_N: of guide and gear, by the
     model, and under the workpiece, None: not known; the motion apart, the slow change, what the
     codes differ by between rising and falling force, None where there was none; left_N: reading
@@ -39,7 +39,7 @@ class Found:
     moving_N: float | None = None
     table_N: float | None = None
     glide: friction.Glide | None = None
-    slow: friction.Slow | None = None
+    slow: friction.SlowLoading | None = None
     directions: friction.Directions | None = None
     left_N: float | None = None
     lines: str = ""
@@ -63,8 +63,8 @@ class Look:
 
     def __init__(self, analyzer: Analyzer, model: str = "", overrides: dict | None = None) -> None:
         self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
-        self.order: Order = analyzer.order
-        self.found = Found()
+        self.order: MeasuringOrder = analyzer.order
+        self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
             self.model = ""  # it says nothing of codes and counts
@@ -72,7 +72,7 @@ class Look:
         if not math.isfinite(self.newton):
             self.newton = 0.0
 
-    def apart(self) -> Found:
+    def apart(self) -> FoundFriction:
         """Before the response apart, whose amplitude is to slide. Raises Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.known["output_limit"])
@@ -86,7 +86,7 @@ class Look:
             raise Refusal(refusal.name, f"{refusal.text}, or give more --level") from None
         return self._found(replace(self.found, glide=glide))
 
-    def between(self, forces: tuple[float, ...]) -> Found:
+    def between(self, forces: tuple[float, ...]) -> FoundFriction:
         """Before the responses in contact: what is between the forces and about them."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
@@ -126,7 +126,7 @@ class Look:
             return self.found.glide.rate
         return known.code_rate(self.model, self.overrides) if self.model else 0.0
 
-    def _found(self, found: Found) -> Found:
+    def _found(self, found: FoundFriction) -> FoundFriction:
         moving = found.dead_zone * self.newton if self.newton else None
         table = found.slow.friction_N if found.slow is not None else None
         lines = ""
@@ -163,7 +163,7 @@ class Look:
         )  # fmt: skip
 
 
-def summary(found: Found, level: Level) -> dict:
+def summary(found: FoundFriction, level: Level) -> dict:
     """What the file of a response says of friction."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
