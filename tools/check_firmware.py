@@ -7,8 +7,8 @@ Each rule is checked in the source text, without comments, and where a trick cou
 the objects that a Cortex-M4 compiler makes of it. One line per finding, and status 1; status 0 and
 one line when there is none; status 2 when a tool or a folder is missing.
 
-In firmware/{fx,objects,core,drive,canopen,modbus,app}, without the host's axis_objects_meta.h, with
-every folder below them:
+In firmware/{fx,objects,core,guard,drive,canopen,modbus,storage,app}, without the host's
+axis_objects_meta.h, with every folder below them:
   float        no float or double type, no floating literal; no floating instruction, compiled with
                hardware floating point, so that the compiler would use one
   heap         no malloc and its kin
@@ -22,7 +22,8 @@ Everywhere in firmware, sim and host:
   layering     firmware includes firmware only and sim sim only; a project header is included in
                quotes, from the root ("firmware/...", "sim/...", "host/..."), without ".."
   circle       no file reaches itself by includes, and in those folders of firmware/ none by
-               includes and calls
+               includes and calls; but in drive and app, whose files share the structure of one
+               header, no module (NAME.h with NAME.c) reaches itself by includes either
   folder       nothing lies below firmware/ but in those folders and port
 """
 
@@ -35,7 +36,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-FOLDERS = ("fx", "objects", "core", "drive", "canopen", "modbus", "app")
+FOLDERS = ("fx", "objects", "core", "guard", "drive", "canopen", "modbus", "storage", "app")
+# Their files are parts of one structure, cia402_t and fw_t, which drive.h and fw.h define.
+ONE_STRUCTURE = ("drive", "app")
 PORTS = "port"  # includes anything in firmware, may use the compiler's library and conditionals
 # What else there is below firmware/.
 OTHER_FILES = {
@@ -58,10 +61,22 @@ MAY_INCLUDE = {
     "fx": ("fx/",),
     "objects": ("objects/", "fx/"),
     "core": ("core/", "objects/", "fx/"),
-    "drive": ("drive/", "core/", "objects/", "fx/"),
+    "guard": ("guard/", "core/", "objects/", "fx/"),
+    "drive": ("drive/", "guard/", "core/", "objects/", "fx/"),
     "canopen": ("canopen/", "objects/", "fx/"),
     "modbus": ("modbus/", "objects/", "fx/"),
-    "app": ("app/", "modbus/", "canopen/", "drive/", "core/", "objects/", "fx/"),
+    "storage": ("storage/", "canopen/", "core/", "objects/", "fx/"),
+    "app": (
+        "app/",
+        "storage/",
+        "modbus/",
+        "canopen/",
+        "drive/",
+        "guard/",
+        "core/",
+        "objects/",
+        "fx/",
+    ),
 }
 # Helpers of the compiler that a target may call. None is needed.
 COMPILER_HELPERS = frozenset()
@@ -349,6 +364,24 @@ def check_circles(root, calls, findings):
             add(path, other)
     for names in circles(uses):
         findings.add(Path(names[0]), 0, "circle", "uses itself through " + ", ".join(names[1:]))
+    check_module_circles(root, findings)
+
+
+def check_module_circles(root, findings):
+    """No module, NAME.h with NAME.c, includes itself through others."""
+    uses = {}
+    for folder in FOLDERS:
+        for path in (
+            sources_below(root / "firmware" / folder) if folder not in ONE_STRUCTURE else ()
+        ):
+            own = path.relative_to(root).with_suffix("").as_posix()
+            for _, header, kind in included(read(path)):
+                other = Path(header).with_suffix("").as_posix()
+                if kind == '"' and other != own:
+                    uses.setdefault(own, set()).add(other)
+    for names in circles(uses):
+        found = "the module includes itself through " + ", ".join(names[1:])
+        findings.add(Path(names[0]), 0, "circle", found)
 
 
 def folder_of(name):

@@ -5,7 +5,8 @@ usage: tools/test [--quick | --all]
   --quick  format, style, gates, unit tests, half of the million frames: after every change
            (90 s at most)
   (none)   all that decides whether a change is good (10 minutes)
-  --all    that, and what needs longer: more seeds, whole sweeps, fuzzers (40 minutes)
+  --all    that, and what needs longer: more seeds, whole sweeps, fuzzers; at the end, whether each
+           promise of docs/guide/proofs.md is held by tests that passed (40 minutes)
 
 A skipped test is a failed test here, and so is a program that ends without its result. A test that
 runs in wall time on real buses and fails is tried a second time; what both tries printed is shown,
@@ -20,8 +21,10 @@ import subprocess
 import sys
 import threading
 import time
-import xml.etree.ElementTree as ET
 from pathlib import Path
+
+import junit
+import promises
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build"
@@ -41,6 +44,7 @@ class Tally:
         self.passed = self.failed = 0
         self.second_tries = []  # (name of a test that failed once, whether it then passed)
         self.seconds = []  # (seconds, name)
+        self.files = []  # (JUnit file, that of the second try or None)
         self.begin = time.monotonic()
         self.lock = threading.Lock()  # two threads count
 
@@ -54,8 +58,9 @@ class Tally:
     def read(self, stage, begin, xml, status, second=None):
         """Counts the tests of a JUnit file; a program's bad end that no failed test explains is
         one more. `second`: the JUnit file of the second try of those that failed."""
-        results = outcomes(xml)
-        again = outcomes(second) if second else {}
+        self.files.append((xml, second))
+        results = junit.outcomes(xml)
+        again = junit.outcomes(second) if second else {}
         for name, (seconds, passed) in again.items():
             self.second_tries.append((name, passed))
             results[name] = (seconds + results.get(name, (0.0, False))[0], passed)
@@ -77,19 +82,6 @@ class Tally:
         print(f"{minutes} min {seconds} s")
         print(f"{self.passed} passed, {self.failed} failed")
         return 1 if self.failed else 0
-
-
-def outcomes(xml):
-    """{name: (seconds, passed)} of the tests of a JUnit file; {} without the file. A test whose
-    call passes and whose teardown fails has two entries there, and failed."""
-    found = {}
-    for case in ET.parse(xml).iter("testcase") if xml.exists() else ():
-        bad = any(case.find(tag) is not None for tag in ("failure", "error", "skipped"))
-        bad = bad or case.get("status") in ("fail", "disabled", "notrun")
-        name = f"{case.get('classname', '').replace('.', '/')} {case.get('name')}"
-        seconds, passed = found.get(name, (0.0, True))
-        found[name] = (seconds + float(case.get("time", 0)), passed and not bad)
-    return found
 
 
 def build(tally, preset, target):
@@ -131,7 +123,9 @@ def pytest(tally, stage, expression, *options, prefix=(), twice=False):
     if prefix and done.returncode:
         print(done.stdout + done.stderr, end="")
     # Status 1: the run was whole, and tests of it failed.
-    tried_again = twice and done.returncode == 1 and any(not p for _, p in outcomes(xml).values())
+    tried_again = (
+        twice and done.returncode == 1 and any(not p for _, p in junit.outcomes(xml).values())
+    )
     if tried_again:
         print(f"pytest {stage}: what failed is tried a second time", flush=True)
         again = [*base, "--last-failed", "--last-failed-no-failures=none"]
@@ -150,10 +144,20 @@ def fuzz(tally, seconds, prefix=()):
     )
     print(done.stdout + done.stderr, end="")
     fuzzers = [f.stem for f in sorted((ROOT / "tests/firmware/fuzz").glob("*_fuzz.c*"))]
-    clean = sum(
-        bool(re.search(rf"^fuzz {f}: .*nothing found$", done.stdout, re.M)) for f in fuzzers
-    )
-    tally.count("fuzz", begin, clean, len(fuzzers) - clean)
+    xml = BUILD / "fuzz.xml"
+    found = r"^fuzz {}: .*nothing found$"
+    clean = {f: bool(re.search(found.format(f), done.stdout, re.M)) for f in fuzzers}
+    junit.write(xml, "fuzz", clean)
+    tally.read("fuzz", begin, xml, done.returncode)
+
+
+def check_promises(tally):
+    """Each promise of docs/guide/proofs.md is held by tests that ran and passed."""
+    begin, rows = time.monotonic(), promises.load()
+    lines = promises.faults(rows, promises.known()) + promises.unproven(rows, tally.files)
+    for line in lines:
+        print(f"promises: {line}", flush=True)
+    tally.count("promises", begin, len(rows), len(lines))
 
 
 def beside(tally):
@@ -206,6 +210,7 @@ def main(arguments):
         pytest(tally, "long", "long and not alone", *PARALLEL)
         with meanwhile(tally, lambda: fuzz(tally, FUZZ_ALL_S, IDLE)):
             pytest(tally, "long-alone", "long and alone", twice=True)
+        check_promises(tally)
     return tally.end()
 
 

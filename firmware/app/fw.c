@@ -35,7 +35,7 @@ static uint8_t fault_of(const fw_t *fw) {
 
 /* The test before the first motion keeps the bounds that it began with. */
 static bool is_frozen(const fw_t *fw, uint16_t object) {
-  return first_motion_is_running(&fw->drive.first_motion) && first_motion_is_bounded_by(object);
+  return guards_freeze(&fw->drive.guards, object);
 }
 
 static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -61,8 +61,8 @@ static void axis_written(dictionary_t *objects, uint8_t source, uint16_t object,
   if (object == AXIS_OBJ_ADC_BITS) {
     law_adc_written(fw);
   }
-  if (value != previous && first_motion_depends_on(object)) {
-    first_motion_forget(&fw->drive.first_motion, &fw->drive.signals);
+  if (value != previous) {
+    guards_written(&fw->drive.guards, &fw->drive.signals, object);
   }
   if (object == AXIS_OBJ_MODE) {
     if (value == AXIS_MODE_DISABLED) {

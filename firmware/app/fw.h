@@ -8,8 +8,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/archive.h"
-#include "firmware/app/store.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/node.h"
 #include "firmware/core/axis.h"
@@ -19,6 +17,8 @@
 #include "firmware/drive/drive.h"
 #include "firmware/modbus/server.h"
 #include "firmware/objects/dictionary.h"
+#include "firmware/storage/archive.h"
+#include "firmware/storage/store.h"
 
 /* Recorder buffer of the host and the default of a port: 5 s of two 16-bit codes. */
 #define FW_RECORDER_BYTES 32768
@@ -129,8 +129,8 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  *
  * Faults set code 0, amplifier and brake off, counted from the event, 1 being the next tick:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
- *   findings of the test before the first motion (drive/first_motion.h)    1
- *   findings of the force sensor's supervision (drive/sensor.h)            1
+ *   findings of the test before the first motion (guard/first_motion.h)    1
+ *   findings of the force sensor's supervision (guard/sensor.h)            1
  *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks; fw_board()     1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1

@@ -1,8 +1,8 @@
 #include "firmware/app/sensing.h"
 
 #include "firmware/app/law.h"
-#include "firmware/drive/calibration.h"
 #include "firmware/drive/state.h"
+#include "firmware/guard/calibration.h"
 
 /* Puts the result in force, and what depends on it: a command cannot write objects itself. */
 static void adopt(fw_t *fw, uint32_t force_scale) {
@@ -38,20 +38,20 @@ int sensing_command(fw_t *fw, uint16_t object) {
   if (object == AXIS_OBJ_CALIBRATE) {
     return calibrate(fw);
   }
-  tare_begin(&fw->drive.tare, &fw->drive.signals);
+  tare_begin(&fw->drive.guards.tare, &fw->drive.signals);
   return FW_OK;
 }
 
 void sensing_serve(fw_t *fw) {
-  if (fw->drive.tare.found == 0 || store_is_busy(&fw->store)) {
+  if (fw->drive.guards.tare.found == 0 || store_is_busy(&fw->store)) {
     return;
   }
   /* Enabled since its last reading: the law begins with the tare that it was enabled with. */
   const bool enabled = cia402_is_powered(fw->drive.signals.drive_state) ||
                        fw->axis.signals.active_mode != AXIS_MODE_DISABLED;
   if (!enabled) {
-    fw->axis.params.force_tare = fw->drive.tare.tare_q8;
+    fw->axis.params.force_tare = fw->drive.guards.tare.tare_q8;
   }
-  tare_done(&fw->drive.tare, &fw->drive.signals,
+  tare_done(&fw->drive.guards.tare, &fw->drive.signals,
             enabled ? AXIS_TARE_STATE_REFUSED_ENABLED : AXIS_TARE_STATE_DONE);
 }

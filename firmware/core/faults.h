@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-#include "firmware/core/axis.h"
+#include "firmware/core/axis_state.h"
 #include "firmware/fx/fx.h"
 
 /* A limit of 0 is off. */

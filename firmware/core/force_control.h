@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-#include "firmware/core/axis.h"
+#include "firmware/core/axis_state.h"
 
 /* Command of this tick in 1/65536 code: of force_gain alone, or of the selected bank, whose
  * integral grows only in contact and not against an active limit; with excitation_q16 added behind

@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-#include "firmware/core/axis.h"
+#include "firmware/core/axis_state.h"
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 

@@ -36,7 +36,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   if (drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     cia402_leave_mode(drive);
     drive->unsupervised = 0;
-    first_motion_cancel(&drive->first_motion, &drive->signals);
+    first_motion_cancel(&drive->guards.first_motion, &drive->signals);
   }
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
@@ -66,7 +66,7 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
     return; /* the first one stays */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
-      !first_motion_is_running(&drive->first_motion) && !is_at_rest(axis)) {
+      !first_motion_is_running(&drive->guards.first_motion) && !is_at_rest(axis)) {
     enter(drive, AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE);
     drive->fault = fault;
     return;
@@ -151,19 +151,18 @@ static void react(cia402_t *drive, axis_t *axis) {
   }
 }
 
-static void answer_touch(cia402_t *drive, axis_t *axis) {
-  const uint8_t fault =
-      touch_answer(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
+static void answer_guards(cia402_t *drive, axis_t *axis) {
+  const uint8_t fault = guards_answer(&drive->guards, &drive->params, &drive->signals, axis);
   if (fault != AXIS_FAULT_NONE && state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     raise_fault(drive, axis, fault);
   }
 }
 
 void cia402_before(cia402_t *drive, axis_t *axis) {
-  if (drive->touch.finding != AXIS_FAULT_NONE) {
-    answer_touch(drive, axis);
+  if (guards_have_finding(&drive->guards)) {
+    answer_guards(drive, axis);
   }
-  drive->touch.setpoint = 0;
+  guards_before(&drive->guards);
   drive->slowing = (uint8_t)((drive->slowing == CIA402_SLOWING) ? 1 : 0);
   drive->limited = 0;
   drive->lead_cnt = 0;
@@ -203,8 +202,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
     drive->tracking = CIA402_TRACKING_NONE;
   }
   if (controlled != 0 && drive->controlled == 0) {
-    contact_start(&drive->contact, &drive->signals);
-    touch_start(&drive->touch);
+    guards_start(&drive->guards, &drive->signals);
   }
   drive->controlled = controlled;
   if (drive->homing.state == CIA402_HOMING_ASKED) {
@@ -226,7 +224,7 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
 
 /* A transition that a controlword asked for: by the option codes. */
 static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
-  if (first_motion_is_running(&drive->first_motion)) {
+  if (first_motion_is_running(&drive->guards.first_motion)) {
     enter(drive,
           (to == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) ? AXIS_DRIVE_STATE_SWITCH_ON_DISABLED : to);
   } else if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && to == AXIS_DRIVE_STATE_SWITCHED_ON) {
@@ -261,7 +259,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   go(drive, axis, from, to);
   if (to == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     drive->setpoint.position = cia402_user(drive, axis->signals.position);
-    first_motion_begin(&drive->first_motion, &drive->params, &drive->signals);
+    first_motion_begin(&drive->guards.first_motion, &drive->params, &drive->signals);
   }
 }
 
@@ -281,7 +279,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     homing_interrupt(drive);
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
-      wants_other_mode(drive) || first_motion_is_running(&drive->first_motion)) {
+      wants_other_mode(drive) || first_motion_is_running(&drive->guards.first_motion)) {
     return;
   }
   switch (drive->signals.modes_of_operation_display) {
@@ -317,8 +315,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
     drive->reached_tick = 0; /* a target, or what it is judged by */
   }
-  if (value != previous && first_motion_depends_on(object)) {
-    first_motion_forget(&drive->first_motion, &drive->signals);
+  if (value != previous) {
+    guards_written(&drive->guards, &drive->signals, object);
   }
   switch (object) {
     case AXIS_OBJ_CONTROLWORD:
@@ -411,7 +409,7 @@ void cia402_native_mode(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode != AXIS_MODE_DISABLED) {
     drive->signals.stopped_by = AXIS_STOPPED_BY_NOBODY;
     enter(drive, AXIS_DRIVE_STATE_OPERATION_ENABLED);
-    first_motion_cancel(&drive->first_motion, &drive->signals);
+    first_motion_cancel(&drive->guards.first_motion, &drive->signals);
     drive->params.modes_of_operation = cia402_operation_of(mode);
     if (wants_other_mode(drive)) {
       change_mode(drive);
@@ -439,7 +437,8 @@ int cia402_fault_reset(cia402_t *drive, axis_t *axis) {
 
 bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
-  contact_excitation_end(&drive->excitation, &drive->signals, AXIS_EXCITATION_STATE_ENDED_OWNER);
+  contact_excitation_end(&drive->guards.excitation, &drive->signals,
+                         AXIS_EXCITATION_STATE_ENDED_OWNER);
   if (state != AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       drive->params.abort_connection_option != ABORT_NOTHING) {
     cia402_forget_targets(drive);
@@ -456,7 +455,7 @@ bool cia402_owner_lost(cia402_t *drive, axis_t *axis, uint8_t fault) {
       enter(drive, AXIS_DRIVE_STATE_SWITCH_ON_DISABLED);
       break;
     case ABORT_QUICK_STOP:
-      enter(drive, (first_motion_is_running(&drive->first_motion) || is_at_rest(axis))
+      enter(drive, (first_motion_is_running(&drive->guards.first_motion) || is_at_rest(axis))
                        ? AXIS_DRIVE_STATE_SWITCH_ON_DISABLED
                        : AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE);
       break;

@@ -24,14 +24,9 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
-#include "firmware/drive/contact.h"
-#include "firmware/drive/contact_excitation.h"
-#include "firmware/drive/first_motion.h"
-#include "firmware/drive/sensor.h"
 #include "firmware/drive/shaper.h"
-#include "firmware/drive/tare.h"
-#include "firmware/drive/touch.h"
 #include "firmware/fx/fx.h"
+#include "firmware/guard/guards.h"
 
 /* Homing: requested by the controlword; begun, once the axis stands; seeking its place; done or
  * failed. */
@@ -143,13 +138,8 @@ typedef struct {
   int32_t velocities[CIA402_MEAN_TICKS];
   shaper_t force_shaper;  /* of modes 4 and 10 in per mille, Q16; of mode -1 in 1/256 count */
   shaper_t motion_shaper; /* of the trajectory's speed */
-  contact_t contact;
-  contact_excitation_t excitation;
-  touch_t touch;
+  guards_t guards;
   cia402_homing_t homing;
-  first_motion_t first_motion;
-  sensor_t sensor;
-  tare_t tare;
   cia402_overridden_t overridden;
   uint8_t velocity_next;      /* slot of the oldest */
   uint8_t tracking;           /* CIA402_TRACKING_ */
@@ -185,17 +175,14 @@ void cia402_wake(cia402_t *drive, const axis_t *axis);
 /* Before axis_tick(): the targets of the tick; then what depends on its inputs; and after it. */
 void cia402_before(cia402_t *drive, axis_t *axis);
 static inline void cia402_with_inputs(cia402_t *drive, axis_t *axis, const axis_inputs_t *inputs) {
-  if (contact_excitation_is_active(&drive->signals)) {
-    contact_excitation_add(&drive->excitation, &drive->params, &drive->signals, axis, inputs);
-  }
+  guards_limit(&drive->guards, &drive->params, &drive->signals, axis, inputs);
 }
 void cia402_after(cia402_t *drive, axis_t *axis);
 
 /* After axis_tick(), before its outputs are put out: takes them back where a reading of this tick
  * is a fault. */
 static inline void cia402_control(cia402_t *drive, axis_t *axis, axis_outputs_t *outputs) {
-  first_motion_check(&drive->first_motion, &drive->params, &drive->signals, axis, outputs);
-  sensor_check(&drive->sensor, &drive->params, axis, outputs);
+  guards_check(&drive->guards, &drive->params, &drive->signals, axis, outputs);
 }
 
 /* Whether a value within its range may be written to an object of the drive: FW_OK or

@@ -103,7 +103,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const int32_t wanted = halted ? 0 : wanted_force(drive);
   const int32_t target = bounded_force(drive, wanted);
   drive->limited |= (uint8_t)(target != wanted);
-  touch_approach(&drive->touch, target, drive->force_demand_q16);
+  contact_guard_approach(&drive->guards.contact_guard, target, drive->force_demand_q16);
   const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
@@ -176,7 +176,7 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
 static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
   press(drive, axis,
         fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));
-  touch_press(&drive->touch, &drive->signals, axis, demand);
+  contact_guard_press(&drive->guards.contact_guard, &drive->signals, axis, demand);
 }
 
 void force_stiffness(cia402_t *drive, axis_t *axis) {

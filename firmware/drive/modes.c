@@ -123,7 +123,7 @@ static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
          (mode->lead != NULL || mode->halts_itself != 0 || mode->native == AXIS_MODE_POSITION ||
-          (mode->controls_force != 0 && drive->touch.speed_q8 != 0));
+          (mode->controls_force != 0 && drive->guards.contact_guard.speed_q8 != 0));
 }
 
 /* The set-point of the force law of mode -1, from the force that is there. */
@@ -142,7 +142,7 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   axis->params.mode = mode;
   if (mode == AXIS_MODE_FORCE) {
     const int32_t demand = axis->params.force_setpoint;
-    if (drive->touch.speed_q8 != 0 || drive->uncertified != 0) {
+    if (drive->guards.contact_guard.speed_q8 != 0 || drive->uncertified != 0) {
       motion_override(drive, axis);
     }
     if (drive->uncertified != 0) {
@@ -154,7 +154,7 @@ static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
     if (shaper_is_on(&drive->force_shaper)) {
       shape_setpoint(drive, axis);
     }
-    touch_press(&drive->touch, &drive->signals, axis, demand);
+    contact_guard_press(&drive->guards.contact_guard, &drive->signals, axis, demand);
   }
 }
 
@@ -188,10 +188,10 @@ void cia402_run(cia402_t *drive, axis_t *axis) {
 bool cia402_run_first_motion(cia402_t *drive, axis_t *axis) {
   if (axis->params.position_gain == 0 && drive->params.first_motion_test != 0 &&
       needs_position_gain(drive)) {
-    first_motion_refuse(&drive->first_motion, &drive->signals, axis);
+    first_motion_refuse(&drive->guards.first_motion, &drive->signals, axis);
     return true;
   }
-  if (!first_motion_is_running(&drive->first_motion)) {
+  if (!first_motion_is_running(&drive->guards.first_motion)) {
     return false;
   }
   if (drive->params.modes_of_operation != drive->signals.modes_of_operation_display) {
@@ -199,7 +199,7 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis) {
     cia402_set_mode(drive, drive->params.modes_of_operation);
   }
   motion_override(drive, axis);
-  first_motion_command(&drive->first_motion, axis,
+  first_motion_command(&drive->guards.first_motion, axis,
                        (drive->params.controlword & CIA402_CW_HALT) != 0);
   return true;
 }
@@ -207,7 +207,7 @@ bool cia402_run_first_motion(cia402_t *drive, axis_t *axis) {
 bool cia402_is_guided_by_force(const cia402_t *drive) {
   const int8_t mode = drive->signals.modes_of_operation_display;
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-         !first_motion_is_running(&drive->first_motion) &&
+         !first_motion_is_running(&drive->guards.first_motion) &&
          (drive->mode->controls_force != 0 || mode == AXIS_MODES_OF_OPERATION_GUARDED_MOVE ||
           (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0));
 }
@@ -222,12 +222,12 @@ static bool may_be_excited(const cia402_t *drive) {
 }
 
 int cia402_excite(cia402_t *drive, const axis_t *axis, bool start) {
-  return contact_excitation_command(&drive->excitation, &drive->params, &drive->signals, axis,
-                                    start, may_be_excited(drive));
+  return contact_excitation_command(&drive->guards.excitation, &drive->params, &drive->signals,
+                                    axis, start, may_be_excited(drive));
 }
 
 void cia402_prepare_excitation(cia402_t *drive, axis_t *axis) {
-  contact_excitation_prepare(&drive->excitation, &drive->params, &drive->signals, axis,
+  contact_excitation_prepare(&drive->guards.excitation, &drive->params, &drive->signals, axis,
                              may_be_excited(drive));
 }
 

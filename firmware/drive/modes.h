@@ -73,7 +73,7 @@ static inline void cia402_excite_before(cia402_t *drive, axis_t *axis) {
 }
 static inline void cia402_excite_after(cia402_t *drive, axis_t *axis) {
   if (contact_excitation_is_active(&drive->signals)) {
-    contact_excitation_remove(&drive->excitation, &drive->params, &drive->signals, axis);
+    contact_excitation_remove(&drive->guards.excitation, &drive->params, &drive->signals, axis);
   }
 }
 

@@ -1,6 +1,5 @@
 #include "firmware/drive/parameters.h"
 
-#include "firmware/drive/calibration.h"
 #include "firmware/drive/homing.h"
 #include "firmware/drive/modes.h"
 #include "firmware/drive/units.h"
@@ -16,7 +15,6 @@ static void derive_rates(cia402_t *drive) {
   drive->acceleration = units_rate_q16(drive, params->trajectory_acceleration);
   drive->deceleration = units_rate_q16(drive, params->trajectory_deceleration);
   drive->quick_deceleration = units_rate_q16(drive, params->quick_stop_deceleration);
-  touch_derive(&drive->touch, params);
 }
 
 static void derive_forces(cia402_t *drive) {
@@ -62,21 +60,17 @@ static void derive_shapers(cia402_t *drive) {
                  params->motion_shaper_amplitude, params->motion_shaper_delay);
 }
 
-static void derive_expiry(cia402_t *drive) {
-  drive->signals.calibration_expired = calibration_is_expired(&drive->params) ? 1 : 0;
-}
-
 void parameters_derive(cia402_t *drive) {
   units_derive(drive);
   derive_rates(drive);
   derive_forces(drive);
   derive_shapers(drive);
   homing_list(drive);
-  sensor_derive(&drive->sensor, &drive->params);
-  derive_expiry(drive);
+  guards_derive(&drive->guards, &drive->params, &drive->signals);
 }
 
 bool parameters_written(cia402_t *drive, uint16_t object) {
+  guards_derive(&drive->guards, &drive->params, &drive->signals);
   switch (object) {
     case AXIS_OBJ_POLARITY:
       return true;
@@ -91,19 +85,7 @@ bool parameters_written(cia402_t *drive, uint16_t object) {
     case AXIS_OBJ_TRAJECTORY_ACCELERATION:
     case AXIS_OBJ_TRAJECTORY_DECELERATION:
     case AXIS_OBJ_QUICK_STOP_DECELERATION:
-    case AXIS_OBJ_TOUCH_VELOCITY_MAX:
       derive_rates(drive);
-      return false;
-    case AXIS_OBJ_FORCE_RAILED_TIME:
-    case AXIS_OBJ_FORCE_JUMP_MAX:
-    case AXIS_OBJ_FORCE_STUCK_TRAVEL:
-    case AXIS_OBJ_FORCE_DISCONNECTED_CODE:
-      sensor_derive(&drive->sensor, &drive->params);
-      return false;
-    case AXIS_OBJ_DATE:
-    case AXIS_OBJ_CALIBRATION_DATE:
-    case AXIS_OBJ_CALIBRATION_VALIDITY:
-      derive_expiry(drive);
       return false;
     case AXIS_OBJ_INPUTS_FITTED:
       homing_list(drive);

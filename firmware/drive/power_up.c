@@ -18,12 +18,7 @@ void cia402_init(cia402_t *drive) {
   drive->velocity_next = 0;
   shaper_clear(&drive->force_shaper);
   shaper_clear(&drive->motion_shaper);
-  drive->contact = (contact_t){0};
-  drive->excitation = (contact_excitation_t){0};
-  touch_start(&drive->touch);
   drive->homing = (cia402_homing_t){0};
-  drive->sensor = (sensor_t){0};
-  drive->tare = (tare_t){0};
   drive->lead_cnt = 0;
   drive->pressed = 0;
   drive->slowing = 0;
@@ -46,7 +41,7 @@ void cia402_init(cia402_t *drive) {
   profile_set(&drive->trajectory, drive->signals.position_actual);
   cia402_set_mode(drive, drive->signals.modes_of_operation_display);
   cia402_leave_mode(drive);
-  first_motion_forget(&drive->first_motion, &drive->signals);
+  guards_init(&drive->guards, &drive->signals);
   cia402_release_law(drive);
   parameters_derive(drive);
 }

@@ -51,7 +51,7 @@ uint16_t cia402_error_code(uint8_t fault) {
 
 static bool is_enabled(const cia402_t *drive) {
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&
-         !first_motion_is_running(&drive->first_motion);
+         !first_motion_is_running(&drive->guards.first_motion);
 }
 
 /* How long the target must have been reached, ticks. */
@@ -89,8 +89,9 @@ void cia402_show(cia402_t *drive, const axis_t *axis) {
   const uint8_t fault = (measured->fault != AXIS_FAULT_NONE) ? measured->fault : drive->fault;
   const bool blocked = measured->limit_reason != AXIS_LIMIT_REASON_NONE;
   const bool limited = blocked || drive->limited != 0;
-  const uint8_t state = first_motion_is_running(&drive->first_motion) ? AXIS_DRIVE_STATE_SWITCHED_ON
-                                                                      : signals->drive_state;
+  const uint8_t state = first_motion_is_running(&drive->guards.first_motion)
+                            ? AXIS_DRIVE_STATE_SWITCHED_ON
+                            : signals->drive_state;
   uint16_t word = (uint16_t)(cia402_state_bits[state] | CIA402_SW_REMOTE);
   if ((measured->digital_inputs & AXIS_DIN_ENABLE) != 0) {
     word |= CIA402_SW_VOLTAGE;
@@ -189,10 +190,8 @@ static void judge(cia402_t *drive, const axis_t *axis) {
 
 void cia402_observe(cia402_t *drive, const axis_t *axis) {
   measure_motion(drive, axis);
-  tare_tick(&drive->tare, &drive->params, &drive->signals, axis);
-  if (axis->primed != 0) {
-    contact_tick(&drive->contact, &drive->params, &drive->signals, axis, drive->controlled != 0);
-  }
+  const bool controlled = drive->controlled != 0;
+  guards_observe(&drive->guards, &drive->params, &drive->signals, axis, controlled);
   /* Two halves by turns, for the sake of the longest tick. */
   if ((axis->signals.tick_count & 1) != 0) {
     measure_force(drive, axis);
@@ -201,12 +200,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
     judge(drive, axis);
-    if (drive->sensor.enabled != 0) {
-      sensor_guides(&drive->sensor, axis, cia402_is_guided_by_force(drive));
-    }
-    if (axis->primed != 0 && drive->controlled != 0) {
-      touch_judge(&drive->touch, &drive->contact, &drive->params, &drive->signals, axis);
-    }
+    const bool guided = guards_need_guided(&drive->guards) && cia402_is_guided_by_force(drive);
+    guards_evaluate(&drive->guards, &drive->params, &drive->signals, axis, controlled, guided);
   }
   cia402_show(drive, axis);
 }

@@ -16,16 +16,16 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kTicksPerFlush = 1500;  // of the journal: about a second
-// Frames queued for the interface; further ones are lost, as on a bus that is down.
+constexpr int kTicksPerFlush = 1500;  // interval of writes to the journal, 1 s
+// Limit of frames that wait for the interface. Further frames are lost, as on a bus that is down.
 constexpr std::size_t kMostUnsent = 256;
 
-// The serial number of a node without --serial: the host's name, and in the last byte the axis, so
-// that it is the same in every run and no two nodes of a run have one.
+// Returns the serial number of a node without --serial. It is computed from the name of the host,
+// and its last byte is the axis. So it is the same in every run, and all nodes of a run differ.
 std::uint32_t serial_of(int axis) {
   std::array<char, 256> name{};
   gethostname(name.data(), name.size() - 1);
-  std::uint32_t hash = 2166136261U;  // FNV-1a
+  std::uint32_t hash = 2166136261U;  // FNV-1a hash
   for (const char *at = name.data(); *at != 0; ++at) {
     hash = (hash ^ static_cast<std::uint8_t>(*at)) * 16777619U;
   }
@@ -64,7 +64,7 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
            std::span<const std::string> overrides, const AxisOptions &options,
            const std::string &suffix)
     : number_(number), experiment_(experiment) {
-  // Files last: if the bus cannot be opened they stay as they are.
+  // Files are opened last: if the bus cannot be opened, they do not change.
   if (!options.can.empty()) can_ = std::make_unique<CanPort>(options.can);
   if (!options.store.empty()) {
     store_ = open_store(options.store + suffix);
@@ -94,7 +94,7 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
     };
   }
   firmware_ = std::make_unique<host::FirmwareSide>(experiment, firmware);
-  // Each entry carries the tick before which it is applied.
+  // Each entry has the tick before which it is applied.
   handlers_.frame = [this](const can_frame_t &frame) {
     if (journal_) journal_->can(coming(), frame);
     fw_can_receive(axis(), &frame);
@@ -164,16 +164,17 @@ std::string Axis::json() {
   return o.text();
 }
 
-// Once, as a warning: stopping the axis could be dangerous.
+// Reports a broken journal once as a warning, because stopping the axis could be dangerous.
 void Axis::report_broken_journal() {
   if (!journal_broken() || std::exchange(reported_broken_, true)) return;
   std::cerr << "axis_node: " << journal_file_
-            << ": expected to be able to write the journal, it is not whole\n";
+            << ": cannot write the journal, so it is incomplete\n";
 }
 
 void Axis::transmit(ModbusPort *modbus) {
-  // The firmware's output is fetched every tick, with or without a bus, as a replay does. Frames
-  // wait for room at the interface, but not for an interface that is down: they would be stale.
+  // The output of the firmware is fetched in every tick, with or without a bus, as in a replay.
+  // Frames wait if the queue of the interface is full. If the interface is down, they are
+  // discarded, because they would be outdated.
   const bool off = !can_ || can_->is_off();
   if (off) unsent_.clear();
   for (can_frame_t frame; fw_can_transmit(axis(), &frame);) {

@@ -17,22 +17,22 @@ namespace forceaxis::nodes {
 
 // The options that only axis_node has.
 struct AxisOptions {
-  std::string can;     // empty: no CANopen
-  std::string modbus;  // empty: no Modbus
+  std::string can;     // CAN interface; empty: no CANopen
+  std::string modbus;  // serial device; empty: no Modbus
   int modbus_baud = 115200;
   std::string store;
   std::string journal;
-  std::optional<int> node_id;           // of the first axis; default: its number
-  std::optional<std::uint32_t> serial;  // of the first axis
+  std::optional<int> node_id;           // of the first axis; default: its axis number
+  std::optional<std::uint32_t> serial;  // serial number of the first axis
   double hold_s = 0;
   bool serve = false;
-  bool real_time = false;  // late ticks are counted
+  bool real_time = false;  // count late ticks
 
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
 
-// Checks the files of --store and --journal before any is opened: a run that cannot begin neither
-// creates nor changes a file. Throws sim::InputError.
+// Checks the files of --store and --journal before any file is opened, so a run that cannot start
+// neither creates nor changes a file. Throws sim::InputError.
 void expect_files(const AxisOptions &options, const std::string &suffix);
 
 struct StoreCloser {
@@ -41,26 +41,27 @@ struct StoreCloser {
 
 class Axis {
  public:
-  // Acquires bus, store and journal; `suffix` ends their files' names. The experiment must outlive
-  // the axis. Throws sim::InputError, TransportError, canopen::CanError.
+  // Opens bus, store and journal. `suffix` is appended to the names of their files. The experiment
+  // must exist as long as the axis. Throws sim::InputError, TransportError and canopen::CanError.
   Axis(int number, int first_axis, const host::Experiment &experiment,
        std::span<const std::string> overrides, const AxisOptions &options,
        const std::string &suffix);
 
-  // The coming tick, with what its buses received before.
+  // Applies the data that the buses have received, then computes the next tick of the firmware.
   host::LinkOutputs tick(const host::LinkInputs &in, ModbusPort *modbus);
-  // A tick without sensors: the axis is disabled, code 0. It is no part of the trace.
+  // Computes a tick without sensor values: the drive is disabled and the DAC code is 0. The tick is
+  // not part of the trace.
   host::LinkOutputs lose_sensors(ModbusPort *modbus);
   void receive_modbus(std::span<const std::uint8_t> bytes);
 
-  // After the last tick: closes hash and journal, and reports.
+  // To be called after the last tick. Closes hash and journal and returns the report.
   std::string json();
 
   bool journal_broken() const { return journal_ && !journal_->good(); }
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string lost;  // its response to the silence of the plant
+  std::string lost;  // reaction to the silence of the plant
 
  private:
   fw_t *axis() { return firmware_->axis(); }
@@ -77,7 +78,8 @@ class Axis {
   std::string journal_file_;
   bool reported_broken_ = false;
   std::unique_ptr<store_file_t, StoreCloser> store_;
-  std::unique_ptr<store_file_t, StoreCloser> archive_;  // of incidents, beside it
+  std::unique_ptr<store_file_t, StoreCloser> archive_;  // archive of incidents, in a file next to
+                                                        // the store
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<CanPort> can_;
   CanPort::Handlers handlers_;

@@ -1,4 +1,4 @@
-// axis_node: the firmware of one or several axes as a process of its own, in lock-step with a
+// axis_node: the firmware of one or several axes in a process of its own, in lock-step with a
 // plant.
 #include <poll.h>
 #include <unistd.h>
@@ -33,24 +33,26 @@ using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
 constexpr milliseconds kServe{100};
-// If the last answer is lost the plant repeats its inputs, at least every 100 ms.
+// Time after the last tick in which the axis answers repeated inputs. If the last answer is lost,
+// the plant repeats its inputs at least every 100 ms.
 constexpr milliseconds kLinger{250};
 
-// Checks that the nodes of all axes have ids.
+// Checks that the node ids of all axes are in the range of CANopen.
 void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) {
   const int axes = static_cast<int>(options.files.size());
   if (!own.node_id || *own.node_id == FW_NODE_ID_BY_LSS) return;
   if (*own.node_id == 0 && axes > 1) {
-    throw nodes::UsageError("--node-id 0: expected one axis, several would have one stored id");
+    throw nodes::UsageError(
+        "--node-id 0: expected one axis, because several axes would have the same stored id");
   }
   if (*own.node_id + axes - 1 > 127) {
     throw nodes::UsageError("--node-id " + std::to_string(*own.node_id) +
-                            ": expected ids up to 127, the last would be " +
+                            ": expected ids up to 127, but the last would be " +
                             std::to_string(*own.node_id + axes - 1));
   }
 }
 
-// Whether standard input has data or was closed.
+// Returns whether standard input has data or was closed.
 bool asked_on_input() {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   return poll(&input, 1, 0) == 1;
@@ -63,8 +65,8 @@ void receive_modbus(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort 
   }
 }
 
-// Serves the buses after the silence, at the pace of the wall clock, so that clients can read the
-// fault.
+// Serves the buses after the plant has become silent, one tick per 1/1500 s of the wall clock, so
+// that clients can read the fault.
 void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
   const auto start = Clock::now();
   const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
@@ -75,14 +77,15 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
   }
 }
 
-// The firmware's end of a session: stalls of this process, and a plant that is silent.
+// The firmware's end of a session. It handles suspensions of this process and a silent plant.
 class Session {
  public:
   Session(const nodes::NodeOptions &options, std::vector<std::unique_ptr<Axis>> &axes,
           nodes::ModbusPort *modbus)
       : options_(options), axes_(axes), modbus_(modbus), stall_(options.link.timeouts.running) {}
 
-  // Before each tick. If this process was stopped, every axis has a tick without sensors first.
+  // To be called before each tick. If this process was suspended, every axis first computes a tick
+  // without sensor values.
   void before_tick(int axis) {
     check_self();
     if (!begun_) {
@@ -94,12 +97,12 @@ class Session {
     if ((absent_ & bit(axis)) == 0) return;
     absent_ &= ~bit(axis);
     report("plant_node (axis " + std::to_string(axis) + ") was silent for " +
-           interruptions.add(since(silent_since_)) + "; goes on at tick " + tick_of(axis) +
+           interruptions.add(since(silent_since_)) + "; continues at tick " + tick_of(axis) +
            ", the axis disabled");
   }
 
-  // Serves until the session is ended, by a signal or because plant_node has ended; the axes are
-  // then disabled. Returns the axes whose plant never came, as bits axis - 1.
+  // Serves until the session ends, by a signal or because plant_node has ended. Then the axes are
+  // disabled. Returns the axes whose plant has never sent a record, with bit axis - 1 for each.
   unsigned serve(host::AxisExchange &exchange) {
     while (stopped == 0 && ended.empty()) {
       const unsigned silent = exchange.serve(absent_ != 0 ? milliseconds{1} : kServe);
@@ -113,7 +116,7 @@ class Session {
   }
 
   host::Interruptions interruptions;
-  std::string ended;  // why, unless by a signal
+  std::string ended;  // reason for the end, unless a signal ended it
 
  private:
   static unsigned bit(int axis) { return 1U << (axis - 1); }
@@ -125,12 +128,12 @@ class Session {
   }
   void report(const std::string &text) const { std::cerr << "axis_node: " << text << std::endl; }
 
-  // Whether this process was stopped.
+  // Returns whether this process was suspended.
   bool check_self() {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
     if (begun_) {
-      report("stopped for " + interruptions.add(*stalled) + "; goes on at tick " +
+      report("suspended for " + interruptions.add(*stalled) + "; continues at tick " +
              tick_of(options_.first_axis) + ", the axis disabled");
       lose_sensors(~absent_);
     }
@@ -143,19 +146,20 @@ class Session {
     }
   }
 
-  // The plant of these axes is silent: it has ended, or the axes wait for it.
+  // To be called if the plant of these axes is silent. If plant_node has ended, the session ends;
+  // otherwise the axes wait.
   void lose(unsigned axes) {
     for (const auto &axis : axes_) {
       const unsigned of = bit(axis->number());
       if ((axes & visible_ & of) == 0 || host::plant_held(options_.link, axis->number())) continue;
       ended = "plant_node has ended at tick " + tick_of(axis->number()) +
-              ", the session is over, the axis disabled";
+              "; the session ends, the axis is disabled";
       return;
     }
     const unsigned newly = axes & ~absent_;
     if (newly == 0) return;
     report("plant_node silent (" + host::axes_text(newly) + ") at tick " +
-           tick_of(options_.first_axis) + ": waits for it, the axis disabled");
+           tick_of(options_.first_axis) + ": the axis waits for it, disabled");
     if (absent_ == 0) {
       due_ = Clock::now();
       silent_since_ = due_ - options_.link.timeouts.running;
@@ -163,7 +167,7 @@ class Session {
     absent_ |= newly;
   }
 
-  // The ticks without sensors that are due, at the pace of the wall clock.
+  // Computes the ticks without sensor values that are due by the wall clock.
   void hold() {
     constexpr std::chrono::nanoseconds kTick{2000000 / 3};
     const Clock::time_point now = Clock::now();
@@ -179,12 +183,12 @@ class Session {
   nodes::ModbusPort *modbus_;
   host::StallWatch stall_;
   bool begun_ = false;
-  unsigned visible_ = 0;  // bits axis - 1: this machine sees whether its plant_node has ended
-  unsigned absent_ = 0;   // bits axis - 1: its plant is silent
+  unsigned visible_ = 0;  // bits axis - 1 for each plant_node whose claim this machine can check
+  unsigned absent_ = 0;   // bits axis - 1 for each axis with a silent plant
   Clock::time_point silent_since_{}, due_{};
 };
 
-// One run from ready to report.
+// Executes one run, from the line "ready" to the report.
 int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   expect_node_ids(options, own);
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
@@ -262,13 +266,13 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
     failure = "plant_node silent for " +
               std::to_string((ever ? timeouts.running : timeouts.start).count()) + " ms (" +
               host::axes_text(silent) + "): " +
-              (ever ? "it ended or hangs; the axis is disabled, code 0"
-                    : "it never asked; is it running, on this link and with this run id?");
+              (ever ? "it has ended or does not respond; the axis is disabled, DAC code 0"
+                    : "it never sent a tick; does it run on this link and with this run id?");
   }
   if (session && !session->ended.empty()) std::cerr << "axis_node: " << session->ended << '\n';
   if (!session && stopped != 0 && !exchange.finished()) {
     failure = std::string("ended by ") + (stopped == SIGINT ? "SIGINT" : "SIGTERM") +
-              " before the run was over";
+              " before the end of the run";
   }
   nodes::JsonObject o;
   o.add("node", "axis")
@@ -287,8 +291,9 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   return stopped != 0 && !session ? 128 + stopped : 1;
 }
 
-// Runs requested on standard input, one a line: run number, experiment and overrides, separated by
-// tabs. A failed one is reported as {"error": ..., "status": 1 or 2}, and the next line is read.
+// Executes the runs that are requested on standard input. Each line has the run number, the
+// experiment and the overrides, separated by tabs. A failed run is reported as {"error": ...,
+// "status": 1 or 2}, and the next line is read.
 int serve(const nodes::NodeOptions &base, const AxisOptions &own) {
   for (std::string line; std::getline(std::cin, line);) {
     if (line.empty()) continue;
@@ -323,44 +328,48 @@ int main(int argc, char **argv) {
   nodes::NodeOptions options;
   AxisOptions own;
   CLI::App app(
-      "The firmware of one or several axes, tick by tick in lock-step with plant_node.\n"
-      "Prints one line when ready and one JSON object at the end. If the plant falls silent, the "
-      "axes run one tick without sensors and are disabled. Exit status 0 done, 1 the run failed "
-      "(plant_node silent) or the journal is not whole, 2 wrong usage or input, 130 and 143 ended "
-      "by SIGINT and SIGTERM, journal and report written. A session (--endless) that was ended is "
-      "0.");
+      "The firmware of one or several axes, tick by tick in lock-step with "
+      "plant_node.\n"
+      "Prints one line when ready and one JSON object at the end. If the plant becomes "
+      "silent, the axes compute one tick without sensors and are disabled. Exit "
+      "status: 0 complete, 1 the run failed (plant_node silent) or the journal is "
+      "incomplete, 2 wrong usage or input, 130 and 143 ended by SIGINT and SIGTERM "
+      "with journal and report. A session (--endless) that was ended has status 0.");
   nodes::add_options(app, options);
   app.add_option("--can", own.can, "CAN interface on which the axes are CANopen nodes (vcan0).");
-  app.add_option("--modbus", own.modbus, "Serial device on which they are Modbus RTU units.");
-  app.add_option("--modbus-baud", own.modbus_baud, "Its speed; 8 data bits, even parity.")
+  app.add_option("--modbus", own.modbus, "Serial device on which the axes are Modbus RTU units.");
+  app.add_option("--modbus-baud", own.modbus_baud,
+                 "Bit rate of the serial device; 8 data bits, even parity.")
       ->check(CLI::IsMember({9600, 19200, 38400, 57600, 115200, 230400}))
       ->capture_default_str();
-  app.add_option(
-         "--node-id", own.node_id,
-         "CANopen node and Modbus unit of the first axis, the others follow; 0: the stored "
-         "one, else 1; 255: the stored ones, else silent until LSS gives them. Default: the "
-         "number of the axis.")
+  app.add_option("--node-id", own.node_id,
+                 "CANopen node id and Modbus unit of the first axis; the others follow. 0: the "
+                 "stored id, else 1. 255: the stored id, else the node is silent until LSS "
+                 "assigns one. Default: the number of the axis.")
       ->check(CLI::Range(0, 127) | CLI::IsMember({FW_NODE_ID_BY_LSS}));
-  app.add_option("--serial", own.serial,
-                 "Serial number of the first axis (1018h:4), the others follow. Default: made of "
-                 "this host's name and the number of the axis.");
+  app.add_option(
+      "--serial", own.serial,
+      "Serial number of the first axis (1018h:4); the others follow. Default: computed from "
+      "this host's name and the number of the axis.");
   app.add_option("--store", own.store,
-                 "File that keeps the stored parameters; of several axes FILE.1, FILE.2, ...");
-  app.add_option("--journal", own.journal,
-                 "File for everything the firmware receives, for `forceaxis replay`; of several "
-                 "axes FILE.1, FILE.2, ...");
+                 "File with the stored parameters; FILE.1, FILE.2, ... for several axes.");
+  app.add_option(
+      "--journal", own.journal,
+      "Journal file with all inputs of the firmware, for `forceaxis replay`; FILE.1, FILE.2, "
+      "... for several axes.");
   app.add_option("--hold", own.hold_s,
-                 "Seconds to go on serving the buses after the plant fell silent, disabled.")
+                 "Time in s in which the disabled axes still serve their buses after the plant "
+                 "became silent.")
       ->check(nodes::real_range(0, 86400))
       ->capture_default_str();
   app.add_flag("--serve", own.serve,
-               "Read runs from standard input, one a line: run number, experiment and overrides, "
+               "Read runs from standard input, one per line: run number, experiment and overrides, "
                "separated by tabs.");
   app.footer(
       "Example:\n"
       "  axis_node sim/experiments/contact.toml --link lcm --run-id 7 &\n"
       "  plant_node sim/experiments/contact.toml --link lcm --run-id 7\n"
-      "with its buses, in real time, for clients of every kind:\n"
+      "in real time, with CAN, a store and a journal:\n"
       "  axis_node sim/experiments/contact.toml --pace real --can vcan0 --store axis.bin \\\n"
       "    --journal axis.journal &\n"
       "  plant_node sim/experiments/contact.toml --pace real");
@@ -371,7 +380,8 @@ int main(int argc, char **argv) {
   }
   return nodes::guarded("axis_node", [&] {
     if (own.serve && options.endless) {
-      throw nodes::UsageError("--endless: expected without --serve, whose runs end");
+      throw nodes::UsageError(
+          "--endless: expected no --serve beside it, because its runs have a duration");
     }
     if (own.serve) return serve(options, own);
     if (options.files.empty()) {

@@ -14,12 +14,12 @@
 namespace forceaxis::nodes {
 namespace {
 
-constexpr unsigned kCallsPerCheck = 150;  // a tenth of a second
+constexpr unsigned kCallsPerCheck = 150;  // 0.1 s
 constexpr std::size_t kModbusBytes = 1024;
 
 }  // namespace
 
-// Remote frames are received too: the node decides what to do with them.
+// The socket receives remote frames too, because the node of the firmware processes them.
 CanPort::CanPort(const std::string &interface)
     : socket_(interface, {.filter = {0, CAN_EFF_FLAG},
                           .errors = CAN_ERR_CRTL | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED,
@@ -31,16 +31,16 @@ void CanPort::set_state(std::uint8_t state, const Handlers &handlers) {
   handlers.state(state);
 }
 
-// Ten times what a bus of 1 Mbit/s carries in a tick.
+// Ten times the number of frames that a bus of 1 Mbit/s carries in a tick.
 constexpr int kFramesPerTick = 64;
 
 void CanPort::receive(const Handlers &handlers) {
-  // An interface that was down is checked every kCallsPerCheck calls.
+  // If the interface was down, it is checked every kCallsPerCheck calls.
   if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerCheck == 0 && socket_.is_up()) {
     set_state(CAN_BUS_ACTIVE, handlers);
   }
-  // A flood must not delay the tick: the remaining frames wait for the next one, and those that
-  // the socket cannot hold are counted as lost.
+  // Many frames must not delay the tick. The remaining frames wait for the next tick. Frames for
+  // which the socket has no memory are counted as lost.
   for (int i = 0; i < kFramesPerTick; ++i) {
     can_frame frame;
     const int n = socket_.receive({&frame, 1});
@@ -117,7 +117,7 @@ std::span<const std::uint8_t> ModbusPort::receive() {
 void ModbusPort::send(std::span<const std::uint8_t> bytes) {
   while (!bytes.empty()) {
     const ssize_t n = write(device_, bytes.data(), bytes.size());
-    if (n <= 0) return;  // the line is blocked: the client repeats its request
+    if (n <= 0) return;  // the line is blocked; the client repeats its request
     bytes = bytes.subspan(static_cast<std::size_t>(n));
   }
 }

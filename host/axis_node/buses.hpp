@@ -1,6 +1,6 @@
 #pragma once
-// The buses of axis_node: sockets and devices on one side, the firmware's passive protocols on the
-// other. Nothing here waits: frames and bytes are received before a tick and sent after it.
+// The buses of axis_node. They connect sockets and devices to the protocols of the firmware. No
+// function waits: frames and bytes are received before a tick and sent after it.
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -13,25 +13,29 @@
 
 namespace forceaxis::nodes {
 
-// One axis's own socket on a CAN interface, so that axes of one process receive each other's frames
-// as nodes of a bus do. Only classic frames with 11-bit identifiers are passed on.
+// The socket of one axis on a CAN interface. Each axis has its own socket, so that the axes of one
+// process receive each other's frames like the nodes of a bus. Only classic frames with 11-bit
+// identifiers are passed to the firmware.
 class CanPort {
  public:
-  // Throws canopen::CanError if there is no such interface or it is down.
+  // Opens the socket. Throws canopen::CanError if the interface does not exist or is down.
   explicit CanPort(const std::string &interface);
 
   struct Handlers {
     std::function<void(const can_frame_t &)> frame;
-    std::function<void(std::uint16_t)> lost;  // frames that the kernel had to drop
-    std::function<void(std::uint8_t)> state;  // CAN_BUS_, at a change
+    std::function<void(std::uint16_t)> lost;  // called with the number of frames that the kernel
+                                              // dropped
+    std::function<void(std::uint8_t)> state;  // called with CAN_BUS_ after a change of the state
   };
-  // Passes on pending frames, at most 64, and changes of the interface's state; never waits.
+  // Passes at most 64 pending frames, and changes of the interface's state, to the handlers. Does
+  // not wait.
   void receive(const Handlers &handlers);
 
-  // Whether the interface is down.
+  // Returns whether the interface is down.
   bool is_off() const { return state_ == CAN_BUS_OFF; }
 
-  // False: the interface did not accept the frame, because its queue is full or it is down.
+  // Returns false if the interface did not accept the frame, because its queue is full or it is
+  // down.
   bool send(const can_frame_t &frame);
 
  private:
@@ -42,19 +46,20 @@ class CanPort {
   unsigned calls_ = 0;
 };
 
-// The serial line, one for all axes of the process: 8 data bits, even parity.
+// The serial line of all axes of the process: 8 data bits, even parity.
 class ModbusPort {
  public:
-  // `baud` in bit/s: 9600, 19200, 38400, 57600, 115200 or 230400; any other leaves the line's own.
-  // Throws TransportError if the device cannot be opened or is no serial line.
+  // Opens the device. `baud` is 9600, 19200, 38400, 57600, 115200 or 230400 bit/s; with any other
+  // value the rate of the device does not change. Throws TransportError if the device cannot be
+  // opened or is not a serial line.
   ModbusPort(const std::string &device, int baud);
   ModbusPort(const ModbusPort &) = delete;
   ModbusPort &operator=(const ModbusPort &) = delete;
   ~ModbusPort();
 
-  // The bytes received since the last call, possibly none.
+  // Returns the bytes received since the last call, which may be none.
   std::span<const std::uint8_t> receive();
-  // Sends what the device accepts now; the bytes beyond that are lost, as on a line.
+  // Sends the bytes that the device accepts now. The other bytes are lost, as on a serial line.
   void send(std::span<const std::uint8_t> bytes);
 
  private:

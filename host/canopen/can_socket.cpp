@@ -16,7 +16,7 @@
 namespace forceaxis::canopen {
 namespace {
 
-constexpr int kDeepBytes = 4 << 20;  // the kernel's default loses bursts
+constexpr int kDeepBytes = 4 << 20;  // in bytes; the default of the kernel is too small for bursts
 
 }  // namespace
 
@@ -26,7 +26,7 @@ CanSocket::CanSocket(const std::string &interface, const Options &options)
                    CAN_RAW)),
       deep_(options.deep) {
   if (fd_ < 0) {
-    throw CanError(interface + ": expected a kernel with SocketCAN, it has none (" +
+    throw CanError(interface + ": expected a kernel with SocketCAN, this one has none (" +
                    std::strerror(errno) + "); run this under tools/vcan");
   }
   const auto fail = [this](const std::string &what) {
@@ -41,10 +41,11 @@ CanSocket::CanSocket(const std::string &interface, const Options &options)
   address.can_family = AF_CAN;
   address.can_ifindex = static_cast<int>(if_nametoindex(interface.c_str()));
   if (address.can_ifindex == 0) {
-    fail("expected a CAN interface, there is none of this name; make one with `ip link add " +
+    fail("expected a CAN interface, no interface has this name; create it with `ip link add " +
          interface + " type vcan`, or run this under tools/vcan");
   }
-  if (!is_up()) fail("expected an interface that is up; `ip link set " + interface + " up`");
+  if (!is_up())
+    fail("expected an interface that is up; start it with `ip link set " + interface + " up`");
   ::setsockopt(fd_, SOL_CAN_RAW, CAN_RAW_FILTER, &options.filter, sizeof options.filter);
   ::setsockopt(fd_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &options.errors, sizeof options.errors);
   if (deep_) {
@@ -55,7 +56,7 @@ CanSocket::CanSocket(const std::string &interface, const Options &options)
     }
   }
   if (::bind(fd_, reinterpret_cast<sockaddr *>(&address), sizeof address) != 0) {
-    fail(std::string("expected a CAN interface, ") + std::strerror(errno));
+    fail(std::string("cannot open the CAN interface, ") + std::strerror(errno));
   }
 }
 

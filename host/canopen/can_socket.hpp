@@ -1,5 +1,5 @@
 #pragma once
-// A raw SocketCAN socket, the one that gateway, axis_node and lock-step link are built on.
+// A raw SocketCAN socket, which gateway, axis_node and the link in lock-step use.
 #include <linux/can.h>
 
 #include <chrono>
@@ -10,7 +10,8 @@
 
 namespace forceaxis::canopen {
 
-// No CAN, no such interface, or it is down: what() is one line with the remedy.
+// The machine has no CAN, or the interface does not exist or is down. what() is one line with the
+// remedy.
 struct CanError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -18,15 +19,15 @@ struct CanError : std::runtime_error {
 class CanSocket {
  public:
   struct Options {
-    can_filter filter;          // of frames that the kernel passes on
-    can_err_mask_t errors = 0;  // classes of error frames that it passes on, whatever the filter
-    bool blocking = false;      // receive() waits, see set_wait()
-    bool deep = false;          // room for thousands of frames, and take_lost() counts
+    can_filter filter;          // frames that the kernel passes to the socket
+    can_err_mask_t errors = 0;  // classes of error frames to receive; independent of the filter
+    bool blocking = false;      // receive() waits for frames, see set_wait()
+    bool deep = false;          // large receive buffer, and take_lost() counts lost frames
   };
-  // Frames of one call that share one system call.
+  // Highest number of frames that one call passes with one system call.
   static constexpr std::size_t kBatch = 16;
 
-  // Throws CanError.
+  // Opens a socket on the interface. Throws CanError.
   CanSocket(const std::string &interface, const Options &options);
   ~CanSocket();
   CanSocket(const CanSocket &) = delete;
@@ -36,18 +37,21 @@ class CanSocket {
   int fd() const { return fd_; }
   bool is_up() const;
 
-  // Queues the first of the frames, at most kBatch. Returns how many the interface accepted, at
-  // least 1, or -errno: -ENOBUFS and -EAGAIN if its queue is full.
+  // Puts the first frames, at most kBatch, into the queue of the interface. Returns the number of
+  // accepted frames, which is at least 1, or -errno. If the queue is full, the result is -ENOBUFS
+  // or -EAGAIN.
   int send(std::span<const can_frame> frames);
 
-  // Receives the pending frames, at most kBatch. Returns how many, or -errno: -EAGAIN if there is
-  // none, in a blocking socket none within the wait.
+  // Receives pending frames, at most kBatch. Returns their number or -errno. The result is -EAGAIN
+  // if no frame is pending; in a blocking socket, if no frame arrives within the wait time.
   int receive(std::span<can_frame> frames);
 
-  // How long receive() of a blocking socket waits for its first frame; by default for ever.
+  // Sets the time for which receive() of a blocking socket waits for its first frame. The default
+  // is no limit.
   void set_wait(std::chrono::milliseconds wait);
 
-  // Frames that the kernel had to drop since the last call, known from the next frame received.
+  // Returns the number of frames that the kernel has dropped since the last call. The kernel
+  // reports this number with the next received frame.
   std::uint32_t take_lost();
 
  private:
@@ -55,8 +59,8 @@ class CanSocket {
   int fd_;
   bool deep_;
   std::chrono::milliseconds wait_{-1};
-  std::uint32_t dropped_ = 0;  // as the kernel counts, wraps
-  std::uint32_t lost_ = 0;     // not reported yet
+  std::uint32_t dropped_ = 0;  // the kernel's count of dropped frames, which wraps
+  std::uint32_t lost_ = 0;     // dropped frames that take_lost() has not yet returned
 };
 
 }  // namespace forceaxis::canopen

@@ -8,7 +8,7 @@
 namespace forceaxis::canopen {
 namespace {
 
-// Command specifiers, bits 5 to 7 (CiA 301, 7.2.4.3).
+// Command specifiers in bits 5 to 7 (CiA 301, 7.2.4.3).
 constexpr unsigned kDownloadSegment = 0, kDownloadBegin = 1, kUploadBegin = 2, kUploadSegment = 3,
                    kAbort = 4;
 constexpr unsigned kAnswerUploadSegment = 0, kAnswerDownloadSegment = 1, kAnswerUpload = 2,
@@ -31,7 +31,7 @@ struct AbortText {
 };
 
 constexpr std::array<AbortText, 26> kTexts{{
-    {0x05030000, "toggle bit not alternated"},
+    {0x05030000, "toggle bit did not alternate"},
     {0x05040000, "no answer in time"},
     {0x05040001, "unknown SDO command"},
     {0x06010000, "access not supported"},
@@ -39,11 +39,11 @@ constexpr std::array<AbortText, 26> kTexts{{
     {0x06010002, "read-only"},
     {0x06020000, "no such object"},
     {0x06040041, "cannot be mapped into this PDO"},
-    {0x06040042, "the mapped objects do not fit"},
-    {0x06040043, "parameters at odds with each other"},
+    {0x06040042, "the mapped objects are longer than a PDO"},
+    {0x06040043, "parameters contradict each other"},
     {0x06040047, "internal incompatibility"},
     {0x06060000, "no memory for parameters"},
-    {0x06070010, "length does not fit"},
+    {0x06070010, "wrong length of the value"},
     {0x06070012, "too long"},
     {0x06070013, "too short"},
     {0x06090011, "no such sub-index"},
@@ -52,7 +52,7 @@ constexpr std::array<AbortText, 26> kTexts{{
     {0x06090032, "value too low"},
     {0x06090036, "maximum below minimum"},
     {0x08000000, "general error"},
-    {0x08000020, "not stored: neither \"save\" nor \"load\""},
+    {0x08000020, "not stored: expected the text \"save\" or \"load\""},
     {0x08000021, "another source owns the axis"},
     {0x08000022, "not in this state"},
     {0x08000023, "no object dictionary"},
@@ -161,7 +161,7 @@ std::optional<Frame> SdoClient::upload_segment(const Frame &answer) {
     toggle_ = !toggle_;
     return request(static_cast<std::uint8_t>(kUploadSegment << 5 | (toggle_ ? kToggle : 0)));
   }
-  // Detects segments that were lost in transfer.
+  // A difference from the announced length means that segments were lost.
   if (size_ && *size_ != data_.size()) return abort(kAbortLength);
   result_.data = std::move(data_);
   data_.clear();
@@ -197,7 +197,7 @@ std::optional<Frame> SdoClient::receive(const Frame &answer) {
       toggle_ = !toggle_;
       break;
   }
-  // The server has accepted all that was sent so far.
+  // The server has accepted all data that was sent so far.
   if (sent_ < data_.size() || (data_.empty() && state_ == State::download)) return next_segment();
   state_ = State::idle;
   return std::nullopt;

@@ -1,7 +1,7 @@
 #pragma once
-// The client of one node's SDO channel: expedited and segmented transfers, one at a time
-// (CiA 301, 7.2.4). Passive: the caller passes responses in, sends the requests that come out, and
-// calls time_out() when the server is too slow.
+// The client of the SDO channel of one node: expedited and segmented transfers, one at a time (CiA
+// 301, 7.2.4). The client does not access the bus or a clock: the caller passes responses to it,
+// sends the requests that it returns, and calls time_out() if the server does not respond in time.
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -13,42 +13,41 @@
 
 namespace forceaxis::canopen {
 
-// Abort codes that the client itself sends; the others come from the server.
+// Abort codes that this client sends. All other abort codes come from the server.
 constexpr std::uint32_t kAbortToggle = 0x05030000, kAbortTimeout = 0x05040000,
                         kAbortCommand = 0x05040001, kAbortLength = 0x06070010;
 // Abort codes of servers that callers distinguish.
 constexpr std::uint32_t kAbortLocked = 0x08000021, kAbortState = 0x08000022;
 
-// What an abort code means, such as "value too high".
+// Returns the meaning of an abort code, such as "value too high".
 std::string abort_text(std::uint32_t abort);
 
 struct SdoResult {
-  std::uint32_t abort = 0;         // 0: done
-  bool silent = false;             // abort is kAbortTimeout: no response came
-  std::vector<std::uint8_t> data;  // of an upload
+  std::uint32_t abort = 0;         // SDO abort code; 0: success
+  bool silent = false;             // no response arrived; `abort` is kAbortTimeout
+  std::vector<std::uint8_t> data;  // data of an upload
 
   bool ok() const { return abort == 0; }
 };
 
 class SdoClient {
  public:
-  // `request_id`: identifier of the requests, 600h + node for the default channel.
+  // `request_id` is the identifier of the requests: 600h + node id for the default channel.
   explicit SdoClient(std::uint32_t request_id) : request_id_(request_id) {}
 
-  // Each begins a transfer and returns its first request. busy() must be false. `data` is
-  // little-endian.
+  // Start a transfer and return its first request. busy() must be false. `data` is little-endian.
   Frame upload(std::uint16_t index, std::uint8_t sub);
   Frame download(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> data);
 
-  // Accepts a response of the server. Returns the next frame to send, if any; a response that does
-  // not belong to the transfer (one that came too late) changes nothing.
+  // Processes a response of the server. Returns the next frame to send, or nothing. A response that
+  // does not belong to the transfer, such as a late response, has no effect.
   std::optional<Frame> receive(const Frame &answer);
 
-  // Ends a transfer whose response did not come; returns the abort to send.
+  // Ends a transfer without response. Returns the abort frame to send.
   Frame time_out();
 
   bool busy() const { return state_ != State::idle; }
-  // The result of the transfer that has ended; to be called once.
+  // Returns the result of the transfer that has ended. To be called once.
   SdoResult take_result() { return std::exchange(result_, {}); }
 
  private:
@@ -66,8 +65,8 @@ class SdoClient {
   std::uint16_t index_ = 0;
   std::uint8_t sub_ = 0;
   bool toggle_ = false;
-  std::optional<std::uint32_t> size_;  // announced by the server
-  std::vector<std::uint8_t> data_;     // received, or to be sent
+  std::optional<std::uint32_t> size_;  // length that the server has announced
+  std::vector<std::uint8_t> data_;     // data that was received or is to be sent
   std::size_t sent_ = 0;
   SdoResult result_;
 };

@@ -15,11 +15,11 @@ using lcm_bus::kNotAvailable;
 constexpr std::uint32_t kEmergency = 0x080, kHeartbeat = 0x700;
 constexpr std::uint32_t kInvalid = 0x80000000, kNoRemote = 0x40000000;
 constexpr std::uint8_t kStart = 1;
-// How many of its own periods a heartbeat may be late.
+// Number of heartbeat periods after which a heartbeat counts as lost.
 constexpr int kLateHeartbeats = 3;
 
-// The process data of AXIS_n_STATE. The first two are the node's defaults; the others, which are
-// off by default, are mapped to what the state lacks.
+// The process data objects (PDOs) for the message AXIS_n_STATE. The first two are the defaults of
+// the node. The others are off by default and are mapped to the remaining values of the state.
 struct PdoPlan {
   std::uint32_t cob_id;
   std::uint8_t transmission;
@@ -38,7 +38,7 @@ constexpr std::array<PdoPlan, 4> kPlans{{
 }};
 constexpr int kLastPdo = 3;
 
-// Read in turn, unless they came as process data just before.
+// Objects that are read in turn, unless a PDO has transmitted their value shortly before.
 constexpr std::uint16_t kPolled[] = {
     AXIS_OBJ_ACTIVE_MODE,     AXIS_OBJ_ERROR_CODE,      AXIS_OBJ_LIMIT_CYCLE,
     AXIS_OBJ_FORCE_ACTUAL,    AXIS_OBJ_CURRENT_ACTUAL,  AXIS_OBJ_CURRENT_RAW,
@@ -114,11 +114,12 @@ void GatewayAxis::receive_heartbeat(std::uint8_t state) {
   }
 }
 
-// Silence is counted in the gateway's own periods, so that a pause of the whole machine is none.
+// The time without heartbeat is counted in periods of the gateway, so a suspension of the complete
+// machine does not count.
 void GatewayAxis::watch_heartbeat(std::chrono::milliseconds period) {
   if (!present_ || !heartbeats_) return;
   silence_ += period;
-  // Before the set-up the node has its own period, 200 ms by default.
+  // Before the set-up, the node has its own heartbeat period, 200 ms by default.
   const auto beat = set_up_boots_ == boots_ && !mismatch_ ? settings_.heartbeat
                                                           : std::max(settings_.heartbeat, 1000ms);
   if (silence_ > kLateHeartbeats * beat) lose("heartbeat lost", silence_.count());
@@ -131,7 +132,7 @@ void GatewayAxis::lose(const std::string &why, std::int64_t milliseconds) {
   nmt_state_ = axis_state_t::NMT_SILENT;
   publisher_.loud_event(
       axis_event_t::EVENT_HEARTBEAT_LOST, milliseconds,
-      why + ": nothing heard of the node for " + std::to_string(milliseconds) + " ms");
+      why + ": no message from the node for " + std::to_string(milliseconds) + " ms");
 }
 
 void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
@@ -143,7 +144,7 @@ void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
 }
 
 void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
-  // Before the set-up a PDO may be mapped to anything.
+  // Before the set-up, a PDO may be mapped to any object.
   if (set_up_boots_ != boots_ || mismatch_) return;
   std::size_t at = 0;
   for (const std::uint16_t object : kPlans[static_cast<std::size_t>(pdo)].objects) {
@@ -153,7 +154,7 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
     const std::int64_t value =
         value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed);
     publisher_.update(object, value);
-    // Whoever acquires it for Modbus afterwards may be another one.
+    // A later owner over Modbus may be a client that does not use this gateway.
     if (object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS) {
       modbus_is_ours_ = false;
     }
@@ -177,7 +178,7 @@ Task<void> GatewayAxis::supervise() {
   }
 }
 
-// Polls a node that sends no heartbeat.
+// Polls a node until it answers, because it may send no heartbeat.
 Task<bool> GatewayAxis::find() {
   const ObjectResult type = co_await master_port().read(AXIS_OBJ_DEVICE_TYPE);
   if (!type.silent) {
@@ -189,7 +190,7 @@ Task<bool> GatewayAxis::find() {
   if (!reported_waiting_) {
     reported_waiting_ = true;
     publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                          "waiting for the node, it does not answer");
+                          "the node does not answer; set-up waits for it");
   }
   co_return false;
 }
@@ -204,7 +205,7 @@ bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
     if (!reported_locked_) {
       reported_locked_ = true;
       publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                            "set-up waits: another source owns the axis");
+                            "set-up waits, because another source owns the axis");
     }
     return true;
   }
@@ -236,7 +237,7 @@ Task<bool> GatewayAxis::set_up() {
       if (!co_await set_up_pdo(pdo)) co_return false;
     }
     if (!co_await set_parameters()) co_return false;
-    // Also starts a node that another master has stopped, or that was reset.
+    // This also starts a node that another master has stopped, or that was reset.
     send_({0, 2, {kStart, static_cast<std::uint8_t>(number())}});
   }
   if (boots != boots_) co_return false;
@@ -245,7 +246,7 @@ Task<bool> GatewayAxis::set_up() {
   reported_waiting_ = false;
   publisher_.event(
       axis_event_t::EVENT_NODE, nmt_state_,
-      mismatch_ ? "watched only: its object table is another one" : "set up and started");
+      mismatch_ ? "monitored only, because its object table differs" : "set up and started");
   co_return true;
 }
 
@@ -262,15 +263,15 @@ Task<bool> GatewayAxis::identify() {
     const std::string found = !ours       ? "another product"
                               : hash.ok() ? "object table " + hash_text(table_hash_)
                                           : "no object table";
-    publisher_.loud_event(axis_event_t::EVENT_TABLE_MISMATCH, table_hash_,
-                          "expected object table " + hash_text(AXIS_OBJECTS_HASH32) +
-                              ", the axis has " + found +
-                              ": writes are refused; build gateway and firmware from one table");
+    publisher_.loud_event(
+        axis_event_t::EVENT_TABLE_MISMATCH, table_hash_,
+        "expected object table " + hash_text(AXIS_OBJECTS_HASH32) + ", the axis has " + found +
+            "; writes are refused; build gateway and firmware from one object table");
   }
   co_return true;
 }
 
-// SDO servers 1201h and 1202h, for the clients on Modbus and LCM.
+// Opens the SDO servers 1201h and 1202h for the clients on Modbus and LCM.
 Task<bool> GatewayAxis::open_channels() {
   const std::uint64_t boots = boots_;
   std::int64_t wanted = settings_.first_sdo;
@@ -279,7 +280,8 @@ Task<bool> GatewayAxis::open_channels() {
     const ObjectAddress cob_id = address_of(object);
     const ObjectResult held = co_await master_port().read(cob_id);
     if (failed(held, name_of(object))) co_return false;
-    // A valid identifier changes only by way of one that is not.
+    // CiA 301 forbids a change from one valid identifier to another one, so the server is switched
+    // off first.
     if (held.value != wanted && (held.value & kInvalid) == 0) {
       const bool closed = co_await set(cob_id, held.value | kInvalid, name_of(object));
       if (!closed) co_return false;
@@ -294,7 +296,8 @@ Task<bool> GatewayAxis::open_channels() {
   co_return boots == boots_;
 }
 
-// Heartbeats both ways: the axis consumes the gateway's, the gateway the axis's.
+// Configures heartbeats in both directions: the axis monitors the heartbeat of the gateway, and the
+// gateway monitors the heartbeat of the axis.
 Task<bool> GatewayAxis::watch_each_other() {
   const ObjectAddress period = address_of(AXIS_OBJ_PRODUCER_HEARTBEAT_TIME);
   if (!co_await ensure(period, settings_.heartbeat.count(), "heartbeat")) co_return false;
@@ -313,8 +316,8 @@ Task<bool> GatewayAxis::watch_each_other() {
   if (!place) {
     publisher_.loud_event(
         axis_event_t::EVENT_NOTE, kNotAvailable,
-        "expected a free heartbeat consumer (1016h), all four watch other nodes: the axis "
-        "will not notice when this gateway ends");
+        "expected a free heartbeat consumer (1016h), but all four monitor other nodes; the axis "
+        "will not detect the end of this gateway");
     co_return true;
   }
   co_return co_await ensure(*place, wanted, "heartbeat consumer");
@@ -373,7 +376,7 @@ Task<bool> GatewayAxis::set_parameters() {
   for (const AxisSettings::Parameter &p : settings_.parameters) {
     const ObjectResult written = co_await master_port().write(p.object, p.raw);
     if (!failed(written, name_of(p.object))) continue;
-    // A refused value is reported; the axis is watched nevertheless.
+    // A refused value is reported. The axis is monitored in spite of it.
     if (written.silent || written.abort == canopen::kAbortLocked) co_return false;
   }
   co_return true;
@@ -398,7 +401,8 @@ Task<void> GatewayAxis::poll_next() {
   }
 }
 
-// On behalf of the client that owns it; only CANopen's master may end the watch.
+// Writes through the channel of the client that owns the axis. Only the CANopen master can end the
+// heartbeat monitoring.
 Task<bool> GatewayAxis::give_to_canopen(std::int64_t owner) {
   if (owner == AXIS_COMMAND_SOURCE_CANOPEN) co_return true;
   ObjectPort port = owner == AXIS_COMMAND_SOURCE_LCM ? lcm_port() : modbus_port();
@@ -423,7 +427,8 @@ Task<void> GatewayAxis::shut_down() {
       state = co_await master_port().read(AXIS_OBJ_DRIVE_STATE);
     }
   }
-  // An axis that is still active keeps its watch: the lost heartbeat disables it.
+  // An axis that is still enabled keeps its heartbeat monitoring: the lost heartbeat will disable
+  // it.
   if (!state.ok() || state.value == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       state.value == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     co_return;

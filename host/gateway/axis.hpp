@@ -1,12 +1,13 @@
 #pragma once
-// One axis as its gateway sees it: set up, watched and polled as CANopen master, published over
-// LCM.
+// One axis of the gateway. As CANopen master, the gateway sets up the axis, monitors and polls it,
+// and publishes its state over LCM.
 //
-// The default SDO channel is the master's own: set-up, polling, uploads of the recorder. It counts
-// as CANopen. The channels of LCM and Modbus carry nothing but what their clients asked for: the
-// watchdog of the axis is fed by what a client writes, and by nothing of the gateway's own. Their
-// servers are off until the set-up gives them identifiers, and forgotten by a reset of the node;
-// meanwhile reads and stops go over the default channel, and nothing else is written.
+// The default SDO channel belongs to the master: it carries set-up, polling and uploads of the
+// recorder, and counts as CANopen. The SDO channels of LCM and Modbus carry only requests of their
+// clients, so only the writes of a client trigger the watchdog of the axis. The SDO servers of
+// these channels are off until the set-up has given them identifiers, and a reset of the node
+// switches them off again. Without these channels, reads and stops use the default channel, and all
+// other writes are refused.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -24,18 +25,18 @@ extern "C" {
 namespace forceaxis::nodes {
 
 struct AxisSettings {
-  int number = 1;                            // node id, unit id, channel
+  int number = 1;                            // node id and unit id; also the number in LCM channels
   int master = 127;                          // node id of the gateway
-  std::uint32_t first_sdo = 0x680;           // first of the identifiers of its SDO channels
-  std::chrono::milliseconds heartbeat{100};  // of axis and gateway
-  std::chrono::milliseconds watch{300};      // how long the axis waits for the gateway's
+  std::uint32_t first_sdo = 0x680;           // first of the four identifiers of its SDO channels
+  std::chrono::milliseconds heartbeat{100};  // heartbeat period of axis and gateway
+  std::chrono::milliseconds watch{300};  // time after which the axis misses the gateway's heartbeat
   std::chrono::milliseconds sdo_timeout{500};
-  std::chrono::milliseconds poll{10};  // from one polled object to the next
+  std::chrono::milliseconds poll{10};  // time between the reads of two polled objects
   struct Parameter {
     std::uint16_t object;
     std::int64_t raw;
   };
-  std::vector<Parameter> parameters;  // written at each set-up
+  std::vector<Parameter> parameters;  // parameters that each set-up writes
 };
 
 class GatewayAxis {
@@ -44,25 +45,27 @@ class GatewayAxis {
               const AxisSettings &settings);
 
   int number() const { return settings_.number; }
-  // Set-up, polling and watching go on until the loop is abandoned.
+  // Starts set-up, polling and monitoring. They continue until the loop is abandoned.
   void start();
 
-  // A frame from the bus; those of other nodes are ignored.
+  // Processes a frame from the bus. Frames of other nodes are ignored.
   void receive(const canopen::Frame &frame);
-  // A SYNC is about to be sent: publishes the state that the last one brought.
+  // To be called before a SYNC is sent: publishes the state that followed the previous SYNC.
   void before_sync();
-  // To be called once a period, after all received frames: reports a lost heartbeat.
+  // To be called once in each period, after all received frames. Reports a lost heartbeat.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // A client of this gateway wrote the owner of the axis: should that be Modbus, it is a client
-  // here and not one on the axis' serial line.
+  // To be called after a client of this gateway has written the owner of the axis. If the owner is
+  // then Modbus, it is a client of the gateway and not a client on the serial line of the axis.
   void acquired_by_modbus() { modbus_is_ours_ = true; }
 
-  // Stops the axis if CANopen or a client of the gateway owns it, who cannot reach it any more.
-  // Then gives it to CANopen, and ends its watch for the gateway's heartbeat.
+  // Stops the axis if its owner is CANopen or a client of the gateway, because this owner will lose
+  // its connection. Then makes CANopen the owner, and ends the monitoring of the gateway's
+  // heartbeat by the axis.
   Task<void> shut_down();
 
-  // The axis has this program's object table, is not silent, and serves the clients' channels.
+  // Returns true if the axis has the object table of this program, is not silent, and has open SDO
+  // channels for the clients.
   bool writes_allowed() const { return table_known_ && !mismatch_ && channels_open(); }
   bool mismatch() const { return mismatch_; }
   std::int64_t table_hash() const { return table_hash_; }
@@ -87,7 +90,8 @@ class GatewayAxis {
   Task<bool> watch_each_other();
   Task<bool> set_up_pdo(int pdo);
   Task<bool> set_parameters();
-  // Writes unless it is there already. False: the set-up ends here, and begins again.
+  // Writes a value unless the object already has it. Returns false if this fails; the set-up then
+  // ends and starts again.
   Task<bool> ensure(ObjectAddress address, std::int64_t value, std::string_view what);
   Task<bool> set(ObjectAddress address, std::int64_t value, std::string_view what);
   bool failed(const ObjectResult &result, std::string_view what);
@@ -107,18 +111,18 @@ class GatewayAxis {
   AxisSettings settings_;
   SdoChannel master_, modbus_, lcm_channel_;
 
-  bool present_ = false;  // it answers or sends heartbeats
+  bool present_ = false;  // the axis answers or sends heartbeats
   bool reported_waiting_ = false;
   bool reported_locked_ = false;
-  bool heartbeats_ = false;  // it sends them
+  bool heartbeats_ = false;  // the axis sends heartbeats
   bool modbus_is_ours_ = false;
   bool table_known_ = false;
   bool mismatch_ = false;
-  bool published_ = true;  // since the last SYNC
+  bool published_ = true;  // the state was published after the last SYNC
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
   std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
-  std::chrono::milliseconds silence_{0};  // since the last heartbeat
+  std::chrono::milliseconds silence_{0};  // time since the last heartbeat
   std::size_t next_poll_ = 0;
 };
 

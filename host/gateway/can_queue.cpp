@@ -20,7 +20,7 @@ std::string error_text(const can_frame &frame) {
   if ((frame.can_id & CAN_ERR_BUSOFF) != 0) add("bus off");
   if ((frame.can_id & CAN_ERR_RESTARTED) != 0) add("controller restarted");
   if ((frame.can_id & CAN_ERR_TX_TIMEOUT) != 0) add("transmission timed out");
-  if ((frame.can_id & CAN_ERR_ACK) != 0) add("no acknowledge: is any node there?");
+  if ((frame.can_id & CAN_ERR_ACK) != 0) add("no node acknowledges frames; is a node connected?");
   if ((frame.can_id & CAN_ERR_CRTL) != 0) {
     const unsigned state = frame.data[1];
     if ((state & (CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE)) != 0) add("error passive");
@@ -31,7 +31,8 @@ std::string error_text(const can_frame &frame) {
 
 }  // namespace
 
-// The kernel keeps back what receive() would only pass over, however much of it comes.
+// A filter in the kernel discards frames that receive() would ignore, so that even many of them
+// need no time here.
 CanQueue::CanQueue(const std::string &interface)
     : socket_(interface,
               {.filter = {0, CAN_EFF_FLAG | CAN_RTR_FLAG}, .errors = CAN_ERR_MASK, .deep = true}) {}
@@ -44,7 +45,7 @@ void CanQueue::note(const std::string &text) {
 
 void CanQueue::send(const canopen::Frame &frame) {
   if (waiting_.size() == kMostWaiting) {
-    note("frames to send were lost, the bus takes none");
+    note("frames to send were lost, because the bus accepts none");
     ++trouble_.lost;
     return;
   }
@@ -79,7 +80,7 @@ std::optional<canopen::Frame> CanQueue::receive() {
       return std::nullopt;
     }
     if (const std::uint32_t lost = socket_.take_lost(); lost != 0) {
-      note("received frames were lost, this machine is too slow");
+      note("received frames were lost, because this machine is too slow");
       trouble_.lost += lost;
     }
     if ((raw.can_id & CAN_ERR_FLAG) != 0) {

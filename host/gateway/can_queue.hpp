@@ -1,6 +1,6 @@
 #pragma once
-// The gateway's end of a CAN interface, which never blocks: data frames in, frames out in their
-// order, and what was lost.
+// The connection of the gateway to a CAN interface. It never blocks. It receives data frames, sends
+// frames in their order, and reports lost frames.
 #include <cstdint>
 #include <deque>
 #include <optional>
@@ -13,20 +13,22 @@ namespace forceaxis::nodes {
 
 class CanQueue {
  public:
-  // Throws canopen::CanError.
+  // Opens the interface. Throws canopen::CanError.
   explicit CanQueue(const std::string &interface);
 
   int fd() const { return socket_.fd(); }
 
-  // Sends at once, or when there is room again: see flush().
+  // Sends a frame at once. If the interface is full, the frame waits in the queue for flush().
   void send(const canopen::Frame &frame);
   bool waits_for_room() const { return !waiting_.empty(); }
   void flush();
 
-  // The next data frame; nothing when there is none. Remote and extended frames are passed over.
+  // Returns the next data frame, or nothing if no frame is pending. Remote frames and extended
+  // frames are ignored.
   std::optional<canopen::Frame> receive();
 
-  // What went wrong since the last call, in words; empty: nothing. `lost` counts frames.
+  // Problems since the last call. `text` is empty if there was none; `lost` is the number of lost
+  // frames.
   struct Trouble {
     std::string text;
     std::uint64_t lost = 0;

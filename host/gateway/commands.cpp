@@ -18,14 +18,16 @@ using namespace std::chrono_literals;
 using lcm_bus::kNotAvailable;
 
 constexpr std::size_t kKeptAnswers = 2000;
-// Clients whose commands are remembered by number alone: 2 MiB.
+// Number of clients for which only the number of the last command is kept, in 2 MiB.
 constexpr std::size_t kMostForgotten = 32768;
 constexpr std::size_t kMostWaiting = 200;
 constexpr int kMostStopping = 20;
-// Items of the kept answers and of the waiting commands: memory stays small whatever is sent.
+// Limits for the items of kept answers and of waiting commands. They bound the memory, independent
+// of what clients send.
 constexpr std::size_t kKeptItems = 65536, kMostWaitingItems = 16384;
 constexpr std::uint16_t kRecorderData = 0x2120;
-// 32 samples each 16 ms: 2000 a second, which UDP loses nothing of.
+// A block has 32 samples and is sent every 16 ms, 2000 samples a second. At this rate UDP loses no
+// messages.
 constexpr std::size_t kBlock = 32;
 constexpr auto kBlockTime = 16ms;
 constexpr auto kRecorderPoll = 20ms;
@@ -36,20 +38,23 @@ std::string hex(unsigned value) {
   return text;
 }
 
-// Whether the client has given up. Its numbers may be any: the sum of the two could overflow.
+// Returns whether the client no longer waits for an answer. The client chooses both numbers, so
+// their sum could overflow.
 bool late(const axis_command_t &command) {
   return command.wall_utime < 0 || command.timeout_us < 0 ||
          lcm_bus::wall_us() - command.wall_utime > command.timeout_us;
 }
 
-// The wall clock's us at which the client gives up; the largest number where that is never.
+// Returns the wall clock in us at which the client stops waiting, or the largest number if this is
+// never.
 std::int64_t end_of(const axis_command_t &command) {
   const std::int64_t left = INT64_MAX - std::max<std::int64_t>(command.wall_utime, 0);
   return command.timeout_us > left ? INT64_MAX : command.wall_utime + command.timeout_us;
 }
 
-// Whether the command does nothing but stop the axis: that is refused to nobody, waits for no other
-// command, and is not too late. The object table does not matter: a controlword is CiA 402's.
+// Returns whether the command only stops the axis. Such a command is accepted from every client,
+// waits for no other command and cannot be too late. It needs no matching object table, because CiA
+// 402 defines the controlword.
 bool only_stops(const axis_command_t &command) {
   if (command.kind != axis_command_t::KIND_WRITE || command.object.size() != 1) return false;
   const std::int64_t value = command.value[0];
@@ -73,9 +78,10 @@ void GatewayCommands::receive(const axis_command_t &command) {
   }
   const bool stops = command.axis == axis_.number() && only_stops(command);
   if (stops) {
-    if (stopping_ >= kMostStopping) return;  // the client asks again
+    if (stopping_ >= kMostStopping) return;  // the client repeats the command
   } else {
-    // What is late stays undone: the client has given up by now, and nothing is to move late.
+    // A late command is not executed, because its client no longer waits for it and the axis must
+    // not move late.
     if (late(command)) return;
     if (const auto why = why_not_again(id)) {
       Answer answer;
@@ -83,7 +89,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
       answer.text = *why;
       return publish_answer(id, answer);
     }
-    // The client asks again.
+    // The client repeats the command.
     if (waiting_.size() >= kMostWaiting || waiting_items_ >= kMostWaitingItems) return;
   }
   answers_[id].until_us = end_of(command);
@@ -116,7 +122,7 @@ Task<void> GatewayCommands::stop(axis_command_t command) {
   answer({command.run_id, command.command_id}, done);
 }
 
-// Never one that is not answered yet: a repetition would be carried out again.
+// A command without an answer is never deleted, because its repetition would be executed again.
 void GatewayCommands::forget_oldest() {
   while (order_.size() > kKeptAnswers || kept_items_ > kKeptItems) {
     const auto oldest = answers_.find(order_.front());
@@ -134,7 +140,8 @@ std::optional<std::string> GatewayCommands::why_not_again(Id id) {
   const auto client = forgotten_.find(id.first);
   if (client != forgotten_.end() && id.second <= client->second.command_id) {
     return "command " + std::to_string(id.second) +
-           " may have been carried out already: too many others came since; read what it wrote";
+           " may have been executed before: too many other commands came since; read the objects "
+           "that it writes";
   }
   if (forgotten_.size() >= kMostForgotten) {
     const std::int64_t now_us = lcm_bus::wall_us();
@@ -160,7 +167,7 @@ Task<void> GatewayCommands::serve() {
   }
 }
 
-// Why the command as a whole is not carried out.
+// Returns the reason to refuse the complete command, or nothing.
 std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &command) const {
   const bool by_address = command.kind == axis_command_t::KIND_READ &&
                           std::ranges::all_of(command.object, [](const std::string &name) {
@@ -177,12 +184,12 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
   if (by_address) return std::nullopt;
   if (axis_.mismatch()) {
     return "the axis has object table " + hash_text(axis_.table_hash()) + ", this gateway " +
-           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are carried out";
+           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are executed";
   }
   if (!axis_.writes_allowed()) return std::string("the axis is not set up yet");
   if (command.objects_hash != static_cast<std::int64_t>(AXIS_OBJECTS_HASH32)) {
     return "the client has object table " + hash_text(command.objects_hash) + ", the axis " +
-           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are carried out";
+           hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are executed";
   }
   return std::nullopt;
 }
@@ -212,7 +219,7 @@ Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &c
 std::optional<GatewayCommands::Target> GatewayCommands::target_of(const std::string &name) {
   const auto object = host::find_object(name);
   if (object) return Target{address_of(*object), *object};
-  // "0x6040" or "0x2010:3"
+  // such as "0x6040" or "0x2010:3"
   if (!name.starts_with("0x")) return std::nullopt;
   const char *const end = name.data() + name.size();
   unsigned index = 0, sub = 0;
@@ -244,7 +251,7 @@ GatewayCommands::Answer GatewayCommands::refused(Answer answer, const std::strin
 
 namespace {
 
-// Why an object was not written or read.
+// Returns the reason for which an object was not written or read.
 std::string reason_of(const ObjectResult &result, std::uint16_t object, const GatewayAxis &axis) {
   if (result.silent) return "the axis did not answer in time";
   if (result.abort == canopen::kAbortLocked) {
@@ -253,16 +260,16 @@ std::string reason_of(const ObjectResult &result, std::uint16_t object, const Ga
                 ? std::string("another source owns the axis")
                 : "the axis belongs to " +
                       host::enum_text(AXIS_OBJ_COMMAND_SOURCE, static_cast<std::int32_t>(owner))) +
-           ", take it first (abort 08000021h)";
+           "; acquire it first (abort 08000021h)";
   }
   if (object != AXIS_OBJ_NONE) {
     const axis_object_meta_t &meta = host::object_meta(object);
     if (result.abort == 0x06090031 || result.abort == 0x06090032) {
-      return canopen::abort_text(result.abort) + ", raw values go from " +
+      return canopen::abort_text(result.abort) + ", expected a raw value from " +
              std::to_string(meta.min) + " to " + std::to_string(meta.max);
     }
     if (result.abort == canopen::kAbortState && std::string_view(meta.writable) != "any") {
-      return canopen::abort_text(result.abort) + ", it is written with the " +
+      return canopen::abort_text(result.abort) + ", write it with the " +
              (std::string_view(meta.writable) == "disabled" ? "axis disabled" : "recorder idle");
     }
   }
@@ -281,9 +288,9 @@ Task<GatewayCommands::Answer> GatewayCommands::write_items(const axis_command_t 
       co_return refused(std::move(answer), name, value, 0, "no such object");
     }
     if (!fits(value, target->address)) {
-      co_return refused(
-          std::move(answer), name, value, 0,
-          std::to_string(value) + " is no value of type " + host::object_meta(target->object).type);
+      co_return refused(std::move(answer), name, value, 0,
+                        std::to_string(value) + " is not a value of type " +
+                            host::object_meta(target->object).type);
     }
     const ObjectResult result = co_await axis_.lcm_port().write(target->address, value);
     if (result.abort == canopen::kAbortLocked) {
@@ -348,10 +355,10 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
     co_return answer;
   }
   if (capturing_) {
-    answer.text = "another capture is under way; stop it by writing 0 to recorder_arm";
+    answer.text = "another recording is in progress; write 0 to recorder_arm to stop it";
     co_return answer;
   }
-  // An incident is a recording that is there already.
+  // The recording of an incident is already complete.
   const bool fetches = command.object == std::vector<std::string>{"incident_command"};
   for (const std::string &name : command.object) {
     if (!name.starts_with("recorder_") && !fetches) {
@@ -392,8 +399,8 @@ void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
   axis_.publisher().event(axis_event_t::EVENT_CAPTURE, code, text, {}, id);
 }
 
-// Waits for the recorder and fetches what it holds. It is watched and read on the master's channel:
-// the client's own goes on carrying its commands, a long upload or not.
+// Waits for the recorder and uploads its recording. These transfers use the channel of the master,
+// so that the channel of the client can carry further commands during a long upload.
 Task<void> GatewayCommands::follow_capture(axis_command_t command) {
   const lcm_bus::CommandId id{command.run_id, command.command_id};
   while (loop_.running()) {

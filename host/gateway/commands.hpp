@@ -1,5 +1,6 @@
 #pragma once
-// Commands that come over LCM for one axis (host/lcm/axis.lcm), carried out on its LCM channel.
+// Executes the commands for one axis that clients send over LCM (host/lcm/axis.lcm), through the
+// LCM channel of the axis.
 #include <map>
 #include <optional>
 
@@ -13,29 +14,30 @@ class GatewayCommands {
       : loop_(loop), lcm_(lcm), axis_(axis), waiting_(loop) {}
 
   void start() { loop_.spawn(serve()); }
-  // A command as it came; a repetition is answered as before.
+  // Accepts a received command. If a command is repeated, its first answer is sent again.
   void receive(const axis_command_t &command);
 
  private:
-  // A client's command and, once there is one, its answer.
+  // A command of a client, and its answer after the command is complete.
   struct Answer {
-    std::int64_t kind = 0;  // 0: not answered yet
+    std::int64_t kind = 0;  // kind of the answer; 0: no answer yet
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;
-    std::int64_t until_us = 0;  // wall clock: the client repeats the command until then
+    std::int64_t until_us = 0;  // wall clock in us until which the client repeats its command
   };
-  // Of a client whose oldest answers are forgotten: a client counts its commands, so what it sends
-  // with a number up to `command_id` is a repetition.
+  // A client whose oldest answers were deleted. A client numbers its commands in ascending order,
+  // so any command with a number up to `command_id` is a repetition.
   struct Forgotten {
     std::int64_t command_id = 0;
-    std::int64_t until_us = 0;  // when the last of them is given up
+    std::int64_t until_us = 0;  // time at which the client stops repeating these commands
   };
   using Id = std::pair<std::int64_t, std::int64_t>;
-  // What an item of a command names.
+  // The object that an item of a command names.
   struct Target {
     ObjectAddress address;
-    std::uint16_t object = AXIS_OBJ_NONE;  // none: an address that the table does not have
+    std::uint16_t object = AXIS_OBJ_NONE;  // AXIS_OBJ_NONE: an address that the object table does
+                                           // not have
   };
 
   Task<void> serve();
@@ -56,7 +58,8 @@ class GatewayCommands {
   void answer(Id id, const Answer &answer);
   void publish_answer(Id id, const Answer &answer);
   void forget_oldest();
-  // Whether the command may have been carried out already, or nothing more can be remembered.
+  // Returns the reason to refuse a command that may have been executed before, or that cannot be
+  // recorded because the memory for commands is full. Otherwise returns nothing.
   std::optional<std::string> why_not_again(Id id);
 
   EventLoop &loop_;
@@ -64,10 +67,10 @@ class GatewayCommands {
   GatewayAxis &axis_;
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
-  std::deque<Id> order_;                         // of answers_, oldest first
-  std::map<std::int64_t, Forgotten> forgotten_;  // by the client's run_id
+  std::deque<Id> order_;                         // ids in answers_, the oldest first
+  std::map<std::int64_t, Forgotten> forgotten_;  // clients by their run_id
   std::size_t kept_items_ = 0, waiting_items_ = 0;
-  int stopping_ = 0;  // stops under way
+  int stopping_ = 0;  // number of stops in progress
   bool capturing_ = false;
   std::int64_t captures_ = 0;
 };

@@ -20,7 +20,7 @@ struct EventLoop::Detached {
 
 namespace {
 
-// The handle of the coroutine that awaits it, without suspending.
+// Returns the handle of the coroutine that awaits this object, without suspending it.
 struct OwnHandle {
   void *address = nullptr;
   bool await_ready() const { return false; }
@@ -50,7 +50,7 @@ void EventLoop::spawn(Task<void> task) {
 }
 
 void EventLoop::abandon() {
-  // Timers and posted calls hold handles of what is destroyed here.
+  // Timers and posted calls have handles of the coroutines that are destroyed here.
   timers_.clear();
   timer_times_.clear();
   posted_.clear();
@@ -80,7 +80,8 @@ void EventLoop::cancel(std::uint64_t timer) {
 }
 
 void EventLoop::run_posted() {
-  // What is posted meanwhile is run too: the caller waits for descriptors only when all is done.
+  // Calls that are posted during this loop run too. The caller waits for file descriptors only
+  // after all of them.
   while (!posted_.empty() && !stopped_ && !error_) {
     const Call call = std::move(posted_.front());
     posted_.pop_front();
@@ -118,7 +119,7 @@ void EventLoop::run() {
     for (const auto &[fd, watched] : watched_) fds.push_back({fd, watched.events(), 0});
     if (::poll(fds.data(), fds.size(), milliseconds_left()) <= 0) continue;
     for (const pollfd &found : fds) {
-      // One call may end the watch of another.
+      // A call may end the watch of another file descriptor.
       const auto watched = watched_.find(found.fd);
       if (found.revents == 0 || watched == watched_.end()) continue;
       const auto ready = watched->second.ready;

@@ -1,5 +1,5 @@
 #pragma once
-// One thread that waits for file descriptors and times, and runs coroutines between them.
+// A thread that waits for file descriptors and times, and between them runs coroutines.
 #include <poll.h>
 
 #include <chrono>
@@ -28,25 +28,27 @@ class EventLoop {
   EventLoop &operator=(const EventLoop &) = delete;
   ~EventLoop() { abandon(); }
 
-  // `ready` is called with what poll() found. `events` is asked before each wait.
+  // Watches a file descriptor. `events` is called before each wait and returns the events to wait
+  // for. `ready` is called with the events that poll() has found.
   void watch(int fd, std::function<short()> events, std::function<void(short)> ready);
   void unwatch(int fd) { watched_.erase(fd); }
 
-  // Calls once, at or after a time. The number cancels it.
+  // Calls `call` once, at this time or later. The returned number can cancel the call.
   std::uint64_t at(Time time, Call call);
   void cancel(std::uint64_t timer);
 
-  // Calls before the next wait, in the order of posting.
+  // Calls `call` before the next wait. Calls run in the order in which they were posted.
   void post(Call call) { posted_.push_back(std::move(call)); }
 
-  // Until stop(). Throws what a spawned coroutine threw.
+  // Runs until stop() is called. Throws the exception of a spawned coroutine.
   void run();
   void stop() { stopped_ = true; }
   bool running() const { return !stopped_; }
 
-  // Begins a coroutine that nobody awaits; the loop holds it until it ends or abandon() is called.
+  // Starts a coroutine that no other coroutine awaits. The loop owns it until it ends or abandon()
+  // is called.
   void spawn(Task<void> task);
-  // Destroys what is still under way. Nothing that it refers to may be gone before.
+  // Destroys all spawned coroutines. All objects to which they refer must still exist.
   void abandon();
 
   auto sleep(Clock::duration duration) {
@@ -84,8 +86,8 @@ class EventLoop {
   bool stopped_ = false;
 };
 
-// One value that somebody else will set, and one coroutine that awaits it. Whoever sets it may do
-// so at any time and in any call: the coroutine goes on from the loop.
+// A value that one part of the program sets and one coroutine awaits. Any function may set the
+// value at any time. The coroutine continues in the next cycle of the loop.
 template <class T>
 class Completion {
  public:
@@ -108,7 +110,8 @@ class Completion {
   std::coroutine_handle<> waiting_;
 };
 
-// What several give and one coroutine takes, in order.
+// A queue that several parts of the program fill, and from which one coroutine takes values in
+// order.
 template <class T>
 class Mailbox {
  public:
@@ -122,7 +125,7 @@ class Mailbox {
   }
   std::size_t size() const { return items_.size(); }
 
-  // `co_await mailbox`, by one coroutine at a time.
+  // For `co_await mailbox` by one coroutine at a time.
   bool await_ready() const { return !items_.empty(); }
   void await_suspend(std::coroutine_handle<> waiting) { waiting_ = waiting; }
   T await_resume() {

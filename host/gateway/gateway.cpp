@@ -1,4 +1,5 @@
-// gateway: the supervisor of one or several axes on a CAN bus, for clients on LCM and Modbus TCP.
+// gateway: the CANopen master of one or several axes on a CAN bus, for clients on LCM and Modbus
+// TCP.
 #include <signal.h>
 #include <sys/signalfd.h>
 #include <unistd.h>
@@ -25,9 +26,10 @@ constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
 constexpr auto kDropsPeriod = 10s;
-// Received at a time, so that a flood delays neither SYNC and heartbeat nor LCM.
+// Limit of frames for one call, so that many frames cannot delay SYNC, heartbeat and LCM.
 constexpr int kMostFrames = 256;
-// How long a gateway that starts listens for another one: longer than its heartbeat may be late.
+// Time for which a gateway listens for another gateway at its start. It is longer than the allowed
+// delay of a heartbeat.
 constexpr auto kClaim = 600ms;
 
 struct OtherGateway : std::runtime_error {
@@ -58,8 +60,8 @@ class Gateway {
   Gateway(const Gateway &) = delete;
   Gateway &operator=(const Gateway &) = delete;
 
-  // Until a signal comes on this descriptor, and the axes stand still or a second one comes. Gives
-  // the exit status.
+  // Runs until a signal is received on this descriptor and then all axes are at standstill, or
+  // until a second signal. Returns the exit status.
   int run(int signals) {
     loop_.watch(
         can_.fd(),
@@ -80,7 +82,7 @@ class Gateway {
     loop_.spawn(begin());
     loop_.run();
     const lcm_bus::Drops drops = lcm_.drops();
-    if (drops.total() != 0) std::cerr << "gateway: LCM in all: " << drops.text() << std::endl;
+    if (drops.total() != 0) std::cerr << "gateway: LCM in total: " << drops.text() << std::endl;
     return status_;
   }
 
@@ -109,9 +111,9 @@ class Gateway {
     return nullptr;
   }
 
-  // The node id must be this gateway's alone: it listens for another owner, then claims the id by a
-  // boot-up message. Two that start together wait for different times, so that one receives the
-  // other's message.
+  // No other node may have the node id of this gateway. The gateway listens for another owner of
+  // the id, then claims the id with a boot-up message. Two gateways that start at the same time
+  // wait for different times, so one of them receives the message of the other.
   Task<void> begin() {
     std::random_device device;
     const auto jitter = std::chrono::milliseconds(std::uniform_int_distribution(0, 300)(device));
@@ -151,7 +153,7 @@ class Gateway {
               << std::endl;
   }
 
-  // All axes at once: none keeps moving while another one stops.
+  // Stops all axes at the same time, so that no axis moves while another one stops.
   void end() {
     ending_ = true;
     if (!claimed_) return loop_.stop();
@@ -168,7 +170,8 @@ class Gateway {
     can_.send({kHeartbeat + static_cast<std::uint32_t>(options_.node_id), 1, {state}});
   }
 
-  // Calls `what` now and once a period from then on; a late call does not move the others.
+  // Calls `what` at the time `at` and then once in each period. A late call does not delay the next
+  // calls.
   void every(EventLoop::Time at, EventLoop::Clock::duration period, EventLoop::Call what) {
     what();
     EventLoop::Time next = at + period;
@@ -192,7 +195,7 @@ class Gateway {
 
   void watch() {
     every(EventLoop::Clock::now(), kWatchPeriod, [this] {
-      serve_can();  // frames already received are not late
+      serve_can();  // processes received frames before their time is checked
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
       if (modbus_) modbus_->close_overdue(EventLoop::Clock::now());
       report_trouble();
@@ -200,7 +203,7 @@ class Gateway {
     });
   }
 
-  // Seldom: whoever sends rubbish must not fill the log with it.
+  // Called seldom, so that a sender of invalid messages cannot fill the log.
   void report_drops() {
     const lcm_bus::Drops drops = lcm_.drops();
     const EventLoop::Time now = EventLoop::Clock::now();
@@ -283,7 +286,7 @@ class Gateway {
   std::uint64_t reported_drops_ = 0;
   EventLoop::Time next_drops_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
-  std::size_t unstopped_ = 0;  // axes, when ending
+  std::size_t unstopped_ = 0;  // number of axes that do not stand still at the end
   int status_ = 0;
 };
 
@@ -292,14 +295,15 @@ class Gateway {
 int main(int argc, char **argv) {
   GatewayOptions options;
   CLI::App app(
-      "Supervisor of axes on a CAN bus: sets them up and starts them as CANopen master, publishes "
-      "their state, events and captures over LCM and takes commands there, and serves Modbus TCP, "
-      "unit id = axis. Prints one line when ready.\n"
-      "Ends on SIGTERM or SIGINT: axes of CANopen and of its own clients stop by quick stop "
-      "first, for which a second signal does not wait. If it is killed, they miss its "
-      "heartbeat and are disabled. Exit status 0 ended, 1 no CAN, LCM or port, or another "
-      "gateway is there, 2 wrong usage, 130 and 143 ended at once by a second SIGINT or "
-      "SIGTERM.");
+      "CANopen master of axes on a CAN bus: sets up and starts the axes, publishes "
+      "their states, events and recordings over LCM, accepts commands over LCM, and "
+      "serves Modbus TCP, where the unit is the node id of the axis. Prints one line "
+      "when ready.\n"
+      "Ends on SIGTERM or SIGINT. Axes that CANopen or a client of the gateway owns "
+      "make a quick stop first; a second signal ends the gateway without waiting for "
+      "them. If the gateway is killed, they miss its heartbeat and are disabled. Exit "
+      "status: 0 ended, 1 no CAN, LCM or port, or another gateway has its node id, 2 "
+      "wrong usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
   add_gateway_options(app, options);
   app.footer(
       "Example:\n"
@@ -309,7 +313,7 @@ int main(int argc, char **argv) {
   } catch (const CLI::ParseError &error) {
     return refuse("gateway", app, error);
   }
-  // Before LCM starts a thread of its own, which would take the signals.
+  // Signals are blocked before LCM starts its own thread, which would otherwise receive them.
   sigset_t set;
   sigemptyset(&set);
   sigaddset(&set, SIGTERM);

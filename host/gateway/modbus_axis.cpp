@@ -8,7 +8,7 @@ extern "C" {
 namespace forceaxis::nodes {
 namespace {
 
-// What the axis refused, from its abort code.
+// Returns the error for the abort code with which the axis has refused a request.
 int refusal_of(std::uint32_t abort) {
   switch (abort >> 16) {
     case 0x0601:
@@ -37,7 +37,7 @@ bool in_range(std::uint16_t object, std::int32_t bits) {
   return number >= meta.min && number <= meta.max;
 }
 
-// What a store at work refuses.
+// Returns whether a busy store refuses a write to this object.
 bool touches_store(std::uint16_t object) {
   return axis_objects[object].stored != 0 || object == AXIS_OBJ_STORE_PARAMETERS ||
          object == AXIS_OBJ_RESTORE_DEFAULTS;
@@ -52,12 +52,13 @@ Task<int> ModbusAxis::read(std::uint16_t object, std::int32_t &value) {
 }
 
 Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
-  // SDO carries an object's own bytes: of 511 for 8 bits it would carry -1.
+  // An SDO carries only the bytes of the object: it would carry the value 511 of an 8-bit object as
+  // -1.
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   const ObjectResult result = co_await axis_.modbus_port().write(object, value);
   if (result.ok() && object == AXIS_OBJ_COMMAND_SOURCE) axis_.acquired_by_modbus();
   if (result.abort == canopen::kAbortState && touches_store(object)) {
-    // SDO has one code for a state and for a store that is still at work.
+    // SDO has the same abort code for a wrong state and for a busy store.
     std::int32_t store = 0;
     const int refusal = co_await read(AXIS_OBJ_STORE_STATE, store);
     if (refusal == FW_OK && store == AXIS_STORE_STATE_SAVING) co_return FW_ERROR_BUSY;
@@ -65,7 +66,8 @@ Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
   co_return refusal_of(result);
 }
 
-// As the firmware checks: range, lock, state. What only stops the axis is nobody's own.
+// Makes the checks of the firmware: range, lock and state. Every client may send a write that only
+// stops the axis.
 Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_owner) {
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   if (cia402_is_stop(object, value)) co_return FW_OK;
@@ -99,8 +101,7 @@ Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_ow
 Task<int> ModbusAxis::carry_out(modbus_access_t &access) {
   const bool writes = access.kind != MODBUS_READ && access.kind != MODBUS_READ_TEXT;
   const bool stops = writes && cia402_is_stop(access.object, access.value);
-  // A stop is attempted also where no heartbeat is heard, and carried out by whichever object
-  // table.
+  // A stop is tried even if no heartbeat is received, and with any object table.
   if (!axis_.present() && !stops) co_return MODBUS_NO_ANSWER;
   if (access.kind == MODBUS_READ) co_return co_await read(access.object, access.value);
   if (access.kind == MODBUS_READ_TEXT) {

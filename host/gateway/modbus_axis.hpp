@@ -1,12 +1,13 @@
 #pragma once
-// Modbus requests of one axis, carried out over SDO by the firmware's own server core
+// Executes the Modbus requests for one axis over SDO, with the server functions of the firmware
 // (firmware/modbus/request.h).
 //
-// Each object is read afresh when it is asked for, one after the other: a 32-bit value is never
-// torn, but the values of one request come from consecutive ticks, about one object a millisecond.
-// A request that writes several objects is all or none as long as no other client writes the same
-// ones: those before the first refusal are given their previous values again. What the axis would
-// refuse by its lock, its state or the object's range is known before anything is written.
+// A request reads its objects one after the other from the axis. A 32-bit value is consistent, but
+// the values of one request come from consecutive ticks, at about one object per millisecond. A
+// request that writes several objects writes all of them or none, if no other client writes these
+// objects at the same time: after a refusal, the objects that were written before get their
+// previous values again. Refusals by the lock, by the state or by the range of an object are
+// detected before the first write.
 #include <array>
 #include <string>
 
@@ -21,21 +22,21 @@ namespace forceaxis::nodes {
 
 class ModbusAxis {
  public:
-  // The axis must outlive this.
+  // `axis` must exist as long as this object.
   explicit ModbusAxis(GatewayAxis &axis) : axis_(axis) {}
 
-  // Carries out the request and puts the answer in its place.
+  // Executes a request and replaces it with its answer.
   Task<void> serve(modbus::Pdu &pdu);
 
  private:
-  // Each gives FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER.
+  // Each returns FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER.
   Task<int> carry_out(modbus_access_t &access);
   Task<int> read(std::uint16_t object, std::int32_t &value);
   Task<int> write(std::uint16_t object, std::int32_t value);
   Task<int> check(std::uint16_t object, std::int32_t value, bool as_owner);
 
   GatewayAxis &axis_;
-  std::string text_;  // of the last access
+  std::string text_;  // text of the last access
   std::array<std::uint16_t, MODBUS_COUNTERS> counters_{};
 };
 

@@ -7,7 +7,8 @@ extern "C" {
 namespace forceaxis::nodes {
 namespace {
 
-// The units by which the specification (Messaging on TCP/IP 1.0b, 4.4.1.2) addresses the server.
+// The units with which the specification (Messaging on TCP/IP 1.0b, 4.4.1.2) addresses the server
+// itself.
 constexpr bool is_gateway(std::uint8_t unit) { return unit == 0 || unit == 255; }
 
 constexpr bool identifies(std::uint8_t function) {
@@ -27,7 +28,7 @@ void carry_out(modbus_access_t &access) {
   } else if (access.object == AXIS_OBJ_OBJECT_TABLE_HASH) {
     access.value = static_cast<std::int32_t>(AXIS_OBJECTS_HASH32);
   } else {
-    access.value = AXIS_DRIVE_STATE_OPERATION_ENABLED;  // function 17: it runs
+    access.value = AXIS_DRIVE_STATE_OPERATION_ENABLED;  // function 17 reports a running server
   }
 }
 

@@ -1,7 +1,7 @@
 #pragma once
-// The units of Modbus TCP that are no axis: the gateway itself, 255 and 0, has an identity
-// (functions 8, 17 and 43/14, by the firmware's own server core) and no registers, exception 1;
-// behind any other unit there is nothing, exception 10.
+// The units of Modbus TCP that are not axes. Units 255 and 0 are the gateway: it has an identity
+// (functions 8, 17 and 43/14, with the server functions of the firmware), and answers requests for
+// registers with exception 1. Any other unit answers with exception 10.
 #include <array>
 #include <cstdint>
 
@@ -15,7 +15,7 @@ namespace forceaxis::nodes {
 
 class ModbusSelf {
  public:
-  // Carries out a request to a unit that is no axis and puts the answer in its place.
+  // Executes a request to a unit that is not an axis, and replaces the request with its answer.
   void serve(std::uint8_t unit, modbus::Pdu &pdu);
 
  private:

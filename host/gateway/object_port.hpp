@@ -1,5 +1,6 @@
 #pragma once
-// The objects of one axis through one SDO channel: raw values by object number.
+// Access to the objects of one axis through one SDO channel: raw values by the number of the
+// object.
 #include <cstdint>
 #include <string>
 
@@ -8,27 +9,27 @@
 namespace forceaxis::nodes {
 
 struct ObjectResult {
-  std::uint32_t abort = 0;  // 0: done
-  bool silent = false;      // no answer came
-  std::int64_t value = 0;   // read
+  std::uint32_t abort = 0;  // SDO abort code; 0: success
+  bool silent = false;      // no answer arrived
+  std::int64_t value = 0;   // value that was read
 
   bool ok() const { return abort == 0; }
 };
 
-// Where an object lies, and what of it there is.
+// The address of an object, the length of its value and its sign.
 struct ObjectAddress {
   std::uint16_t index = 0;
   std::uint8_t sub = 0;
-  std::uint8_t bytes = 0;  // 0: not known
+  std::uint8_t bytes = 0;  // 0: length not known
   bool is_signed = false;
 };
 
 ObjectAddress address_of(std::uint16_t object);
 
-// Least significant byte first; nothing beyond 8 bytes is read.
+// Returns the value of bytes in little-endian order. Bytes after the eighth are ignored.
 std::int64_t value_of(std::span<const std::uint8_t> bytes, bool is_signed);
 std::vector<std::uint8_t> bytes_of(std::int64_t value, std::uint8_t bytes);
-// Whether a value is one of the object's type.
+// Returns whether a value is in the range of the object's type.
 bool fits(std::int64_t value, const ObjectAddress &address);
 
 class ObjectPort {
@@ -41,7 +42,7 @@ class ObjectPort {
   }
   Task<ObjectResult> read(ObjectAddress address);
   Task<ObjectResult> write(ObjectAddress address, std::int64_t value);
-  // Of any length, such as a text.
+  // Reads a value of any length, such as a text.
   Task<canopen::SdoResult> read_bytes(ObjectAddress address) {
     return channel_.upload(address.index, address.sub);
   }

@@ -17,12 +17,12 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr int kMostNodes = 127;
-// Identifiers that the pre-defined connection set of CiA 301 leaves free and does not restrict,
-// 680h to 6DFh: four for the SDO channels of each axis.
+// First of the identifiers 680h to 6DFh, which the predefined connection set of CiA 301 neither
+// uses nor restricts. The SDO channels of each axis need four of them.
 constexpr std::uint32_t kFirstSdo = 0x680;
 constexpr int kSdosOfAxis = 4, kMostAxes = 24;
 
-// "1,2" or "1-6".
+// Returns the numbers in a text such as "1,2" or "1-6".
 std::vector<int> axes_of(const std::string &text) {
   const auto fail = [&text] {
     throw UsageError("--axes " + text + ": expected numbers from 1 to 127 such as 1,2 or 1-6");
@@ -54,8 +54,9 @@ std::vector<int> axes_of(const std::string &text) {
   }
 }
 
-// The identifiers of each axis: those of its node id modulo 24 if they are free, so that they are
-// the same ones whatever other axes a gateway has, else the next free ones.
+// Returns the first identifier of each axis. It follows from the node id modulo 24 if these
+// identifiers are free, so that it does not depend on the other axes of the gateway. Otherwise it
+// is the next free one.
 std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector<int> &axes) {
   if (axes.size() > kMostAxes) {
     throw UsageError("--axes " + o.axes + ": expected at most " + std::to_string(kMostAxes) +
@@ -73,7 +74,7 @@ std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector
   return found;
 }
 
-// "NAME=VALUE" in engineering units or an enum's text.
+// Reads "NAME=VALUE", with a value in the unit of the object or a text of an enumeration.
 AxisSettings::Parameter parameter_of(const std::string &set, const std::string &assignment) {
   const auto fail = [&set](const std::string &what) {
     throw UsageError("--set " + set + ": " + what);
@@ -107,16 +108,17 @@ AxisSettings::Parameter parameter_of(const std::string &set, const std::string &
 void add_gateway_options(CLI::App &app, GatewayOptions &o) {
   app.formatter(std::make_shared<nodes::Help>());
   app.add_option("--can", o.can, "CAN interface of the axes.")->capture_default_str();
-  app.add_option("--axes", o.axes,
-                 "Node ids, which are Modbus units and LCM channels too: 1,2 or 1-6.")
+  app.add_option(
+         "--axes", o.axes,
+         "Node ids of the axes, such as 1,2 or 1-6; they are also Modbus units and LCM channels.")
       ->capture_default_str();
   app.add_option("--lcm-url", o.lcm_url,
-                 "LCM bus, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
-                 "udpm://239.255.76.67:7667?ttl=0, this machine.");
+                 "LCM URL, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
+                 "udpm://239.255.76.67:7667?ttl=0 on this machine.");
   app.add_option(
          "--lcm-remote", o.lcm_remote,
-         "Takes LCM commands from these addresses too, such as 192.168.1.0/24; default: from "
-         "this machine alone. LCM knows no passwords. Repeatable.")
+         "Also accept LCM commands from these addresses, such as 192.168.1.0/24; default: from "
+         "this machine only. LCM has no passwords. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("ADDRESS/MASK");
@@ -124,28 +126,30 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
   app.add_option("--modbus-bind", o.modbus_address,
-                 "Address it listens on; 0.0.0.0 lets other machines in, and Modbus knows no "
+                 "Address of the Modbus server; 0.0.0.0 accepts other machines, and Modbus has no "
                  "passwords.")
       ->capture_default_str();
-  app.add_option("--node-id", o.node_id, "The gateway's own node id, for its heartbeat.")
+  app.add_option("--node-id", o.node_id, "Node id of the gateway, for its heartbeat.")
       ->check(CLI::Range(1, kMostNodes))
       ->capture_default_str();
-  app.add_option("--sync-hz", o.sync_hz, "SYNCs and states published a second.")
+  app.add_option("--sync-hz", o.sync_hz, "Rate in Hz of SYNC and of published states.")
       ->check(real_range(1, 200))
       ->capture_default_str();
-  app.add_option("--heartbeat-ms", o.heartbeat_ms, "From one heartbeat to the next, both ways.")
+  app.add_option("--heartbeat-ms", o.heartbeat_ms, "Heartbeat period in ms of gateway and axes.")
       ->check(CLI::Range(10, 10000))
       ->capture_default_str();
-  app.add_option("--watch-ms", o.watch_ms,
-                 "Without a heartbeat of the gateway for that long an axis is disabled; default: "
-                 "three heartbeats.")
+  app.add_option(
+         "--watch-ms", o.watch_ms,
+         "Time in ms without heartbeat of the gateway after which an axis is disabled; default: "
+         "three heartbeat periods.")
       ->check(CLI::Range(20, 65535));
-  app.add_option("--sdo-timeout-ms", o.sdo_timeout_ms, "How long an axis may take to answer.")
+  app.add_option("--sdo-timeout-ms", o.sdo_timeout_ms,
+                 "Time in ms within which an axis must answer.")
       ->check(CLI::Range(10, 10000))
       ->capture_default_str();
   app.add_option("--set", o.sets,
                  "NAME=VALUE: a parameter that the gateway writes whenever it sets up an axis, in "
-                 "engineering units; N:NAME=VALUE for axis N alone. Repeatable.")
+                 "engineering units; N:NAME=VALUE for axis N only. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("NAME=VALUE");
@@ -165,7 +169,7 @@ void finish_gateway_options(GatewayOptions &o) {
     if (!network) throw UsageError("--lcm-remote " + text + ": " + trouble);
     o.remote.push_back(*network);
   }
-  // 0.0.0.0 is every address of this machine; no other address of network 0 is one.
+  // 0.0.0.0 means every address of this machine. Other addresses of the network 0 do not exist.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
       (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {
@@ -174,7 +178,7 @@ void finish_gateway_options(GatewayOptions &o) {
   }
   if (o.watch_ms == 0) o.watch_ms = 3 * o.heartbeat_ms;
   if (o.watch_ms <= o.heartbeat_ms) {
-    throw UsageError("--watch-ms: expected more than one heartbeat, " +
+    throw UsageError("--watch-ms: expected more than one heartbeat period, " +
                      std::to_string(o.heartbeat_ms) + " ms");
   }
   if (o.watch_ms > 65535) throw UsageError("--heartbeat-ms: expected at most 21845");
@@ -183,7 +187,7 @@ void finish_gateway_options(GatewayOptions &o) {
   for (std::size_t i = 0; i < axes.size(); ++i) {
     if (axes[i] == o.node_id) {
       throw UsageError("--node-id " + std::to_string(o.node_id) +
-                       ": expected another than that of an axis, --axes " + o.axes);
+                       ": expected a node id that no axis has, --axes " + o.axes);
     }
     AxisSettings s;
     s.number = axes[i];

@@ -23,13 +23,13 @@ struct GatewayOptions {
   int sdo_timeout_ms = 500;
   std::vector<std::string> sets;
 
-  // Complete after finish_gateway_options().
+  // settings of all axes, set by finish_gateway_options()
   std::vector<AxisSettings> settings;
   std::vector<lcm_bus::Network> remote;
 };
 
 void add_gateway_options(CLI::App &app, GatewayOptions &options);
-// Throws UsageError.
+// Checks the options and derives the settings of the axes. Throws UsageError.
 void finish_gateway_options(GatewayOptions &options);
 
 }  // namespace forceaxis::nodes

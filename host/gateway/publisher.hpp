@@ -1,6 +1,5 @@
 #pragma once
-// What is known of one axis, published over LCM: its state when asked to, and what changed as an
-// event.
+// Publishes the known values of one axis over LCM: its state on request, and changes as events.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -17,25 +16,25 @@ namespace forceaxis::nodes {
 
 class AxisPublisher {
  public:
-  // `lcm` must outlive this.
+  // `lcm` must exist as long as this object.
   AxisPublisher(lcm_bus::AxisChannels &lcm, int number) : lcm_(lcm), number_(number) {}
 
-  // The last value received or read; lcm_bus::kNotAvailable where there is none.
+  // Returns the last value that was received or read, or lcm_bus::kNotAvailable if none is known.
   std::int64_t value(std::uint16_t object) const;
-  // Whether there is a value younger than that.
+  // Returns whether the known value is younger than `age`.
   bool is_fresh(std::uint16_t object, std::chrono::milliseconds age) const;
-  // A value that was received, read or written: what changed becomes an event.
+  // Stores a value that was received, read or written. A change is published as an event.
   void update(std::uint16_t object, std::int64_t value);
-  // No value is known any more.
+  // Discards all known values.
   void forget();
 
-  // Firmware time of the last tick that is known, or not available.
+  // Returns the firmware time of the last known tick in us, or lcm_bus::kNotAvailable.
   std::int64_t utime() const;
 
   void publish_state(std::int64_t table_hash, std::int64_t nmt_state);
   void event(std::int64_t kind, std::int64_t code, const std::string &text,
              const std::vector<lcm_bus::Item> &items = {}, lcm_bus::CommandId command = {});
-  // The same, and a line on standard error.
+  // Publishes an event and writes its text to standard error.
   void loud_event(std::int64_t kind, std::int64_t code, const std::string &text);
 
  private:
@@ -49,7 +48,7 @@ class AxisPublisher {
 
   lcm_bus::AxisChannels &lcm_;
   int number_;
-  std::uint64_t tick_ = 0;  // unwrapped
+  std::uint64_t tick_ = 0;  // last known tick, without the wrap of its counter
   std::array<Value, AXIS_OBJ_COUNT> values_{};
 };
 

@@ -1,5 +1,6 @@
 #pragma once
-// An SDO client that coroutines share: transfers wait for their turn and end by answer or time.
+// An SDO client that several coroutines share. Transfers run one after the other. A transfer ends
+// with an answer or after a timeout.
 #include <chrono>
 #include <cstdint>
 #include <deque>
@@ -15,7 +16,7 @@ class SdoChannel {
  public:
   using Send = std::function<void(const canopen::Frame &)>;
 
-  // Requests go to request_id + node, answers come on answer_id + node.
+  // Requests have the identifier request_id + node, answers have answer_id + node.
   SdoChannel(EventLoop &loop, Send send, std::uint32_t request_id, std::uint32_t answer_id,
              std::chrono::milliseconds timeout)
       : loop_(loop),
@@ -51,7 +52,7 @@ class SdoChannel {
   canopen::SdoClient client_;
   std::uint32_t answer_id_;
   std::chrono::milliseconds timeout_;
-  std::deque<Waiting> waiting_;  // the first one is under way
+  std::deque<Waiting> waiting_;  // transfers in order; the first is in progress
   std::uint64_t timer_ = 0;
 };
 

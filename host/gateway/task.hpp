@@ -1,11 +1,12 @@
 #pragma once
-// A coroutine that is awaited by one other and gives it a value or its exception. It begins when it
-// is awaited, and ends with the object that holds it.
+// A coroutine that one other coroutine awaits. It returns a value or an exception to that
+// coroutine. It starts when it is awaited, and is destroyed with the object that owns it.
 //
-// GCC 12 goes wrong with some of what the language allows, so here: an endless loop is
-// `while (loop.running())`, for it drops the body of some `for (;;)`; an argument within a co_await
-// is a variable or trivial, for it destroys some temporaries twice; and what is awaited has no
-// operator co_await, whose result it copies.
+// GCC 12 compiles some permitted code wrongly, so the coroutines of this program follow three
+// rules. An endless loop is `while (loop.running())`, because GCC 12 drops the body of some loops
+// `for (;;)`. An argument within a co_await is a variable or trivial, because GCC 12 destroys some
+// temporaries twice. An awaited object has no operator co_await, because GCC 12 copies the result
+// of this operator.
 #include <coroutine>
 #include <exception>
 #include <optional>
@@ -18,7 +19,7 @@ class [[nodiscard]] Task;
 
 namespace detail {
 
-// What is resumed when a task has ended: whoever awaits it.
+// Resumes the coroutine that awaits a task after the task has ended.
 struct FinalAwaiter {
   bool await_ready() noexcept { return false; }
   template <class Promise>

@@ -30,15 +30,16 @@ std::string hex(unsigned long long value, int digits) {
   return text;
 }
 
-// What the table of objects calls a value, empty if it has no name for it.
+// Returns the name that the object table gives to a value, or an empty text if it has none.
 std::string name_in_words(std::uint16_t object, std::int32_t value) {
   std::string text(host::value_name(object, value));
   std::ranges::replace(text, '_', ' ');
   return text;
 }
 
-// What an emergency store_failed says of the store: its state, the first parameter that is not as
-// stored or keeps an old default, and how many others there are.
+// Returns the text of the store's state after an emergency message store_failed: the state, the
+// first parameter that does not have its stored value or keeps an earlier default, and the number
+// of other such parameters.
 std::string store_text(std::span<const std::uint8_t> manufacturer) {
   std::string text = ": " + host::enum_text(AXIS_OBJ_STORE_STATE, manufacturer[0]);
   std::ranges::replace(text, '_', ' ');

@@ -1,22 +1,22 @@
 #pragma once
-// What numbers of CANopen and CiA 402 say in words.
+// Texts for numbers of CANopen and CiA 402.
 #include <cstdint>
 #include <span>
 #include <string>
 
 namespace forceaxis::nodes {
 
-// CiA 402 state of a statusword, "operation enabled".
+// Returns the CiA 402 state in a statusword, such as "operation enabled".
 std::string drive_state_text(std::int64_t statusword);
-// Mode of operation (6061h), "profile position".
+// Returns the name of a mode of operation (6061h), such as "profile position".
 std::string mode_text(std::int64_t mode);
-// NMT state, "operational".
+// Returns the name of an NMT state, such as "operational".
 std::string nmt_text(std::int64_t state);
-// "EMCY 8130h heartbeat lost"; manufacturer: the five bytes behind the error register, in which
-// store_failed says what of the stored parameters is not in force:
-// "EMCY 5530h store failed: loaded partly, force_tare and 2 more".
+// Returns the text of an emergency message, such as "EMCY 8130h heartbeat lost". `manufacturer` has
+// the five bytes after the error register. With store_failed, these bytes tell which stored
+// parameters are not active: "EMCY 5530h store failed: loaded partly, force_tare and 2 more".
 std::string emergency_text(std::uint16_t code, std::span<const std::uint8_t> manufacturer);
-// Eight hexadecimal digits.
+// Returns eight hexadecimal digits.
 std::string hash_text(std::int64_t hash);
 
 }  // namespace forceaxis::nodes

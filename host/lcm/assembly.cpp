@@ -17,7 +17,8 @@ std::uint32_t number_at(Bytes bytes, std::size_t at, int size = 4) {
   return number;
 }
 
-// The channel that begins there and its final zero; nothing if the zero is not found.
+// Returns the channel name at the start of `bytes`, up to its final zero, or nothing if the zero is
+// missing.
 std::optional<std::string_view> leading_channel(Bytes bytes) {
   const Bytes searched = bytes.first(std::min(bytes.size(), kLongestChannel + 1));
   const auto zero = std::ranges::find(searched, 0);
@@ -71,7 +72,7 @@ std::optional<Message> Assembly::add(Sender sender, const Fragment &fragment) {
   const auto partial = std::ranges::find(partials_, sender, &Partial::sender);
   const bool known = partial != partials_.end() && partial->number == fragment.message;
   if (fragment.number != 0) {
-    // Of an unknown message: its channel is not wanted, or its first fragment was lost.
+    // The message is unknown if its channel is not wanted or its first fragment was lost.
     return known ? extend(partial, fragment) : std::nullopt;
   }
   const auto channel = leading_channel(fragment.data);
@@ -98,7 +99,8 @@ void Assembly::begin(Sender sender, const Fragment &fragment, std::string_view c
       {sender, fragment.message, fragment.bytes, fragment.fragments, 0, std::string(channel), {}});
 }
 
-// Keeps what has come, not what a header says will come, so its memory is paid for in datagrams.
+// Allocates memory for received data only, not for the length in a header, so a sender must send as
+// much data as it occupies.
 std::optional<Message> Assembly::extend(std::vector<Partial>::iterator partial,
                                         const Fragment &fragment) {
   std::vector<std::uint8_t> &held = partial->data;

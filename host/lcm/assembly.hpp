@@ -1,7 +1,8 @@
 #pragma once
-// Messages of LCM's wire format out of datagrams: "LC02" holds a whole one, "LC03" one fragment.
-// Owns no socket and no clock. Whatever the datagrams hold, nothing is thrown but std::bad_alloc,
-// and at most kMostSenders messages of kMostBytes are kept.
+// Assembles messages of LCM's wire format from datagrams: a datagram "LC02" contains a complete
+// message, a datagram "LC03" contains a fragment. The class has no socket and no clock. Datagrams
+// with any content cause no exception other than std::bad_alloc, and at most kMostSenders messages
+// of kMostBytes are kept in memory.
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -13,15 +14,15 @@
 
 namespace forceaxis::lcm_bus {
 
-// Address and port, as numbers of this machine: fragments of different senders are different
-// messages'.
+// Address and port of the sender in host byte order. Fragments of different senders belong to
+// different messages.
 struct Sender {
   std::uint32_t address;
   std::uint16_t port;
   bool operator==(const Sender &) const = default;
 };
 
-// Valid as long as the datagram, and until the assembly takes the next one.
+// A message. It is valid as long as the datagram exists, and until the next call of take().
 struct Message {
   std::string_view channel;
   std::span<const std::uint8_t> data;
@@ -29,20 +30,23 @@ struct Message {
 
 class Assembly {
  public:
-  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;  // data of one message
-  static constexpr std::size_t kMostSenders = 8;                   // with a message under way
+  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;  // limit of the data of one
+                                                                   // message
+  static constexpr std::size_t kMostSenders = 8;  // limit of senders with an incomplete message
 
-  // Messages on channels that are not wanted are neither assembled nor counted.
+  // `wanted` returns whether messages on a channel are assembled and counted. Messages on other
+  // channels are ignored.
   explicit Assembly(std::function<bool(std::string_view channel)> wanted)
       : wanted_(std::move(wanted)) {}
 
-  // The wanted message that this datagram is or completes. Fragments count in order; one that
-  // repeats what is held already is ignored.
+  // Returns the message that this datagram contains or completes, or nothing. Fragments must arrive
+  // in order. A repeated fragment is ignored.
   std::optional<Message> take(Sender sender, std::span<const std::uint8_t> datagram);
 
-  // Datagrams that are no LCM, and messages whose fragments contradict each other or are too large.
+  // Number of datagrams that are not LCM, and of messages that are too large or whose fragments
+  // contradict each other.
   std::uint64_t malformed() const { return malformed_; }
-  // Messages of which a fragment did not come.
+  // Number of messages with a missing fragment.
   std::uint64_t incomplete() const { return incomplete_; }
 
  private:
@@ -61,13 +65,13 @@ class Assembly {
   std::optional<Message> malformed_message();
 
   std::function<bool(std::string_view)> wanted_;
-  std::vector<Partial> partials_;  // at most one a sender, the oldest first
+  std::vector<Partial> partials_;  // incomplete messages, at most one for each sender; oldest first
   Partial complete_;
   std::uint64_t malformed_ = 0, incomplete_ = 0;
 };
 
-// The channel of a datagram that has one, which is not a later fragment's; else empty. Of a
-// datagram that is cut off, the channel may be all there is.
+// Returns the channel name in a datagram, or an empty text for a fragment other than the first. If
+// the datagram is truncated after the channel name, the name is still returned.
 std::string_view channel_of(std::span<const std::uint8_t> datagram);
 
 }  // namespace forceaxis::lcm_bus

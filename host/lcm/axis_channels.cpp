@@ -9,7 +9,8 @@ namespace forceaxis::lcm_bus {
 
 namespace {
 
-// So that a flood does not keep the gateway from its other buses.
+// Limit of datagrams for one call, so that many datagrams cannot delay the other buses of the
+// gateway.
 constexpr int kMostAtOnce = 128;
 
 }  // namespace
@@ -20,15 +21,15 @@ std::string Drops::text() const {
     if (count == 0) return;
     said += (said.empty() ? "" : ", ") + std::to_string(count) + " " + what;
   };
-  add(refused, "commands from elsewhere than this machine refused (the last one from " +
-                   last_refused + ", see --lcm-remote)");
+  add(refused, "commands from other machines refused (the last one from " + last_refused +
+                   ", see --lcm-remote)");
   add(malformed, "malformed messages dropped");
   add(incomplete, "incomplete messages dropped");
   return said;
 }
 
 AxisChannels::AxisChannels(const std::string &url) : url_(url), lcm_(usable<LcmError>(url)) {
-  if (!lcm_.good()) throw LcmError(url + ": expected a bus that LCM can join");
+  if (!lcm_.good()) throw LcmError(url + ": expected a URL that LCM can open");
   std::random_device device;
   run_id_ = std::uniform_int_distribution<std::int64_t>(1, INT64_MAX)(device);
 }

@@ -1,7 +1,7 @@
 #pragma once
-// The LCM side of a gateway: what host/lcm/axis.lcm says, with seq, run_id and times filled in.
-// Publishes by liblcm, receives by a receiver of its own, so no C frame is between a command and
-// whoever carries it out.
+// The LCM channels of a gateway (host/lcm/axis.lcm); this class fills in seq, run_id and times. It
+// publishes with liblcm but receives with its own receiver, so no C function is on the call stack
+// between a command and the code that executes it.
 #include <array>
 #include <cstdint>
 #include <forceaxis/axis_capture_t.hpp>
@@ -27,21 +27,21 @@ struct Item {
   std::int64_t value;
 };
 
-// Which command an event answers or a capture was asked by.
+// The command to which an event or a recording belongs.
 struct CommandId {
   std::int64_t run_id = kNotAvailable;
   std::int64_t command_id = kNotAvailable;
 };
 
-// What was received and not carried out.
+// Messages that were received and not executed.
 struct Drops {
-  std::uint64_t refused = 0;  // datagrams of commands from elsewhere
-  std::string last_refused;   // "ADDRESS:PORT"
+  std::uint64_t refused = 0;  // datagrams of commands from networks that are not allowed
+  std::string last_refused;   // sender of the last of them, "ADDRESS:PORT"
   std::uint64_t malformed = 0;
-  std::uint64_t incomplete = 0;  // messages of which a fragment did not come
+  std::uint64_t incomplete = 0;  // messages with a missing fragment
 
   std::uint64_t total() const { return refused + malformed + incomplete; }
-  // One line that names those that are not 0.
+  // Returns one line that names the counts that are not 0.
   std::string text() const;
 };
 
@@ -53,15 +53,15 @@ class AxisChannels {
   AxisChannels(const AxisChannels &) = delete;
   AxisChannels &operator=(const AxisChannels &) = delete;
 
-  // From now on, handle() calls `command` for each command that comes on the channel of an axis
-  // from this machine or a network of `remote`. To be called once. Throws LcmError.
+  // From now on, handle() calls `command` for each command on the channel of one of the axes, if it
+  // comes from this machine or from a network in `remote`. To be called once. Throws LcmError.
   void listen(const std::vector<int> &axes, const std::vector<Network> &remote, Command command);
-  // To be called after listen(), when one of them is readable.
+  // File descriptors for poll(). To be called after listen().
   std::vector<int> fds() const { return {receiver_->fd(), refused_->fd()}; }
   void handle();
   Drops drops() const;
 
-  // These fill in wall_utime, seq and run_id.
+  // These functions publish a message and fill in wall_utime, seq and run_id.
   void publish(int axis, axis_state_t &state);
   void publish(int axis, axis_event_t &event);
   void publish(int axis, axis_capture_t &capture);
@@ -77,7 +77,7 @@ class AxisChannels {
   lcm::LCM lcm_;
   std::int64_t run_id_;
   std::array<std::array<std::int64_t, kMostAxes + 1>, kKinds> next_seq_{};
-  std::map<std::string, int, std::less<>> listening_;  // axis of a channel
+  std::map<std::string, int, std::less<>> listening_;  // the axis of each channel
   Command command_;
   std::optional<Receiver> receiver_;
   std::optional<RefusedCounter> refused_;

@@ -5,7 +5,8 @@
 namespace forceaxis::lcm_bus {
 namespace {
 
-// Reads on from a place; once something is missing, `whole` is false and all else reads as 0.
+// Reads values from a message in order. After a missing value, `whole` is false and all further
+// values are 0.
 class Reader {
  public:
   explicit Reader(std::span<const std::uint8_t> bytes) : left_(bytes) {}
@@ -34,7 +35,7 @@ class Reader {
   }
 
   void name() {
-    const std::uint64_t length = number(4);  // with its final zero
+    const std::uint64_t length = number(4);  // length with the final zero
     whole_ = whole_ && length >= 1 && length <= kLongestName + 1;
     const auto text = bytes(whole_ ? length : 0);
     whole_ = whole_ && text.back() == 0 &&
@@ -47,7 +48,7 @@ class Reader {
   bool whole_ = true;
 };
 
-constexpr std::size_t kFirstNumbers = 9;  // utime to timeout_us
+constexpr std::size_t kFirstNumbers = 9;  // numbers from utime to timeout_us
 
 bool is_command(std::span<const std::uint8_t> data) {
   Reader reader(data);

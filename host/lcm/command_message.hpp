@@ -1,6 +1,6 @@
 #pragma once
-// Commands out of what was received, checked before the generated code decodes them: that code
-// believes every count and length, and throws for some.
+// Decodes and checks received commands before the generated code decodes them. The generated code
+// does not check counts and lengths, and throws an exception for some of them.
 #include <cstddef>
 #include <cstdint>
 #include <forceaxis/axis_command_t.hpp>
@@ -9,12 +9,12 @@
 
 namespace forceaxis::lcm_bus {
 
-// Far above what any client needs, so that kept commands and answers stay small.
+// Limits far above the needs of any client. They bound the memory for kept commands and answers.
 constexpr std::int32_t kMostItems = 4096, kMostSignals = 64;
 constexpr std::uint32_t kLongestName = 255;
 
-// The command that these bytes are: counts within the limits above, names printable, and nothing
-// missing or left over. Throws nothing but std::bad_alloc.
+// Decodes a command. Returns nothing unless counts are within the limits above, names are
+// printable, and the length is exactly right. The only exception is std::bad_alloc.
 std::optional<axis_command_t> decode_command(std::span<const std::uint8_t> data);
 
 }  // namespace forceaxis::lcm_bus

@@ -1,5 +1,5 @@
 #pragma once
-// What everyone who opens LCM needs.
+// Definitions that every user of LCM needs.
 #include <chrono>
 #include <cstdint>
 #include <cstdlib>
@@ -8,12 +8,13 @@
 
 namespace forceaxis::lcm_bus {
 
-// No such bus, or no route for multicast: the text says what to do.
+// The URL cannot be opened, or the machine has no route for multicast. The text contains the
+// remedy.
 struct LcmError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// LCM's own group, and where programs meet that were given no other place.
+// The default multicast group of LCM, for programs without another URL.
 inline constexpr char kGroup[] = "239.255.76.67";
 inline constexpr char kDefaultUrl[] = "udpm://239.255.76.67:7667?ttl=0";
 
@@ -22,7 +23,7 @@ inline std::string default_url() {
   return given != nullptr && *given != 0 ? given : kDefaultUrl;
 }
 
-// Microseconds since 1970, as messages carry them.
+// Returns the wall clock in microseconds since 1970, as in messages.
 inline std::int64_t wall_us() {
   return std::chrono::duration_cast<std::chrono::microseconds>(
              std::chrono::system_clock::now().time_since_epoch())

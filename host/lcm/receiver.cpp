@@ -19,15 +19,16 @@ namespace {
 
 constexpr std::size_t kLargestDatagram = 65536;
 
-// Kernel's name for the local copy of an outgoing multicast (linux/if_packet.h clashes with ours).
+// Type with which the kernel marks the local copy of an outgoing multicast (linux/if_packet.h
+// conflicts with other headers of this file).
 constexpr std::uint32_t kPacketLoopback = 5;
-constexpr std::uint32_t kSourceAddress = 12;  // place in the IP header
+constexpr std::uint32_t kSourceAddress = 12;  // offset in the IP header
 constexpr std::uint32_t kAll = 0xFFFFFFFF;
-// UDP header, LCM header and channel: enough to see what was refused.
+// UDP header, LCM header and channel name, sufficient to identify a refused datagram.
 constexpr std::uint32_t kShown = 8 + 20 + 64;
 
-// Gives `local` bytes of a datagram of this machine or of `remote`, and `foreign` bytes of the
-// others; 0 drops it.
+// Returns a filter program that passes `local` bytes of each datagram of this machine or of
+// `remote`, and `foreign` bytes of each other datagram; 0 drops it.
 std::vector<sock_filter> filter_of(const std::vector<Network> &remote, std::uint32_t local,
                                    std::uint32_t foreign) {
   std::vector<sock_filter> program;
@@ -51,7 +52,8 @@ std::vector<sock_filter> filter_of(const std::vector<Network> &remote, std::uint
   return program;
 }
 
-// A socket in the group of a URL, its filter in place before anything can arrive.
+// Opens a socket in the multicast group of a URL. Its filter is active before the first datagram
+// can arrive.
 int open_socket(const std::string &url, std::vector<sock_filter> program) {
   const Place place = place_of(url);
   const int s = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -60,7 +62,7 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(place.port);
-  address.sin_addr.s_addr = htonl(place.group);  // not what is sent to this machine's addresses
+  address.sin_addr.s_addr = htonl(place.group);  // excludes datagrams to addresses of this machine
   ip_mreq join{address.sin_addr, {INADDR_ANY}};
   const bool done =
       s >= 0 && setsockopt(s, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0 &&
@@ -72,10 +74,10 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   if (done) return s;
   const std::string why = std::strerror(errno);
   if (s >= 0) close(s);
-  throw LcmError(url + ": expected to be able to receive from this machine alone, " + why);
+  throw LcmError(url + ": cannot receive LCM messages, " + why);
 }
 
-// The datagram that waits first, if one does.
+// Receives the first pending datagram, or returns nothing.
 std::optional<std::span<const std::uint8_t>> receive_from(int socket,
                                                           std::span<std::uint8_t> buffer,
                                                           Sender &sender) {
@@ -103,7 +105,7 @@ std::optional<std::uint32_t> address_of(const std::string &text) {
 std::optional<std::uint32_t> mask_of(const std::string &text) {
   if (const auto mask = address_of(text)) {
     const std::uint32_t outside = ~*mask;
-    if ((outside & (outside + 1)) != 0) return std::nullopt;  // ones, then zeros
+    if ((outside & (outside + 1)) != 0) return std::nullopt;  // not a row of ones followed by zeros
     return mask;
   }
   int ones = 0;
@@ -124,7 +126,7 @@ std::optional<Network> network_of(const std::string &text, std::string &trouble)
     return std::nullopt;
   }
   if ((*address & ~*mask) != 0) {
-    trouble = "expected an address without bits outside its mask, here " +
+    trouble = "expected an address without bits outside its mask, such as " +
               text_of(*address & *mask) + text.substr(slash);
     return std::nullopt;
   }

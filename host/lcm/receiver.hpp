@@ -1,9 +1,10 @@
 #pragma once
-// Receives LCM messages from this machine, and from other networks only where that is asked for.
-// liblcm receives from everyone and hides the sender, so this has sockets of its own.
+// Receives LCM messages from this machine, and from other networks only if they are allowed. liblcm
+// receives from every sender and does not report the sender, so this class has its own sockets.
 //
-// Whether a datagram is this machine's is the kernel's knowledge, not the source address's: it came
-// through the loopback interface, or is the local copy of what this machine sent to another one.
+// The kernel, not the source address, tells whether a datagram comes from this machine: it arrives
+// through the loopback interface, or is the local copy of a datagram that this machine sent to
+// another interface.
 #include <functional>
 #include <string>
 #include <vector>
@@ -13,20 +14,21 @@
 
 namespace forceaxis::lcm_bus {
 
-// As numbers of this machine; no bit of the address is outside the mask.
+// A network in host byte order. Bits of the address outside the mask are 0.
 struct Network {
   std::uint32_t address, mask;
 };
 
-// "192.168.1.0/24" or "192.168.1.0/255.255.255.0". What is wrong with another text goes to
-// `trouble`, one line without the text itself.
+// Returns the network in a text such as "192.168.1.0/24" or "192.168.1.0/255.255.255.0". For an
+// invalid text, `trouble` becomes one line with the reason, without the text itself.
 std::optional<Network> network_of(const std::string &text, std::string &trouble);
 
 class Receiver {
  public:
   using Take = std::function<void(const Message &message)>;
 
-  // Joins the group of `url`, of which lcm_bus::trouble() has nothing to say. Throws LcmError.
+  // Joins the multicast group of `url`. lcm_bus::trouble() must return no problem for this URL.
+  // Throws LcmError.
   Receiver(const std::string &url, const std::vector<Network> &remote,
            std::function<bool(std::string_view channel)> wanted);
   ~Receiver();
@@ -34,8 +36,8 @@ class Receiver {
   Receiver &operator=(const Receiver &) = delete;
 
   int fd() const { return socket_; }
-  // Takes at most `most` datagrams, without waiting, and calls `take` for each wanted message.
-  // Returns how many datagrams there were.
+  // Receives at most `most` datagrams without waiting, and calls `take` for each wanted message.
+  // Returns the number of datagrams.
   int receive(int most, const Take &take);
 
   const Assembly &assembly() const { return assembly_; }
@@ -46,8 +48,8 @@ class Receiver {
   int socket_;
 };
 
-// What a Receiver of the same arguments does not receive, as far as this keeps up with it: on a
-// socket of its own, so that a flood from elsewhere displaces nothing.
+// Counts the datagrams that a Receiver with the same arguments refuses, as far as it keeps up with
+// them. It has its own socket, so many refused datagrams cannot displace wanted ones.
 class RefusedCounter {
  public:
   RefusedCounter(const std::string &url, const std::vector<Network> &remote,
@@ -59,9 +61,10 @@ class RefusedCounter {
   int fd() const { return socket_; }
   void receive(int most);
 
-  // Datagrams of wanted channels, of a message in fragments the first.
+  // Number of refused datagrams on wanted channels. Of a fragmented message, only the first
+  // datagram counts.
   std::uint64_t count() const { return count_; }
-  // Of the last one, "ADDRESS:PORT".
+  // Sender of the last refused datagram, "ADDRESS:PORT".
   const std::string &last() const { return last_; }
 
  private:

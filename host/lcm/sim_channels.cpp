@@ -14,7 +14,7 @@ std::int64_t utime_of(std::int64_t tick) { return tick * 2000 / 3; }
 }  // namespace
 
 SimChannels::SimChannels(const std::string &url) : lcm_(usable<std::runtime_error>(url)) {
-  if (!lcm_.good()) throw std::runtime_error(url + ": expected a bus that LCM can join");
+  if (!lcm_.good()) throw std::runtime_error(url + ": expected a URL that LCM can open");
   std::random_device device;
   run_id_ = std::uniform_int_distribution<std::int64_t>(1, INT64_MAX)(device);
 }

@@ -1,5 +1,5 @@
 #pragma once
-// The LCM side of a simulator: what host/lcm/axis.lcm says, with seq, run_id and times filled in.
+// The LCM channels of a simulator (host/lcm/axis.lcm); this class fills in seq, run_id and times.
 #include <cstdint>
 #include <forceaxis/sim_clock_t.hpp>
 #include <forceaxis/sim_truth_t.hpp>
@@ -10,10 +10,11 @@ namespace forceaxis::lcm_bus {
 
 class SimChannels {
  public:
-  // Throws std::runtime_error: no such bus, or no route for multicast.
+  // Opens the URL. Throws std::runtime_error if it cannot be opened or the machine has no route for
+  // multicast.
   explicit SimChannels(const std::string &url);
 
-  // The message holds `tick` or `first_tick`; utime follows from it.
+  // Publish a message. The caller sets `tick` or `first_tick`; utime is computed from it.
   void publish(sim_clock_t &clock);
   void publish(sim_truth_t &truth);
 

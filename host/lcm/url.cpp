@@ -33,7 +33,7 @@ std::optional<std::uint32_t> group_of(std::string_view text) {
   return group;
 }
 
-// "NAME=VALUE" of a URL; what of it concerns a receiver goes to `place`.
+// Reads "NAME=VALUE" of a URL. Options of a receiver are stored in `place`.
 bool read_option(std::string_view text, Place &place) {
   const std::size_t equals = text.find('=');
   if (equals == text.npos) return false;
@@ -86,7 +86,7 @@ std::string trouble(const std::string &url) {
   close(s);
   if (there) return "";
   return url +
-         ": expected a route for multicast, there is none; give the loopback interface one: "
+         ": expected a route for multicast, got none; add one to the loopback interface with "
          "`ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo`";
 }
 

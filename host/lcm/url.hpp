@@ -1,29 +1,30 @@
 #pragma once
-// LCM URLs of axis_node, plant_node and gateway: udpm://ADDRESS:PORT?ttl=N, each part optional as
-// for liblcm. liblcm explains a bad one in lines of its own, passes over half of what is wrong, and
-// ends the process where a tcpq:// has no server; so it gets only what it takes in silence.
+// Checks LCM URLs of axis_node, plant_node and gateway: udpm://ADDRESS:PORT?ttl=N, where each part
+// is optional as for liblcm. liblcm reports an invalid URL in several lines of its own, ignores
+// many errors, and ends the process if a tcpq:// URL has no server. So liblcm gets only URLs that
+// it accepts without a message.
 #include <cstdint>
 #include <string>
 
 namespace forceaxis::lcm_bus {
 
-// Where a URL leads, defaults filled in.
+// The parts of a URL, with defaults for omitted parts.
 struct Place {
-  std::uint32_t group;  // as numbers of this machine
+  std::uint32_t group;  // multicast address in host byte order
   std::uint16_t port;
-  int receive_bytes;  // buffer of a socket; 0: the machine's default
+  int receive_bytes;  // receive buffer of a socket in bytes; 0: default of the machine
 };
 
-// Of a URL that url_trouble() finds nothing wrong with.
+// Returns the parts of a URL for which url_trouble() returns an empty text.
 Place place_of(const std::string &url);
 
-// What is wrong with a URL, in one line with what to do; empty if it can be used.
+// Returns the error of a URL and its remedy in one line, or an empty text if the URL is valid.
 std::string url_trouble(const std::string &url);
 
-// The same, and of the machine: no route for multicast, without which every message would be lost.
+// Also checks the machine: without a route for multicast, every message would be lost.
 std::string trouble(const std::string &url);
 
-// The URL. Throws an Error of what is wrong, if something is.
+// Returns the URL. Throws an Error with the text of trouble() if this text is not empty.
 template <class Error>
 const std::string &usable(const std::string &url) {
   const std::string wrong = trouble(url);

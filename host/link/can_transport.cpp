@@ -17,8 +17,9 @@ constexpr std::uint32_t kUnused = 0xFF;
 constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9, kHomeShift = 8;
 constexpr std::int64_t kTicksInId = 4096;
 constexpr std::int64_t kTicksInData = 65536;
-// A full controller queue drains at the speed of the bus, 12 frames in 2 ms. One that does not
-// belongs to a bus that is down: the exchange repeats its records until its time-out.
+// Number of tries to send while the queue of the controller is full. The queue empties at the speed
+// of the bus, 12 frames in 2 ms. A queue that stays full belongs to a bus that is down. The
+// exchange then repeats its records until its timeout.
 constexpr int kRoomTries = 20;
 constexpr std::chrono::microseconds kRoomWait{500};
 constexpr std::uint8_t kInputBytes = 8, kOutputBytes = 7;
@@ -36,12 +37,13 @@ canid_t id_of(std::uint8_t axis, std::int64_t tick) {
          static_cast<std::uint32_t>(tick % kTicksInId) << kTickShift;
 }
 
-// Four inputs, and the fifth below them.
+// Returns the bits of the identifier for four digital inputs, and for the fifth one below them.
 constexpr std::uint32_t din_bits(unsigned din) {
   return (din & 15) << kDinShift | (din >> 4 & 1) << kHomeShift;
 }
 
-// The axis of an identifier, from 1; 0 if it is not one of the link.
+// Returns the axis of an identifier, counted from 1, or 0 if the identifier does not belong to the
+// link.
 std::uint8_t axis_of(canid_t id) {
   const std::uint32_t axis = id >> kAxisShift & 7U;
   const bool ours = (id & CAN_EFF_FLAG) != 0 && (id & (CAN_RTR_FLAG | CAN_ERR_FLAG)) == 0 &&
@@ -49,7 +51,7 @@ std::uint8_t axis_of(canid_t id) {
   return ours ? static_cast<std::uint8_t>(axis + 1) : 0;
 }
 
-// The tick nearest to `near` that is congruent to `residue` mod `modulus`.
+// Returns the tick nearest to `near` that is congruent to `residue` modulo `modulus`.
 std::int64_t unwrap(std::int64_t residue, std::int64_t modulus, std::int64_t near) {
   std::int64_t ahead = (residue - near) % modulus;
   if (ahead < 0) ahead += modulus;
@@ -58,11 +60,11 @@ std::int64_t unwrap(std::int64_t residue, std::int64_t modulus, std::int64_t nea
 
 std::string why(int error) { return std::strerror(error); }
 
-// Either end: sends and receives frames, several with one system call.
+// Either end of the link. It sends and receives several frames with one system call.
 template <class Out, class In>
 class CanTransport : public Transport<Out, In> {
  public:
-  // The kernel passes on only what comes from the other side.
+  // A filter in the kernel accepts only frames of the other direction.
   CanTransport(const std::string &interface, std::optional<In> (*decode)(const can_frame &),
                std::uint32_t direction, std::int64_t modulus)
       : socket_(interface, {.filter = {CAN_EFF_FLAG | direction,
@@ -87,7 +89,7 @@ class CanTransport : public Transport<Out, In> {
         if (++tries == kRoomTries) return;
         std::this_thread::sleep_for(kRoomWait);
       } else if (n != -EINTR) {
-        throw TransportError(socket_.interface() + ": expected to be able to send, " + why(-n));
+        throw TransportError(socket_.interface() + ": cannot send, " + why(-n));
       }
     }
   }
@@ -98,7 +100,7 @@ class CanTransport : public Transport<Out, In> {
     const int n = socket_.receive({frames.data(), std::min(records.size(), kFrames)});
     if (n < 0) {
       if (n == -EAGAIN || n == -EINTR) return 0;
-      throw TransportError(socket_.interface() + ": expected to be able to receive, " + why(-n));
+      throw TransportError(socket_.interface() + ": cannot receive, " + why(-n));
     }
     std::size_t count = 0;
     for (int i = 0; i < n; ++i) {
@@ -123,7 +125,7 @@ class CanTransport : public Transport<Out, In> {
   canopen::CanSocket socket_;
   std::optional<In> (*decode_)(const can_frame &);
   std::int64_t modulus_;
-  std::array<std::int64_t, kMostAxes> expected_{};  // the tick sent last
+  std::array<std::int64_t, kMostAxes> expected_{};  // the last tick that was sent
   std::uint64_t foreign_ = 0;
 };
 
@@ -189,7 +191,7 @@ std::optional<LinkOutputs> link_outputs_of(const can_frame &frame) {
   out.tick = get16(frame.data + 3);
   out.fault = frame.data[5];
   out.limit_reason = frame.data[6];
-  // Identifier and data must carry the same tick.
+  // Identifier and data must have the same tick.
   if ((frame.can_id >> kTickShift & (kTicksInId - 1)) != out.tick % kTicksInId) return std::nullopt;
   return out;
 }

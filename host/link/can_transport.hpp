@@ -1,8 +1,10 @@
 #pragma once
-// Records as CAN frames on an interface of their own (vcan1): extended identifier, bit 28 direction
-// (0 to the firmware), 25-27 axis - 1, 13-24 tick mod 4096, 9-12 and 8 digital inputs 0 to 3 and 4,
-// others 0. Data, little-endian: encoder i32, adc0 u16, adc1 u16; without data: sensor values not
-// valid. Back: dac i16, outputs u8, tick u16, fault u8, limit reason u8.
+// Sends records as CAN frames on an interface that carries no other frames (vcan1). The identifier
+// is extended: bit 28 is the direction (0: to the firmware), bits 25 to 27 are axis - 1, bits 13 to
+// 24 are the tick modulo 4096, bits 9 to 12 are the digital inputs 0 to 3 and bit 8 is the digital
+// input 4. All other bits are 0. Data to the firmware, little-endian: encoder i32, adc0 u16, adc1
+// u16; a frame without data means that the sensor values are not valid. Data from the firmware: dac
+// i16, outputs u8, tick u16, fault u8, limit reason u8.
 #include <linux/can.h>
 
 #include <cstdint>
@@ -17,12 +19,12 @@ namespace forceaxis::host {
 can_frame can_frame_of(const LinkInputs &in);
 can_frame can_frame_of(const LinkOutputs &out);
 
-// The record that a frame carries; its tick is known mod 4096 only, of outputs mod 65536. Nothing
-// if it is no such frame.
+// Return the record in a frame, or nothing if the frame does not belong to the link. The tick of
+// inputs is known modulo 4096 only, the tick of outputs modulo 65536.
 std::optional<LinkInputs> link_inputs_of(const can_frame &frame);
 std::optional<LinkOutputs> link_outputs_of(const can_frame &frame);
 
-// Throw TransportError.
+// Open one end of the link. Throw TransportError.
 std::unique_ptr<PlantTransport> can_plant_transport(const std::string &interface);
 std::unique_ptr<AxisTransport> can_axis_transport(const std::string &interface);
 

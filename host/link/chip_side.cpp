@@ -44,7 +44,7 @@ ExperimentWrites::Write ChipSide::writer() const {
 
 ChipSide::Answer ChipSide::ask(const Record &record) const {
   if (write(pipes_.to_fd, record.data(), record.size()) != static_cast<ssize_t>(record.size())) {
-    fail(std::string("takes no record: ") + std::strerror(errno));
+    fail(std::string("accepts no record: ") + std::strerror(errno));
   }
   Answer answer{};
   for (std::size_t got = 0; got < answer.size();) {
@@ -55,7 +55,7 @@ ChipSide::Answer ChipSide::ask(const Record &record) const {
       fail("no response for " + std::to_string(pipes_.patience.count()) + " ms");
     }
     const ssize_t n = read(pipes_.from_fd, &answer[got], answer.size() - got);
-    if (n <= 0) fail("ended");
+    if (n <= 0) fail("has ended");
     got += static_cast<std::size_t>(n);
   }
   return answer;

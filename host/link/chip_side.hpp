@@ -1,6 +1,7 @@
 #pragma once
-// The firmware's side of a run where the firmware is an image on an emulated chip: the experiment's
-// writes and the ticks go to it as records through a pipe, and its answers come back.
+// The firmware's side of a run in which the firmware is an image on an emulated chip. The writes of
+// the experiment and the ticks are sent to the chip as records through a pipe. The chip sends its
+// answers through a second pipe.
 //
 // Records are little-endian. To the chip, 12 bytes:
 //   tick   {1, din u8, sensor_valid u8, 0, encoder i32, adc0 u16, adc1 u16}
@@ -24,8 +25,8 @@
 
 namespace forceaxis::host {
 
-// Pipes to and from the chip, owned by the caller. A chip that sends nothing for `patience` counts
-// as silent.
+// Pipes to and from the emulated chip, owned by the caller. The chip counts as silent if it sends
+// nothing for the time `patience`.
 struct ChipPipes {
   int to_fd = -1;
   int from_fd = -1;
@@ -33,19 +34,20 @@ struct ChipPipes {
 };
 
 struct ChipCounts {
-  std::uint32_t interrupts;  // entries of the 1500 Hz interrupt that found a tick to do
+  std::uint32_t interrupts;  // number of 1500 Hz interrupts that computed a tick
   std::uint32_t ticks;
 };
 
 class ChipSide {
  public:
   // Sends the initial writes to a chip that has just powered up. Throws sim::InputError if the
-  // firmware refuses one. Every function here throws TransportError if the chip falls silent.
+  // firmware refuses an initial write. Every function of this class throws TransportError if the
+  // chip is silent.
   ChipSide(const Experiment &experiment, const ChipPipes &pipes);
 
   LinkOutputs tick(const LinkInputs &in);
 
-  // Ends the run on the chip.
+  // Ends the run on the chip and returns its counters.
   ChipCounts end();
 
   std::string hash() { return hash_.hex(); }
@@ -68,8 +70,8 @@ struct ChipRun {
   ChipCounts counts;
 };
 
-// As run(), with the firmware on the chip. result.firmware_hash is over the inputs that the chip
-// received and the outputs that it answered.
+// Runs an experiment as run() does, with the firmware on the emulated chip. result.firmware_hash is
+// computed from the inputs that the chip received and the outputs that it sent.
 ChipRun run_on_chip(const Experiment &experiment, const RunOptions &options,
                     const ChipPipes &pipes);
 

@@ -16,11 +16,11 @@
 namespace forceaxis::host {
 namespace {
 
-// An axis_node keeps its claim for a quarter of a second after its run, to answer repeats.
+// An axis_node keeps its claim for 0.25 s after its run, in which it answers repeated records.
 constexpr int kClaimTries = 50;
 constexpr std::chrono::milliseconds kClaimWait{10};
 
-// A name in the abstract space belongs to one socket of a network namespace.
+// The name of a socket in the abstract namespace. One socket of a network namespace can have it.
 struct Name {
   Name(const std::string &where, const std::string &role) {
     path.sun_family = AF_UNIX;
@@ -42,8 +42,7 @@ std::string why(int error) { return std::strerror(error); }
 LinkClaim::LinkClaim(const std::string &where, const std::string &role)
     : socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
   if (socket_ < 0) {
-    throw TransportError(where + ": expected to be able to claim it as " + role + ", " +
-                         why(errno));
+    throw TransportError(where + ": cannot claim it as " + role + ", " + why(errno));
   }
   const Name name(where, role);
   for (int tries = 0; bind(socket_, name.address(), name.length) != 0; ++tries) {
@@ -54,12 +53,12 @@ LinkClaim::LinkClaim(const std::string &where, const std::string &role)
     }
     close(socket_);
     if (error != EADDRINUSE) {
-      throw TransportError(where + ": expected to be able to claim it as " + role + ", " +
-                           why(error));
+      throw TransportError(where + ": cannot claim it as " + role + ", " + why(error));
     }
-    throw TransportError(where + ": expected to be the only " + role +
-                         " here, another run holds it; wait for it, or take another interface, run "
-                         "number or network namespace (tools/vcan)");
+    throw TransportError(
+        where + ": expected to be the only " + role +
+        " here, but another run uses it; wait for that run, or choose another interface, run "
+        "number or network namespace (tools/vcan)");
   }
 }
 

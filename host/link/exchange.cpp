@@ -7,15 +7,15 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// How long the plant waits before it repeats: several round trips of an idle machine. The time
-// doubles with every repeat, so that repeats do not load a busy machine.
+// Time until the plant repeats a record for the first time: several round trips of an idle machine.
+// The time doubles with every repeat, to limit the load of a busy machine.
 constexpr milliseconds kFirstRepeat{3};
 constexpr milliseconds kLongestRepeat{100};
 
-// Records without effect that the plant receives before it reads the clock.
+// Number of records without effect that the plant receives before it reads the clock.
 constexpr unsigned kUselessWithoutClock = 16;
 
-// The firmware reads the clock when nothing was received, else every kCallsPerClock calls.
+// The firmware reads the clock after a call without a record, and after every kCallsPerClock calls.
 constexpr unsigned kCallsPerClock = 512;
 
 std::string seconds_text(milliseconds time) {
@@ -37,7 +37,7 @@ std::string axes_text(unsigned axes) {
   return (text.size() > 1 ? "axes " : "axis ") + text;
 }
 
-// Receives records. Returns which of the inputs they answer, one bit for each place.
+// Receives records. Returns one bit for each element of `inputs` that a record answers.
 unsigned PlantExchange::take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                              milliseconds wait) {
   std::array<LinkOutputs, 2 * kMostAxes> came;
@@ -64,7 +64,8 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   transport_.send(inputs);
   statistics_.sent += inputs.size();
   unsigned missing = (1U << inputs.size()) - 1;
-  // The usual case needs no clock: answers, sometimes a late one of the tick before.
+  // Usually the answers arrive at once, sometimes with a late answer of the previous tick. This
+  // case needs no clock.
   for (unsigned useless = 0; missing != 0;) {
     const unsigned answered = take(inputs, outputs, kFirstRepeat) & missing;
     missing &= ~answered;
@@ -76,7 +77,7 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   for (const LinkInputs &in : inputs) answered_ |= bit(in.axis);
 }
 
-// The answer is late: repeat what is missing until it comes or the time is over.
+// Some answers are late. Repeats their inputs until the answers arrive or the time has expired.
 void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                             unsigned missing) {
   using Clock = std::chrono::steady_clock;
@@ -101,9 +102,10 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
     } else if (quiet != 0) {
       throw LinkSilent("axis_node (" + axes_text(quiet) + ") silent for " + seconds_text(allowed) +
                        " at tick " + std::to_string(inputs[0].tick) +
-                       ((answered_ & quiet) != 0 ? ": it ended, hangs or runs a shorter experiment"
-                                                 : ": it never answered; is it running, on this "
-                                                   "link and with this run id?"));
+                       ((answered_ & quiet) != 0
+                            ? ": it has ended, does not respond or runs a shorter experiment"
+                            : ": it never answered; does it run on this "
+                              "link and with this run id?"));
     }
     if (late) late();
     if (now >= repeat_at) {

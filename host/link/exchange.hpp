@@ -1,8 +1,9 @@
 #pragma once
-// Stop and wait. The plant is master: it sends the inputs of a tick and repeats them until it has
-// received the outputs of that tick. The firmware computes a tick once, repeats its stored outputs
-// when the inputs arrive again, and ignores inputs of any other tick. So whatever a transport
-// loses, duplicates or delays, both sides compute the same ticks with the same values.
+// The protocol of a link: stop and wait. The plant is the master. It sends the inputs of a tick and
+// repeats them until it has received the outputs of that tick. The firmware computes each tick
+// once. If the same inputs arrive again, it repeats the stored outputs; it ignores inputs of any
+// other tick. So both sides compute the same ticks with the same values, even if the transport
+// loses, duplicates or delays records.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -16,22 +17,22 @@
 
 namespace forceaxis::host {
 
-// Records, as one side sees them.
+// Numbers of records, as one side of the link counts them.
 struct LinkStatistics {
-  std::uint64_t sent = 0;      // handed to the transport, repeats included
-  std::uint64_t received = 0;  // of this run, for a hosted axis
-  std::uint64_t repeated = 0;  // sent again: no answer in time (plant), inputs repeated (firmware)
-  std::uint64_t duplicates = 0;  // received for a tick that was done already
-  std::uint64_t foreign = 0;     // not of this run, or malformed
+  std::uint64_t sent = 0;        // passed to the transport, repeats included
+  std::uint64_t received = 0;    // records of this run, for an axis of this process
+  std::uint64_t repeated = 0;    // sent again: late answer (plant), or repeated inputs (firmware)
+  std::uint64_t duplicates = 0;  // received for a tick that was already complete
+  std::uint64_t foreign = 0;     // records of another run, or malformed
 };
 
-// How long the partner may send nothing before it counts as silent.
+// Time after which a partner that sends nothing counts as silent.
 struct LinkTimeouts {
-  std::chrono::milliseconds start{5000};  // before its first record
+  std::chrono::milliseconds start{5000};  // before the first record of the partner
   std::chrono::milliseconds running{1000};
 };
 
-// The partner sent nothing for longer than LinkTimeouts allow.
+// The partner has sent nothing for longer than LinkTimeouts allow.
 struct LinkSilent : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -41,14 +42,16 @@ class PlantExchange {
   PlantExchange(PlantTransport &transport, const LinkTimeouts &timeouts)
       : transport_(transport), timeouts_(timeouts) {}
 
-  // One tick of some axes. outputs[i] becomes the answer to inputs[i]. Throws LinkSilent naming the
-  // axes that did not answer in time, TransportError.
+  // Exchanges one tick of some axes. outputs[i] becomes the answer to inputs[i]. Throws LinkSilent,
+  // which names the axes that did not answer in time, and TransportError.
   void exchange(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs);
 
-  // Called now and then while an answer is late; what it throws ends the exchange.
+  // Called at intervals while an answer is late. An exception from this function ends the exchange.
   std::function<void()> late;
-  // Called when axes that answered before, bits axis - 1, are silent for longer than the timeout,
-  // and each such time again: true waits on. Empty, or false: the exchange throws LinkSilent.
+  // Called if axes that have answered before are silent for longer than the timeout, and again
+  // after each further timeout. Bit axis - 1 of `axes` is set for each silent axis. If it returns
+  // true, the exchange continues to wait. If it returns false, or is empty, the exchange throws
+  // LinkSilent.
   std::function<bool(unsigned axes)> silent;
 
   LinkStatistics statistics() const;
@@ -62,28 +65,30 @@ class PlantExchange {
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
-  bool idle_ = false;      // nothing at all came in the last wait
-  unsigned answered_ = 0;  // bit axis - 1: it has answered before
+  bool idle_ = false;      // no record arrived during the last wait
+  unsigned answered_ = 0;  // bit axis - 1 is set if the axis has answered before
 };
 
-// The firmware's end, for some axes in one process.
+// The end of the link at the firmware, for the axes of one process.
 class AxisExchange {
  public:
-  // `compute` is called once a tick and axis, in order; `axes` are the numbers hosted here.
+  // `compute` is called once for each tick and axis, in order. `axes` are the numbers of the axes
+  // of this process.
   using Compute = std::function<LinkOutputs(const LinkInputs &)>;
-  // Until which tick each axis runs, in the order of `axes`.
+  // `ticks` are the last ticks of the axes, in the order of `axes`.
   AxisExchange(AxisTransport &transport, const LinkTimeouts &timeouts,
                std::span<const std::uint8_t> axes, std::span<const std::int64_t> last_ticks,
                Compute compute);
 
-  // Answers the records received within `wait`. Returns the axes whose plant has fallen silent, as
-  // bits axis - 1; those are then finished.
+  // Answers the records that arrive within `wait`. Returns the axes whose plant has become silent,
+  // with bit axis - 1 for each. These axes are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
-  // Every axis has done its last tick, or its plant has fallen silent. The last answer may have
-  // been lost: call serve() until quiet(), the time since the last record, is long enough.
+  // Returns whether every axis has computed its last tick or has lost its plant. The last answer
+  // may have been lost: the caller must continue to call serve() until quiet(), the time since the
+  // last record, is long enough.
   bool finished() const { return running_ == 0; }
-  // These axes, bits axis - 1, are served on after their plant fell silent.
+  // Continues to serve axes after their plant became silent. `axes` has bit axis - 1 for each.
   void resume(unsigned axes);
   std::chrono::milliseconds quiet() const;
 
@@ -94,10 +99,10 @@ class AxisExchange {
 
   struct Axis {
     bool hosted = false;
-    bool fresh = false;  // a record was received since the clock was last read
+    bool fresh = false;  // a record has arrived since the clock was last read
     std::int64_t last_tick = 0;
     Clock::time_point received{};
-    LinkOutputs answer{};  // to the tick done last; its tick is -1 before the first
+    LinkOutputs answer{};  // answer to the last computed tick; its tick is -1 before the first
   };
 
   unsigned supervise();
@@ -106,13 +111,13 @@ class AxisExchange {
   LinkTimeouts timeouts_;
   Compute compute_;
   std::array<Axis, kMostAxes> axes_{};
-  unsigned running_ = 0;  // bits axis - 1
+  unsigned running_ = 0;  // bit axis - 1 for each running axis
   unsigned calls_ = 0;
   Clock::time_point received_;
   LinkStatistics statistics_;
 };
 
-// "axis 1", "axes 1, 3": of bits axis - 1.
+// Returns "axis 1" or "axes 1, 3" for the axes with bit axis - 1 set.
 std::string axes_text(unsigned axes);
 
 }  // namespace forceaxis::host

@@ -24,11 +24,11 @@ void flip(LinkOutputs &out, int bit) {
       static_cast<std::int16_t>(static_cast<std::uint16_t>(out.dac_code) ^ 1U << (bit % 16));
 }
 
-// splitmix64: the same faults on every machine.
+// Random numbers of splitmix64, which gives the same faults on every machine.
 class Dice {
  public:
   explicit Dice(std::uint64_t seed) : state_(seed) {}
-  // In [0, 1).
+  // Returns a number in [0, 1).
   double next() {
     std::uint64_t z = (state_ += 0x9E3779B97F4A7C15U);
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;

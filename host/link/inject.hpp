@@ -1,6 +1,7 @@
 #pragma once
-// Faults of a transport, for tests: records dropped, doubled, or with one bit of their values
-// flipped, below the exchange. A function of the seed and of the records sent alone.
+// Faults of a transport, for tests: dropped records, duplicated records, and records with one wrong
+// bit. The exchange cannot see the injection. The faults depend only on the seed and on the sent
+// records.
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -11,15 +12,15 @@
 namespace forceaxis::host {
 
 struct Injection {
-  double drop = 0;       // share of the records sent by this end that never leave
-  double duplicate = 0;  // share that leaves twice
+  double drop = 0;       // share of the sent records that are dropped
+  double duplicate = 0;  // share of the sent records that are sent twice
   std::uint64_t seed = 1;
-  std::optional<std::int64_t> flip_tick;  // the first record of this tick has one bit flipped:
-  int flip_bit = 0;  // of encoder, adc0, adc1 (from bit 0 to 63), or of dac (0 to 15)
+  std::optional<std::int64_t> flip_tick;  // tick in whose first record one bit is inverted
+  int flip_bit = 0;  // bit 0 to 63 of encoder, adc0, adc1, or bit 0 to 15 of the DAC code
 };
 
-// "drop=0.05,double=0.05,seed=1,flip=TICK,bit=0", any of them. Throws std::invalid_argument naming
-// the part and what was expected.
+// Reads a text such as "drop=0.05,double=0.05,seed=1,flip=TICK,bit=0"; each part is optional.
+// Throws std::invalid_argument, which names the wrong part and the expected value.
 Injection injection_of(const std::string &text);
 
 struct InjectionCounts {
@@ -28,7 +29,8 @@ struct InjectionCounts {
   std::uint64_t flipped = 0;
 };
 
-// A transport with these faults in what it sends. `counts` must outlive it.
+// Returns a transport that injects these faults into the records that it sends. `counts` must exist
+// as long as the transport.
 template <class Out, class In>
 std::unique_ptr<Transport<Out, In>> injecting(std::unique_ptr<Transport<Out, In>> transport,
                                               const Injection &injection, InjectionCounts &counts);

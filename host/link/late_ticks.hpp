@@ -1,14 +1,15 @@
 #pragma once
-// Detects late ticks at the firmware's end of a link, from the times at which they arrive alone.
+// Detects late ticks at the firmware's end of a link from the times of their arrival only.
 #include <cstdint>
 
 namespace forceaxis::host {
 
 class LateTicks {
  public:
-  // To be called with the time at which each tick arrives. True: more than a tick time after it was
-  // due, which is a tick time after the one before. An early tick makes up for delay, a late one
-  // moves the ticks after it: a partner that stops once causes one late tick, a slow one many.
+  // Must be called with the time at which each tick arrives. Returns true if the tick arrives more
+  // than one tick period after it was due. A tick is due one tick period after the previous tick
+  // was due. An early or late tick moves the due times of the ticks after it: a partner that stops
+  // once causes one late tick, a slow partner causes many.
   bool late(std::int64_t now_ns) {
     due_ns_ += kTickNs + kSlackNs;
     const bool is_late = begun_ && now_ns > due_ns_ + kTickNs;
@@ -19,7 +20,7 @@ class LateTicks {
 
  private:
   static constexpr std::int64_t kTickNs = 2000000 / 3;
-  // The clocks of two machines differ, by far less than that.
+  // Allowance for the rate difference between the clocks of two machines, which is far smaller.
   static constexpr std::int64_t kSlackNs = kTickNs / 1000;
   std::int64_t due_ns_ = 0;
   bool begun_ = false;

@@ -71,7 +71,7 @@ class LcmTransport : public Transport<Out, In> {
   LcmTransport(const std::string &url, std::int64_t run_id)
       : url_(lcm_bus::usable<TransportError>(url)), run_id_(run_id) {
     lcm_.reset(lcm_create(url.c_str()));
-    if (!lcm_) throw TransportError(url + ": expected a bus that LCM can join");
+    if (!lcm_) throw TransportError(url + ": expected a URL that LCM can open");
     for (int i = 1; i <= kMostAxes; ++i) {
       axes_[channel(!kPlant, i)] = static_cast<std::uint8_t>(i);
       channels_[static_cast<std::size_t>(i - 1)] = channel(kPlant, i);
@@ -96,7 +96,7 @@ class LcmTransport : public Transport<Out, In> {
       const int n = m.encode(bytes.data(), 0, bytes.size());
       if (lcm_publish(lcm_.get(), channels_[record.axis - 1U].c_str(), bytes.data(),
                       static_cast<unsigned>(n)) != 0) {
-        throw TransportError(url_ + ": expected to be able to send, " + std::strerror(errno));
+        throw TransportError(url_ + ": cannot send, " + std::strerror(errno));
       }
     }
   }
@@ -104,7 +104,7 @@ class LcmTransport : public Transport<Out, In> {
   std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) override {
     pollfd waited{receiver_->fd(), POLLIN, 0};
     if (poll(&waited, 1, static_cast<int>(wait.count())) < 0 && errno != EINTR) {
-      throw TransportError(url_ + ": expected to be able to receive");
+      throw TransportError(url_ + ": cannot receive");
     }
     std::size_t count = 0;
     const auto take = [&](const lcm_bus::Message &message) {
@@ -132,8 +132,9 @@ class LcmTransport : public Transport<Out, In> {
   std::int64_t run_id_;
   std::unique_ptr<lcm_t, Destroy> lcm_;
   std::optional<lcm_bus::Receiver> receiver_;
-  std::map<std::string, std::uint8_t, std::less<>> axes_;  // of the channels received
-  std::array<std::string, kMostAxes> channels_;            // of those sent
+  std::map<std::string, std::uint8_t, std::less<>> axes_;  // axis of each channel of received
+                                                           // records
+  std::array<std::string, kMostAxes> channels_;            // channels of sent records
   std::uint64_t foreign_ = 0;
 };
 

@@ -1,6 +1,7 @@
 #pragma once
-// Records as LCM messages (host/lcm/link.lcm), one channel an axis and direction. Every message
-// carries the run's number; those of other runs are counted as foreign and change nothing.
+// Sends records as LCM messages (host/lcm/link.lcm), with one channel for each axis and direction.
+// Every message has the number of its run. Messages of other runs are counted as foreign and have
+// no effect.
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -9,11 +10,13 @@
 
 namespace forceaxis::host {
 
-// The default URL of a run: a UDP multicast port of this machine that follows from the run's
-// number. Two runs seldom share a port; those that do ignore each other's records.
+// Returns the default URL of a run: a UDP multicast port of this machine that is computed from the
+// number of the run. Two runs seldom have the same port; if they do, each ignores the records of
+// the other.
 std::string lcm_url_of(std::int64_t run_id);
 
-// Throw TransportError: LCM does not accept the URL, or there is no route for multicast.
+// Open one end of the link. Throw TransportError if LCM refuses the URL or the machine has no route
+// for multicast.
 std::unique_ptr<PlantTransport> lcm_plant_transport(const std::string &url, std::int64_t run_id);
 std::unique_ptr<AxisTransport> lcm_axis_transport(const std::string &url, std::int64_t run_id);
 

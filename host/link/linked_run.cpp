@@ -30,7 +30,8 @@ std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
   return injecting(std::move(transport), options.injection, counts);
 }
 
-// The place on the link that only one plant or axis may have, and their roles there.
+// Return the interface or URL that only one plant or axis may use, and the names of their roles
+// there.
 std::string claimed(const LinkOptions &options) {
   return options.kind == "lcm" ? "run " + std::to_string(options.run_id) + " on " + url_of(options)
                                : options.can_interface;
@@ -41,10 +42,11 @@ std::string plant_role(const LinkOptions &options, int axis) {
 }
 std::string axis_role(int axis) { return "axis " + std::to_string(axis); }
 
-// Waits for the time of each tick: tick k is due exactly k / 1500 s after the first.
+// Waits for the due time of each tick: tick k is due k / 1500 s after the first tick.
 class Pacer {
  public:
-  // A tick later than `most_late_ns` is due now, and those after it follow from there.
+  // A tick that is late by more than `most_late_ns` counts as due now, and the due times of the
+  // next ticks follow from it.
   explicit Pacer(std::int64_t most_late_ns) : most_late_ns_(most_late_ns) {}
 
   void wait_for(std::int64_t tick) {
@@ -61,7 +63,7 @@ class Pacer {
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) != 0) {
     }
   }
-  // Time since the last tick was due, us.
+  // Returns the time since the last tick was due, in us.
   std::int64_t late_us() const { return started_ ? (now_ns() - due_ns_) / 1000 : 0; }
   std::int64_t overruns = 0;
 
@@ -92,7 +94,7 @@ struct LinkedPlants::Ends {
     for (std::size_t i = 0; i < experiments.size(); ++i) {
       const int axis = first + static_cast<int>(i);
       claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
-      if (options.kind != "lcm") break;  // one plant of all axes
+      if (options.kind != "lcm") break;  // one plant claim for all axes
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);
@@ -118,7 +120,7 @@ LinkedPlants::LinkedPlants(std::span<const Experiment> experiments, std::uint8_t
 
 LinkedPlants::~LinkedPlants() = default;
 
-// The plants' end of a session: stalls of this process, and an axis_node that is silent.
+// The plants' end of a session. It handles suspensions of this process and a silent axis_node.
 class LinkedPlants::Session {
  public:
   Session(Ends &ends, const LinkSession &session)
@@ -136,14 +138,14 @@ class LinkedPlants::Session {
   Session(const Session &) = delete;
   Session &operator=(const Session &) = delete;
 
-  // False: the session is ended.
+  // Returns false if the session has ended.
   bool begin(std::int64_t tick) {
     tick_ = tick;
     check_self();
     return !session_.ended();
   }
 
-  // Every axis has answered.
+  // To be called after every axis has answered.
   void answered() {
     if (tick_ == 0) {
       for (std::size_t i = 0; i < ends_.plants.size(); ++i) {
@@ -157,17 +159,17 @@ class LinkedPlants::Session {
     silent_since_.reset();
     session_.report(tick_, false,
                     "axis_node was silent for " + ends_.report.interruptions.add(time) +
-                        "; goes on at tick " + std::to_string(tick_));
+                        "; continues at tick " + std::to_string(tick_));
   }
 
  private:
-  // Whether this process was stopped.
+  // Returns whether this process was suspended.
   bool check_self() {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
     session_.report(tick_, false,
-                    "stopped for " + ends_.report.interruptions.add(*stalled) +
-                        "; goes on at tick " + std::to_string(tick_));
+                    "suspended for " + ends_.report.interruptions.add(*stalled) +
+                        "; continues at tick " + std::to_string(tick_));
     return true;
   }
 
@@ -181,14 +183,14 @@ class LinkedPlants::Session {
     silent_since_ = Clock::now() - ends_.options.timeouts.running;
     session_.report(tick_, true,
                     "axis_node (" + axes_text(axes) + ") silent at tick " + std::to_string(tick_) +
-                        ": waits for it, the plant stands still");
+                        ": the plant waits for it");
   }
 
   Ends &ends_;
   const LinkSession &session_;
   StallWatch stall_;
   std::int64_t tick_ = 0;
-  unsigned visible_ = 0;  // bits axis - 1: this machine sees whether that axis_node has ended
+  unsigned visible_ = 0;  // bits axis - 1 for each axis_node whose claim this machine can check
   std::optional<Clock::time_point> silent_since_;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// A session: nodes that run until they are ended, and go on after one of them was stopped (SIGSTOP,
-// a suspended machine). Shared by both ends of a link.
+// A session: nodes that run until somebody ends them, and continue after one of them was suspended
+// (SIGSTOP, or a suspended machine). Both ends of a link use it.
 #include <time.h>
 
 #include <algorithm>
@@ -11,14 +11,16 @@
 
 namespace forceaxis::host {
 
-// Detects that this process did not run for a time. Its clock counts the suspension of the machine.
+// Detects that this process was suspended for some time. Its clock also runs while the machine is
+// suspended.
 class StallWatch {
  public:
-  // Shorter stalls than `limit`, at least a quarter of a second, are no stalls.
+  // A suspension shorter than `limit` is ignored. The limit is at least 0.25 s.
   explicit StallWatch(std::chrono::milliseconds limit)
       : limit_ns_(std::max<std::int64_t>(limit.count(), 250) * 1'000'000), before_ns_(now_ns()) {}
 
-  // To be called at least every 100 ms. The time since the call before, if that was a stall.
+  // Must be called at least every 100 ms. Returns the time since the previous call if the process
+  // was suspended in between.
   std::optional<std::chrono::milliseconds> poll() {
     const std::int64_t now = now_ns();
     const std::int64_t gap = now - before_ns_;
@@ -37,12 +39,12 @@ class StallWatch {
   std::int64_t before_ns_;
 };
 
-// The times for which a session stood still.
+// Number and sum of the times in which a session was interrupted.
 struct Interruptions {
   int count = 0;
   std::chrono::milliseconds total{0};
 
-  // Adds one; returns it as text, "2.003 s, 3004 ticks".
+  // Adds an interruption. Returns its text, such as "2.003 s, 3004 ticks".
   std::string add(std::chrono::milliseconds time) {
     ++count;
     total += time;

@@ -1,6 +1,6 @@
 #pragma once
-// Carries records as datagrams that may be lost, duplicated or late. exchange.hpp makes a run of
-// them, in which each tick is computed exactly once.
+// Carries records as datagrams, which may be lost, duplicated or late. The protocol of exchange.hpp
+// ensures that each tick is computed exactly once.
 #include <chrono>
 #include <cstdint>
 #include <span>
@@ -11,25 +11,27 @@
 
 namespace forceaxis::host {
 
-// The transport cannot be opened, or the system refuses a call. what() is one line with the remedy.
+// The transport cannot be opened, or the operating system refuses a call. what() is one line with
+// the remedy.
 struct TransportError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// One end of a link; `Out` is what it sends, `In` what it receives. Belongs to one thread.
+// One end of a link. `Out` is the type of the records that it sends, `In` of those that it
+// receives. An object belongs to one thread.
 template <class Out, class In>
 class Transport {
  public:
   virtual ~Transport() = default;
 
-  // Sends each record once. Throws TransportError if the system refuses.
+  // Sends each record once. Throws TransportError if the operating system refuses.
   virtual void send(std::span<const Out> records) = 0;
 
-  // Waits for a record, at most `wait`, then receives what is pending without further waiting.
-  // Returns how many records; 0 after the time, or when only foreign data came.
+  // Waits at most `wait` for a record, then receives all pending records. Returns the number of
+  // records of this run, which is 0 if the time has expired or only foreign data has arrived.
   virtual std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) = 0;
 
-  // How many arrived that were no records of this run: another run's, or malformed.
+  // Returns the number of received records that do not belong to this run or are malformed.
   virtual std::uint64_t foreign() const = 0;
 };
 

@@ -5,7 +5,8 @@
 namespace forceaxis::modbus {
 namespace {
 
-// Transaction, protocol (0) and length, 16 bits each, then the unit: the length counts from there.
+// Transaction, protocol (0) and length have 16 bits each; the unit follows. The length counts the
+// bytes after the length field.
 constexpr std::size_t kHeader = 7, kBeforeLength = 6;
 constexpr std::size_t kLeast = 2, kMost = 254;
 
@@ -21,7 +22,7 @@ std::size_t FrameBuffer::length() const {
 }
 
 bool FrameBuffer::broken() const {
-  // A stream of another protocol is known by its first bytes, however few there are.
+  // The first bytes distinguish another protocol, even if only a few bytes have arrived.
   const bool other = (bytes_.size() > 2 && bytes_[2] != 0) || (bytes_.size() > 3 && bytes_[3] != 0);
   const bool sized = bytes_.size() >= kBeforeLength;
   return other || (sized && (length() < kLeast || length() > kMost)) || bytes_.size() > kMostBytes;

@@ -1,5 +1,6 @@
 #pragma once
-// Frames of Modbus TCP (MBAP): bytes of a stream in, requests out, answers as bytes. Passive.
+// Frames of Modbus TCP (MBAP). These functions convert bytes of a stream to requests, and answers
+// to bytes. They do not read or write sockets.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -11,7 +12,7 @@ namespace forceaxis::modbus {
 // A protocol data unit: function code and data, without unit and length.
 using Pdu = std::vector<std::uint8_t>;
 
-// What an answer repeats of its request.
+// The fields of a request that its answer repeats.
 struct Header {
   std::array<std::uint8_t, 2> transaction;
   std::uint8_t unit;
@@ -22,27 +23,29 @@ struct Request {
   Pdu pdu;  // 1 to 253 bytes
 };
 
-// The bytes of one client that were not taken out yet.
+// The received bytes of one client that are not yet processed.
 class FrameBuffer {
  public:
-  // A client that goes on sending requests without reading the responses has more.
+  // Limit for a client that sends requests without reading the responses, in bytes.
   static constexpr std::size_t kMostBytes = 65536;
 
   void append(std::span<const std::uint8_t> bytes);
-  // The first request, if it is complete.
+  // Removes and returns the first request, or nothing if it is not complete.
   std::optional<Request> take();
-  // Without a valid header the next frame cannot be located, and beyond kMostBytes none is wanted.
+  // Returns true if the stream has no valid header, so that the next frame cannot be found, or if
+  // it has more than kMostBytes bytes.
   bool broken() const;
   bool empty() const { return bytes_.empty(); }
 
  private:
-  // Bytes of the first frame behind its length field; 0: not known yet, or not valid.
+  // Returns the number of bytes after the length field of the first frame; 0 if the length is not
+  // yet known or not valid.
   std::size_t length() const;
 
   std::vector<std::uint8_t> bytes_;
 };
 
-// An answer of 1 to 253 bytes.
+// Returns the frame of an answer. `pdu` has 1 to 253 bytes.
 std::vector<std::uint8_t> frame_of(const Header &header, std::span<const std::uint8_t> pdu);
 
 }  // namespace forceaxis::modbus

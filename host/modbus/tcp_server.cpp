@@ -22,7 +22,8 @@ struct ContextDeleter {
   void operator()(modbus_t *context) const { modbus_free(context); }
 };
 
-// Whether an answer is that of a write that was accepted: an exception has bit 7.
+// Returns whether an answer belongs to an accepted write. The function code of an exception has bit
+// 7 set.
 bool is_accepted_write(const Pdu &answer) {
   constexpr std::uint8_t kWrites[] = {5, 6, 15, 16, 22, 23};
   return !answer.empty() && std::ranges::find(kWrites, answer[0]) != std::end(kWrites);
@@ -63,7 +64,7 @@ TcpServer::Clients::iterator TcpServer::most_idle(Time now) {
 }
 
 std::pair<std::uint64_t, int> TcpServer::accept(Time now) {
-  // modbus_tcp_accept() closes the listening socket when a client disconnects before it is
+  // modbus_tcp_accept() would close the listening socket if a client disconnects before it is
   // accepted.
   const int socket = ::accept4(listening_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
   if (socket < 0) return {0, -1};
@@ -75,7 +76,7 @@ std::pair<std::uint64_t, int> TcpServer::accept(Time now) {
     }
     drop(idle);
   }
-  // Each response is one small packet; Nagle's algorithm would only delay it.
+  // Each response is one small packet, which Nagle's algorithm would only delay.
   const int on = 1;
   ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   Client &client = clients_[++last_client_];

@@ -1,18 +1,19 @@
 #pragma once
-// A Modbus TCP server over libmodbus, for several clients and units, that never blocks. It handles
-// frames and connections; firmware/modbus/request.h decides what a request means.
+// A Modbus TCP server for several clients and units that never blocks. It handles frames and
+// connections; firmware/modbus/request.h interprets the requests.
 //
-// libmodbus only opens the port. Its receive call blocks until a frame is whole, loses framing at
-// unknown functions and answers every unit; its reply calls build responses themselves or lose the
-// transaction identifier. So both are done here.
+// libmodbus only opens the port. Its receive function blocks until a frame is complete, loses the
+// start of frames after unknown functions, and answers for every unit. Its reply functions build
+// responses themselves or lose the transaction identifier. This class therefore receives and
+// replies itself.
 //
-// Clients that say nothing lock nobody out: when kMostClients are connected, a new one takes the
-// place of the one that has been idle for longest, first of those that never sent a whole request.
-// An idle client is otherwise left alone; one that does not finish a request within kHalf is
-// closed. A client whose request is being served, or whose write was accepted within kOwner, is not
-// closed for another one: that is how an owner of an axis keeps its connection. A request that is
-// being served keeps its place even when its client disconnects, so no more than kMostClients of
-// them wait.
+// Idle clients cannot block new clients. If kMostClients are connected, a new client replaces the
+// client that has been idle for the longest time; clients that never sent a complete request are
+// replaced first. An idle client is otherwise not disconnected. A client that does not complete a
+// request within kHalf is disconnected. A client whose request is in progress, or whose write was
+// accepted within kOwner, is not replaced, so the owner of an axis keeps its connection. A request
+// in progress counts as a client even after its client has disconnected, so at most kMostClients
+// requests are in progress.
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -26,7 +27,7 @@
 
 namespace forceaxis::modbus {
 
-// The port could not be opened; what() is one line with address, port and reason.
+// The port could not be opened. what() is one line with address, port and reason.
 struct ServerError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -36,52 +37,54 @@ class TcpServer {
   using Time = std::chrono::steady_clock::time_point;
 
   static constexpr std::size_t kMostClients = 32;
-  // From the first byte of a request to its last one.
+  // Longest time from the first byte of a request to its last byte.
   static constexpr std::chrono::milliseconds kHalf{2000};
-  // Longer than the longest watchdog of an axis.
+  // Time for which a client with an accepted write keeps its connection. It is longer than the
+  // longest watchdog of an axis.
   static constexpr std::chrono::milliseconds kOwner{66000};
 
-  // A request to a unit: answer(client, ...) follows, at any time but not within the call. The
-  // client's next request waits for it.
+  // Called with each request to a unit. The program must call answer(client, ...) later, but not
+  // during this call. The next request of the client waits for this answer.
   using Serve = std::function<void(std::uint64_t client, std::uint8_t unit, const Pdu &request)>;
-  // The connection with this socket ends; it is closed after the call.
+  // Called before the connection with this socket is closed.
   using Closing = std::function<void(int socket)>;
 
-  // `address`: numeric IPv4, 0.0.0.0 for all interfaces. Throws ServerError.
+  // Opens the port. `address` is a numeric IPv4 address; 0.0.0.0 means all interfaces. Throws
+  // ServerError.
   TcpServer(const std::string &address, int port, Serve serve, Closing closing);
   ~TcpServer();
   TcpServer(const TcpServer &) = delete;
   TcpServer &operator=(const TcpServer &) = delete;
 
-  // The listening socket, to be polled; owned by the server.
+  // Returns the listening socket for poll(). The server owns it.
   int listening() const { return listening_; }
   std::size_t clients() const { return clients_.size(); }
-  // Accepts a pending connection: its number and socket, or {0, -1} if there is none, or none that
-  // finds a place.
+  // Accepts a pending connection. Returns the number of the client and its socket, or {0, -1} if no
+  // connection is pending or no connection can be replaced.
   std::pair<std::uint64_t, int> accept(Time now);
-  // Reads the pending bytes and serves a complete request. Ignored, as answer() is, for a client
-  // whose connection has ended.
+  // Reads the pending bytes of a client and serves a complete request. receive() and answer() do
+  // nothing for a client whose connection has ended.
   void receive(std::uint64_t client, Time now);
-  // Sends the response to the client's pending request.
+  // Sends the response to the client's request in progress.
   void answer(std::uint64_t client, const Pdu &answer, Time now);
-  // Closes the connections of clients that began a request too long ago. Once in a while.
+  // Disconnects the clients that have not completed a request in time. To be called at intervals.
   void close_overdue(Time now);
 
  private:
   struct Client {
-    int socket = -1;                // -1: disconnected, its request is still being served
-    FrameBuffer bytes;              // received, not served yet
-    std::optional<Header> pending;  // of the request being served
-    Time begun;                     // when the first byte of `bytes` was received
-    Time last;                      // of the connection, the last request, or the last answer
-    bool asked = false;             // sent a whole request
-    std::optional<Time> written;    // a write was accepted
+    int socket = -1;                // -1: disconnected with a request in progress
+    FrameBuffer bytes;              // received bytes that are not yet processed
+    std::optional<Header> pending;  // header of the request in progress
+    Time begun;                     // time of the first byte of `bytes`
+    Time last;                      // time of connection, last request or last answer
+    bool asked = false;             // the client has sent a complete request
+    std::optional<Time> written;    // time of the last accepted write
   };
   using Clients = std::map<std::uint64_t, Client>;
 
-  // False: the connection must end.
+  // Returns false if the connection must be closed.
   bool serve_next(std::uint64_t number, Client &client, Time now);
-  // The client that gives way to a new one, or the end.
+  // Returns the client that a new client may replace, or end().
   Clients::iterator most_idle(Time now);
   void drop(Clients::iterator client);
 

@@ -10,14 +10,14 @@ namespace forceaxis::nodes {
 
 class LivePlants {
  public:
-  // Throws what lcm_bus::SimChannels throws.
+  // Throws the exceptions of lcm_bus::SimChannels.
   explicit LivePlants(const std::string &url) : lcm_(url) {}
 
-  // Publishes the clock and the true signals of every axis at this moment.
+  // Publishes the clock and the true signals of every axis at this tick.
   void show(const host::LinkMoment &moment);
-  // Publishes a change of a session, as text: `paused` while the plants wait for axis_node.
+  // Publishes a change of a session as text. `paused` is true while the plants wait for axis_node.
   void report(std::int64_t tick, bool paused, const std::string &text);
-  // Publishes that the run ended at `tick`; `why` is empty unless it failed.
+  // Publishes that the run ended at `tick`. `why` is empty unless the run failed.
   void end(std::int64_t tick, const std::string &why);
 
  private:

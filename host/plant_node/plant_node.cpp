@@ -58,7 +58,7 @@ int run(const nodes::NodeOptions &options, bool live) {
   const host::LinkReport report = plants.report();
   std::string ended = failure;
   if (report.axis_ended) {
-    ended = "axis_node has ended at tick " + std::to_string(report.ticks) + ", the session is over";
+    ended = "axis_node has ended at tick " + std::to_string(report.ticks) + "; the session ends";
     std::cerr << "plant_node: " << ended << '\n';
   }
   if (shown) shown->end(std::max<std::int64_t>(report.ticks - 1, 0), ended);
@@ -94,14 +94,15 @@ int main(int argc, char **argv) {
   nodes::NodeOptions options;
   CLI::App app(
       "The plants of one or several axes, tick by tick in lock-step with axis_node.\n"
-      "Prints one line when ready and one JSON object at the end. Exit status 0 done, 1 the run "
-      "failed (axis_node silent), 2 wrong usage or input. A session (--endless) that was ended is "
-      "0.");
+      "Prints one line when ready and one JSON object at the end. Exit status: 0 "
+      "complete, 1 the run failed (axis_node silent), 2 wrong usage or input. A "
+      "session (--endless) that was ended has status 0.");
   nodes::add_options(app, options);
   bool live = false;
-  app.add_flag("--live", live,
-               "Publish the clock and the plants' true signals ten times a simulated second, for "
-               "`forceaxis monitor` and logs, on LCM_DEFAULT_URL or else LCM's default.");
+  app.add_flag(
+      "--live", live,
+      "Publish the clock and the true signals of the plants every 0.1 s of simulated time, for "
+      "`forceaxis monitor` and logs, on LCM_DEFAULT_URL or else on LCM's default URL.");
   app.get_option("EXPERIMENT")->required();
   app.footer(
       "Example:\n"

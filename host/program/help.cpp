@@ -8,9 +8,10 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr std::size_t kWidth = 80;
-constexpr std::size_t kOptionWidth = 30;  // of the left column
+constexpr std::size_t kOptionWidth = 30;  // width of the left column in characters
 
-// Lines of words, each `indent` blanks and what fits; a blank line parts paragraphs ("\n").
+// Breaks a text into lines with `indent` blanks at the start, within the width of the page. A line
+// break in the text begins a new paragraph.
 std::vector<std::string> wrapped(const std::string &text, std::size_t indent) {
   std::vector<std::string> lines;
   std::istringstream paragraphs(text);
@@ -30,8 +31,8 @@ std::vector<std::string> wrapped(const std::string &text, std::size_t indent) {
   return lines;
 }
 
-// What an option takes, and in brackets its range and default: "INT:INT in [1 - 6]" is INT and
-// "1 - 6", "TEXT:{lcm,socketcan}" TEXT and "lcm,socketcan".
+// Returns the value of an option, and the text in brackets with its range and default: "INT:INT in
+// [1 - 6]" gives "INT" and "1 - 6", "TEXT:{lcm,socketcan}" gives "TEXT" and "lcm,socketcan".
 std::pair<std::string, std::string> value_of(const CLI::Option &option) {
   const std::string full = option.get_type_name();
   const std::size_t colon = full.find(':');

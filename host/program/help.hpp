@@ -4,8 +4,8 @@
 
 namespace forceaxis::nodes {
 
-// --help in the form that the verbs of `forceaxis` have: usage, what it does, options, example,
-// within 80 columns. A new line in a description begins a paragraph.
+// Formats --help as the verbs of `forceaxis` do: usage, description, options, example, in 80
+// columns. A line break in a description begins a new paragraph.
 class Help : public CLI::Formatter {
  public:
   std::string make_help(const CLI::App *app, std::string name,

@@ -1,5 +1,5 @@
 #pragma once
-// Writes one JSON object on one line; keys appear in the order in which they are added.
+// Writes one JSON object on one line. The keys have the order in which they were added.
 #include <cmath>
 #include <concepts>
 #include <cstdio>
@@ -8,7 +8,7 @@
 
 namespace forceaxis::nodes {
 
-// The text as a JSON string, with its quotes.
+// Returns the text as a JSON string with its quotes.
 inline std::string json_text(std::string_view text) {
   std::string out = "\"";
   for (const char c : text) {
@@ -28,7 +28,7 @@ inline std::string json_text(std::string_view text) {
 
 class JsonObject {
  public:
-  // `value` is JSON already.
+  // `value` must be valid JSON.
   JsonObject &raw(std::string_view key, std::string_view value) {
     text_ += (text_.empty() ? "{" : ", ") + json_text(key) + ": " + std::string(value);
     return *this;
@@ -38,7 +38,7 @@ class JsonObject {
   }
   JsonObject &add(std::string_view key, const char *value) { return raw(key, json_text(value)); }
   JsonObject &add(std::string_view key, bool value) { return raw(key, value ? "true" : "false"); }
-  // Nine significant digits; null for a value that is not finite.
+  // Adds a number with nine significant digits, or null if the value is not finite.
   JsonObject &add(std::string_view key, double value) {
     if (!std::isfinite(value)) return raw(key, "null");
     char digits[32];
@@ -55,7 +55,7 @@ class JsonObject {
   std::string text_;
 };
 
-// Adds to a list of values, "[a, b]" without its brackets.
+// Appends a value to the text of a JSON list without its brackets, "a, b".
 inline void append(std::string &list, std::string_view value) {
   if (!list.empty()) list += ", ";
   list += value;

@@ -16,7 +16,8 @@ std::chrono::milliseconds milliseconds_of(double seconds) {
   return std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000 + 0.5));
 }
 
-// "3:NAME=VALUE": the axis, and where the name begins; 0 for all axes.
+// Splits "3:NAME=VALUE": returns the axis, or 0 for all axes, and the index at which the name
+// begins.
 std::pair<int, std::size_t> axis_prefix(const std::string &set) {
   const bool prefixed =
       set.size() > 2 && std::isdigit(static_cast<unsigned char>(set[0])) != 0 && set[1] == ':';
@@ -27,41 +28,42 @@ std::pair<int, std::size_t> axis_prefix(const std::string &set) {
 
 void add_options(CLI::App &app, NodeOptions &o) {
   app.formatter(std::make_shared<Help>());
-  app.add_option("EXPERIMENT", o.files, "Experiment file of each axis; both nodes read the same.");
-  app.add_option("--set", o.sets,
-                 "NAME=VALUE as for `forceaxis run`, or N:NAME=VALUE for axis N alone. Repeatable.")
+  app.add_option("EXPERIMENT", o.files,
+                 "Experiment file of each axis; both nodes must get the same files.");
+  app.add_option(
+         "--set", o.sets,
+         "Override NAME=VALUE as for `forceaxis run`, or N:NAME=VALUE for axis N only. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("NAME=VALUE");
-  app.add_option("--axes", o.axes, "This many axes, all with the one experiment.")
+  app.add_option("--axes", o.axes, "Number of axes, all with the same experiment.")
       ->check(CLI::Range(1, host::kMostAxes));
   app.add_option("--first-axis", o.first_axis, "Number of the first axis.")
       ->check(CLI::Range(1, host::kMostAxes))
       ->capture_default_str();
-  app.add_option("--link", o.link.kind, "How the records travel.")
+  app.add_option("--link", o.link.kind, "Transport of the link.")
       ->check(CLI::IsMember({"lcm", "socketcan"}))
       ->capture_default_str();
   app.add_option("--link-can", o.link.can_interface,
-                 "CAN interface of the link, no other traffic on it.")
+                 "CAN interface of the link; it must carry no other frames.")
       ->capture_default_str();
   app.add_option("--lcm-url", o.link.lcm_url,
-                 "LCM URL of the link, udpm://ADDRESS:PORT?ttl=N, within this machine; default: a "
-                 "port that follows from the run number.");
-  app.add_option(
-         "--run-id", o.link.run_id,
-         "Number of the run (LCM): the same for both nodes, another for every concurrent run.")
+                 "LCM URL of the link, udpm://ADDRESS:PORT?ttl=N, on this machine; default: a "
+                 "port computed from the run number.");
+  app.add_option("--run-id", o.link.run_id,
+                 "Number of the run (LCM); the same for both nodes, different for concurrent runs.")
       ->check(CLI::Range(std::int64_t{0}, std::int64_t{1} << 53))
       ->capture_default_str();
   app.add_option("--pace", o.pace,
-                 "fast, or real: 1500 ticks a second by the wall clock. plant_node keeps that "
-                 "pace; with real axis_node counts ticks that come more than a tick time late as "
-                 "overruns, object 2307h and emergency FF04h.")
+                 "fast: as fast as possible; real: 1500 ticks a second of the wall clock. "
+                 "plant_node keeps that pace. With real, axis_node counts a tick that is more "
+                 "than one tick period late as an overrun: object 2307h, emergency FF04h.")
       ->check(CLI::IsMember({"fast", "real"}))
       ->capture_default_str();
   app.add_flag("--endless", o.endless,
-               "For both nodes: a session that lasts until either is ended (Ctrl-C, SIGTERM; exit "
-               "status 0), whatever the experiment's duration. A node that was stopped and goes on "
-               "says what it missed, and the axis is disabled meanwhile.");
+               "For both nodes: run a session until one of them is ended (Ctrl-C, SIGTERM; exit "
+               "status 0), independent of the experiment's duration. A node that was suspended "
+               "reports the missed ticks, and the axis is disabled during this time.");
   app.add_option("--start-timeout", o.start_timeout_s,
                  "Seconds to wait for the other node's first record.")
       ->check(real_range(0.01, 86400))
@@ -70,9 +72,10 @@ void add_options(CLI::App &app, NodeOptions &o) {
                  "Seconds without a record after which the other node counts as silent.")
       ->check(real_range(0.01, 3600))
       ->capture_default_str();
-  app.add_option("--inject", o.inject,
-                 "For tests: faults in what this node sends, drop=0.05,double=0.05,seed=1,"
-                 "flip=TICK,bit=0.");
+  app.add_option(
+      "--inject", o.inject,
+      "For tests: faults in the records that this node sends, drop=0.05,double=0.05,seed=1,"
+      "flip=TICK,bit=0.");
 }
 
 void finish_options(NodeOptions &o) {
@@ -89,12 +92,12 @@ void finish_options(NodeOptions &o) {
   }
   o.link.timeouts = {milliseconds_of(o.start_timeout_s), milliseconds_of(o.timeout_s)};
   if (o.axes > 0 && o.files.size() > 1) {
-    throw UsageError("--axes: expected one experiment for all axes, or as many as there are axes");
+    throw UsageError("--axes: expected one experiment for all axes, or one for each axis");
   }
   while (static_cast<int>(o.files.size()) < o.axes) o.files.push_back(o.files.front());
   const int last = o.first_axis + static_cast<int>(o.files.size()) - 1;
   if (last > host::kMostAxes) {
-    throw UsageError("EXPERIMENT: expected axes 1 to 6, the last would be axis " +
+    throw UsageError("EXPERIMENT: expected axes 1 to 6, but the last would be axis " +
                      std::to_string(last));
   }
   for (const std::string &set : o.sets) {
@@ -110,7 +113,7 @@ std::vector<std::string> overrides_of(const NodeOptions &o, int axis) {
     const std::size_t at = axis_prefix(set).second;
     return set.substr(at, set.find('=', at) - at);
   };
-  // Of an axis alone, a value shadows that of all axes.
+  // A value for one axis takes precedence over the value for all axes.
   const auto shadowed = [&](const std::string &set) {
     return axis_prefix(set).first == 0 &&
            std::any_of(o.sets.begin(), o.sets.end(), [&](const std::string &other) {

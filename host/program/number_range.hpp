@@ -1,5 +1,5 @@
 #pragma once
-// CLI::Range that also refuses "nan", which CLI::Range itself accepts for real numbers.
+// A variant of CLI::Range that refuses "nan". CLI::Range accepts it for real numbers.
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <string>

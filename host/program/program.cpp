@@ -40,7 +40,7 @@ void end_by_signals() {
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
-  // A thread of its own receives the signals, so that they interrupt no system call.
+  // A separate thread receives the signals, so that they do not interrupt system calls.
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::thread([signals] {
     for (int signal = 0; sigwait(&signals, &signal) == 0;) {

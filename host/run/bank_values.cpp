@@ -19,7 +19,7 @@ std::uint16_t to_gain(double value) {
   return static_cast<std::uint16_t>(std::lround(value * kGainsPerUnit));
 }
 
-// Five coefficients, b0, b1, b2, a1, a2.
+// Reads five coefficients: b0, b1, b2, a1, a2.
 void read_section(const sim::Section &section, const toml::node &node, std::int32_t *coefficients) {
   const toml::array *row = node.as_array();
   if (row == nullptr || row->size() != FORCE_LAW_COEFFICIENTS)
@@ -34,7 +34,7 @@ void read_section(const sim::Section &section, const toml::node &node, std::int3
       section.fail("sections",
                    "expected numbers from -16 to 16, got " +
                        (cell.is_number() ? sim::number_text(value) : sim::kind_of(cell)) +
-                       "; scale the section and take the gain apart");
+                       "; scale the section and increase the gain of the bank");
     *coefficients++ = static_cast<std::int32_t>(std::lround(value * kCoefficientsPerUnit));
   }
 }

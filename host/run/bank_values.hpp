@@ -17,7 +17,7 @@
 
 namespace forceaxis::host {
 
-// The number (0..3) of a key bank_1 to bank_4; nothing for any other key.
+// Returns the number (0..3) of a key bank_1 to bank_4, or nothing for any other key.
 std::optional<std::uint8_t> bank_of_key(std::string_view key);
 
 struct BankValues {
@@ -27,11 +27,12 @@ struct BankValues {
   std::vector<ObjectWrite> writes;
 };
 
-// All values of that bank, the CRC of what was rounded included, but its certificate. Throws
-// sim::InputError.
+// Returns the writes of all values of the bank except its certificate. They include the CRC of the
+// rounded values. Throws sim::InputError.
 BankValues read_bank(sim::Section &section, std::uint8_t bank);
 
-// Its certificate for a firmware whose sensor is `adc_bits` wide and has this force_scale, uN.
+// Returns the writes of the bank's certificate for a firmware whose force ADC has `adc_bits` bits
+// and whose object force_scale has the given value in uN.
 std::vector<ObjectWrite> certificate_of_bank(const BankValues &bank, std::int32_t adc_bits,
                                              std::int32_t force_scale);
 

@@ -29,7 +29,7 @@ bool has_body(const sim::Model &model, std::string_view name) {
                      [name](const sim::Body &b) { return b.name == name; });
 }
 
-// A text that is not empty.
+// Returns a text that must not be empty.
 std::string words(Section &section, std::string_view key) {
   std::string text = section.text(key, "a text");
   if (text.empty()) section.fail(key, "expected a text, got an empty one; write it");
@@ -48,7 +48,8 @@ ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
   section.finish();
   const std::size_t reads = section.choice("force", "choose one of them");
   if (!model.adc[0])
-    section.fail("force", "expected a model with an ADC 0, it has none; remove this sensor");
+    section.fail("force",
+                 "expected a model with ADC 0, got a model without it; remove this sensor");
   return static_cast<ForceSensor>(reads);
 }
 
@@ -80,7 +81,7 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
   return action;
 }
 
-// contact_held: true, false, a contact or a list of contacts.
+// Reads contact_held: true, false, the name of a contact or a list of names.
 void read_contact_held(Section &section, const sim::Model &model, Criterion &criterion) {
   const toml::node *node = section.find("contact_held");
   if (node == nullptr) return;
@@ -129,7 +130,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
     section.fail(criterion.contact_losses_max ? "contact_losses_max"
                  : criterion.peak_force_max_N ? "peak_force_max_N"
                                               : "peak_force_max_percent",
-                 "expected a model with a contact, this one has none; remove the key");
+                 "expected a model with a contact, got a model without one; remove the key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
       !criterion.position_ripple_max_count && !criterion.judges_force() && !criterion.judges_run())
     section.fail("contact_held",
@@ -161,7 +162,7 @@ std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model
     if (std::find(columns.begin(), columns.end(), name) != columns.end() ||
         std::find(traced.begin(), traced.end(), *object) != traced.end())
       section.fail("objects", "expected each column once, got " + sim::in_quotes(name) +
-                                  ", which the trace has already; remove it");
+                                  ", which is a column of the trace already; remove it");
     traced.push_back(*object);
   }
   return traced;
@@ -203,7 +204,7 @@ Plot read_plot(Section &section, const sim::Model &model,
   return plot;
 }
 
-// Sets `key` of `table` from an override's text: a number, true, false, or a text.
+// Sets `key` of `table` to the value of an override: a number, true, false or a text.
 void put(toml::table &table, std::string_view key, const std::string &text) {
   double number = 0;
   const char *end = text.data() + text.size();
@@ -255,7 +256,7 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   }
 }
 
-// The overrides of [set]; adds the parameters that it refers to by name to `named`.
+// Returns the overrides of [set]. Adds the parameters that their values refer to to `named`.
 std::vector<sim::Override> read_set(Section &section, std::set<std::string> &named) {
   std::vector<sim::Override> overrides;
   for (const auto &[key, entry] : section.table()) {
@@ -275,11 +276,12 @@ std::vector<sim::Override> read_set(Section &section, std::set<std::string> &nam
   return overrides;
 }
 
-// The model's converters must be those of the firmware.
+// Refuses a model whose ADCs or DAC do not have the resolution of the firmware's converters.
 void check_converters(const Section &root, const Experiment &experiment) {
   const sim::Model &model = *experiment.model;
   if (model.dac.bits != 12) {
-    throw InputError(model.file, "dac.bits", "expected 12, the width of the firmware's codes");
+    throw InputError(model.file, "dac.bits",
+                     "expected 12, the resolution of the firmware's DAC in bits");
   }
   const std::uint16_t adc_bits = *find_object("adc_bits");
   std::int64_t bits = object_meta(adc_bits).initial;
@@ -289,7 +291,7 @@ void check_converters(const Section &root, const Experiment &experiment) {
   for (const auto &adc : model.adc) {
     if (adc && adc->bits != bits) {
       root.fail("firmware.adc_bits", "expected " + std::to_string(adc->bits) +
-                                         ", the width of the model's ADC, got " +
+                                         ", the resolution of the model's ADC in bits, got " +
                                          std::to_string(bits));
     }
   }
@@ -299,7 +301,8 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
                         std::span<const std::string> overrides,
                         const std::optional<std::string> &text) {
   std::set<std::string> files{model.file};
-  std::set<std::string> contents;  // by content: the hash does not depend on where files are
+  std::set<std::string> contents;  // contents of files, so that the hash does not depend on their
+                                   // paths
   if (text)
     contents.insert(*text);
   else
@@ -317,13 +320,13 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 }  // namespace
 
-// A model with [set] applied, and its modes.
+// A model with the overrides of [set], and its modes.
 struct ExperimentFile::Variant {
   std::string key;
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;
-  std::set<std::string> named;  // parameters that [set] refers to by name
+  std::set<std::string> named;  // parameters to which [set] refers
 };
 
 struct ExperimentFile::Contents {
@@ -331,7 +334,7 @@ struct ExperimentFile::Contents {
   std::string name;
   toml::table table;
   std::mutex mutex;
-  std::list<std::shared_ptr<Variant>> variants;  // the one used last first
+  std::list<std::shared_ptr<Variant>> variants;  // in the order of use, the last used variant first
 };
 
 ExperimentFile::ExperimentFile(const std::filesystem::path &file,
@@ -378,7 +381,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.figure = optional_words(root, "figure");
   experiment.shows = optional_words(root, "shows");
   const double duration_s = root.number("duration_s");
-  if (duration_s > kLongestRun_s)  // its trace is held in memory
+  if (duration_s > kLongestRun_s)  // limits the memory for the trace
     root.fail("duration_s", "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
                                 sim::number_text(duration_s) +
                                 "; `axis_node` and `plant_node` with --endless run for longer");
@@ -402,7 +405,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   });
   experiment.model = plant->model;
   experiment.modes = plant->modes;
-  // From here on `used` marks the parameters that the experiment itself refers to.
+  // From here on, `used` marks the parameters to which the experiment refers.
   source.parameters = experiment.model->parameters;
   for (sim::Parameter &p : source.parameters) p.used = plant->named.contains(p.name);
   root.one("firmware", [&](Section &section) {
@@ -451,8 +454,8 @@ void expect_judged(const Experiment &experiment) {
   const auto &criterion = experiment.criterion;
   if (!criterion || !criterion->judges_force() || force_task(experiment)) return;
   throw InputError(experiment.file.string(), "verdict.held_force_error_max_percent",
-                   "expected an experiment whose last set-point of force is not 0 and whose ADC 0 "
-                   "reads a force; remove the limits of force, overshoot and settling");
+                   "expected an experiment whose last force set-point is not 0 and whose ADC 0 "
+                   "measures a force; remove the limits of force, overshoot and settling time");
 }
 
 void expect_used(const Experiment &experiment) {
@@ -460,10 +463,10 @@ void expect_used(const Experiment &experiment) {
   if (idle.empty()) return;
   throw InputError(experiment.file.string(), "set." + idle.front(),
                    idle.size() == 1
-                       ? "expected a parameter that the model or the experiment uses, this one "
-                         "changes nothing here; remove it"
+                       ? "expected a parameter that the model or the experiment uses, but this one "
+                         "has no effect here; remove it"
                        : "expected parameters that the model or the experiment uses, got " +
-                             sim::joined(idle) + ", which change nothing here; remove them");
+                             sim::joined(idle) + ", which have no effect here; remove them");
 }
 
 Experiment load_experiment(const std::filesystem::path &file,

@@ -1,11 +1,12 @@
 #pragma once
-// An experiment: its plant, the firmware's objects, timed actions, and the criterion of stability.
-// Read from TOML; every mistake is an InputError that names file, key and what was expected.
+// An experiment: its plant, the objects of the firmware, timed actions and the criterion of the
+// verdict. It is read from TOML. Every error is an InputError that names the file, the key and the
+// expected value.
 //
-// Its tables and keys are declared in experiment_format.cpp; docs/guide/reference/experiment.md is
-// written from there. Objects of the firmware: object_values.hpp. Overrides are texts, each name
-// once, "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or "m_r=140"; they
-// take precedence over the file.
+// experiment_format.cpp declares the tables and keys; docs/guide/reference/experiment.md is
+// generated from it. object_values.hpp describes the objects of the firmware. An override is a text
+// such as "firmware.force_gain=7", "experiment.duration_s=2", "verdict.window_s=2" or "m_r=140", at
+// most one for each name, and takes precedence over the file.
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -27,36 +28,38 @@ struct Impulse {
   double impulse_N_s;
 };
 
-// What ADC 0 reads: the plant's signal ("live"), the code of the tick before ("held"), an end of
-// its range ("high", "low"), or the model's code of no force ("zero"), as a disconnected sensor
-// does.
+// The signal that ADC 0 converts: the signal of the plant ("live"), the code of the previous tick
+// ("held"), an end of the range of the ADC ("high", "low"), or the code of no force in the model
+// ("zero"), as with a disconnected sensor.
 enum class ForceSensor : std::uint8_t { live, held, high, low, zero };
 
-// One [[at]].
+// The actions of one table [[at]].
 struct Action {
-  std::int64_t tick;  // applied before it
+  std::int64_t tick;  // the actions apply before this tick
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
   std::optional<ForceSensor> force_sensor;
 };
 
-// What a run is judged by, see verdict.hpp: over its last `window_s` where nothing else is said. A
-// limit that is absent is not checked.
+// The limits of the verdict, see verdict.hpp. They refer to the window, the last `window_s` of the
+// run, unless a comment states otherwise. A limit without a value is not checked.
 struct Criterion {
-  double window_s = 1.0;                            // > 0
-  std::optional<double> force_ripple_max_count;     // peak to peak of the force ADC, 8-bit counts
-  std::optional<double> position_ripple_max_count;  // peak to peak of the encoder, counts
-  // Contacts stay pressed throughout the window: those named, "tip" or ["tip", "grip"], or, of
-  // `contact_held = true`, every one of the model; then `contacts` is empty.
+  double window_s = 1.0;                         // length of the window, > 0
+  std::optional<double> force_ripple_max_count;  // peak-to-peak ripple of the measured force, 8-bit
+                                                 // counts
+  std::optional<double> position_ripple_max_count;  // peak-to-peak ripple of the encoder, counts
+  // Contacts that must stay closed throughout the window. `contacts` has the names from
+  // contact_held = "tip" or ["tip", "grip"]. With `contact_held = true` it is empty and every
+  // contact of the model must stay closed.
   bool contact_held = false;
   std::vector<std::string> contacts = {};
-  // Of an experiment that controls force, see HeldForce; errors are magnitudes.
+  // Limits of an experiment that controls force, see HeldForce. Errors are magnitudes.
   std::optional<double> held_force_error_max_N;
   std::optional<double> held_force_error_max_percent;
   std::optional<double> overshoot_max_percent;
   std::optional<double> settle_max_s;
   std::optional<double> peak_force_max_percent;
-  // Over the whole run, see Metrics.
+  // Limits over the complete run, see Metrics.
   std::optional<double> peak_force_max_N;
   std::optional<double> contact_losses_max;
   std::optional<double> saturated_max_s;
@@ -68,46 +71,50 @@ struct Criterion {
   bool judges_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 
-// What the plot of a run shows.
+// The content of the plot of a run.
 struct Plot {
-  std::vector<std::vector<std::string>> rows;  // columns of the trace; empty: not given
+  std::vector<std::vector<std::string>> rows;  // columns of the trace in each diagram; empty:
+                                               // default
   std::optional<double> from_s;
-  std::optional<double> to_s;  // > from_s
+  std::optional<double> to_s;  // end of the time axis in s, > from_s
 };
 
 struct Experiment {
   std::filesystem::path file;
-  std::string hash;  // SHA-256 over the experiment, its model files and the overrides; see with()
+  std::string hash;  // SHA-256 of the experiment, its model files and the overrides; empty after
+                     // with()
   std::string title;
   std::string figure;
   std::string shows;
   std::shared_ptr<const sim::Model> model;
-  std::shared_ptr<sim::ModeCache> modes;  // of that model
+  std::shared_ptr<sim::ModeCache> modes;  // cache of the model's modes, shared by its plants
   std::uint64_t seed = 0;
-  std::int64_t ticks = 0;  // steps of the plant; the controller is evaluated ticks + 1 times
+  std::int64_t ticks = 0;  // steps of the plant; the firmware computes ticks + 1 ticks
   std::vector<ObjectWrite> initial;
-  std::vector<Action> actions;  // by tick
+  std::vector<Action> actions;  // in the order of their ticks
   std::optional<Criterion> criterion;
   Plot plot;
-  std::vector<std::uint16_t> traced;          // objects of [trace]
-  std::shared_ptr<const toml::table> expect;  // [expect], or nullptr
-  std::vector<std::string> unused;            // parameters that [set] overrides and nothing uses
+  std::vector<std::uint16_t> traced;          // objects of the table [trace], AXIS_OBJ_
+  std::shared_ptr<const toml::table> expect;  // table [expect], or nullptr
+  std::vector<std::string> unused;  // parameters of [set] that neither model nor experiment uses
 };
 
-// An experiment file, read once for many variants. Model and modes of the last kKeptModels
-// different sets of model parameters are kept and shared, so that a variant in the firmware's
-// objects alone costs little more than its run. with() may be called from any number of threads.
+// An experiment file that is read once for many variants. It keeps and shares the model and the
+// modes of the last kKeptModels different sets of model parameters. So a variant that changes only
+// objects of the firmware needs little more time than its run. Any number of threads may call
+// with().
 class ExperimentFile {
  public:
-  static constexpr std::size_t kKeptModels = 64;  // about 1 MB each
+  static constexpr std::size_t kKeptModels = 64;  // about 1 MB for each model
 
-  // Throws sim::InputError. With a text that is read in place of the file's, which need not exist:
-  // messages name it, and the model's path is relative to its folder.
+  // Reads the file. If `text` is given, this text is read in place of the file, which need not
+  // exist; messages name the file, and the path of the model is relative to its folder. Throws
+  // sim::InputError.
   explicit ExperimentFile(const std::filesystem::path &file,
                           const std::optional<std::string> &text = std::nullopt);
   ~ExperimentFile();
 
-  // The experiment under these overrides, without its hash. Throws sim::InputError.
+  // Returns the experiment with these overrides, without its hash. Throws sim::InputError.
   Experiment with(std::span<const std::string> overrides);
 
  private:
@@ -118,26 +125,28 @@ class ExperimentFile {
   std::unique_ptr<Contents> contents_;
 };
 
-// One experiment of a file, or of a text in its place, with its hash. Throws sim::InputError.
+// Returns one experiment of a file, or of a text in place of the file, with its hash. Throws
+// sim::InputError.
 Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides = {},
                            const std::optional<std::string> &text = std::nullopt);
 
-// The columns of a run's trace: codes and states, then the signals of the model; those of [trace]
-// come in addition.
+// Returns the names of the columns of a trace: codes and states, followed by the signals of the
+// model. Columns of the table [trace] are not included.
 std::vector<std::string> trace_columns(const sim::Model &model);
 
-// Takes duration and verdict away: the run lasts until it is ended. Its actions stay. The tick in
-// the trace hash has 32 bits and wraps after 33 days; nothing else does.
+// Removes duration and verdict from an experiment, so that its run lasts until somebody ends it.
+// Its actions remain. The tick in the trace hash has 32 bits and wraps after 33 days; no other
+// number wraps.
 inline constexpr std::int64_t kEndlessTicks = 1'000'000'000'000'000;
 void make_endless(Experiment &experiment);
 
-// Refuses a [verdict] that limits the force of an experiment that controls none. Of a run, not of
-// reading: an axis of make_endless() has no verdict, whatever its file says. Throws
+// Refuses a [verdict] that limits the force if the experiment does not control force. Only runs
+// make this check, not the reader, because an axis of make_endless() has no verdict. Throws
 // sim::InputError.
 void expect_judged(const Experiment &experiment);
 
-// Refuses parameters in [set] that change nothing. Throws sim::InputError.
+// Refuses parameters in [set] that have no effect. Throws sim::InputError.
 void expect_used(const Experiment &experiment);
 
 }  // namespace forceaxis::host

@@ -1,6 +1,6 @@
 #pragma once
-// The format of an experiment's file. [expect] is declared where it is read, in
-// forceaxis.experiments.expect.
+// The format of an experiment file. The Python module forceaxis.experiments.expect declares the
+// table [expect], because it reads it.
 #include "sim/model/format.hpp"
 
 namespace forceaxis::host {

@@ -30,7 +30,7 @@ void ExperimentWrites::write_initial(const Write &write) const {
       const ObjectWrite &w = refused.front();
       throw sim::InputError(
           experiment_->file.string(), std::string("firmware.") + object_meta(w.object).name,
-          "expected a value that the firmware takes beside the others, it refused " +
+          "expected a value that the firmware accepts beside the others, but it refused " +
               std::to_string(w.raw) + " (raw): " + refusal_text(write(0, w)));
     }
     remaining = refused;

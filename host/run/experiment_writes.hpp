@@ -1,6 +1,6 @@
 #pragma once
-// The writes of an experiment to a firmware in any process: the initial ones at power-up, those of
-// each [[at]] before its tick.
+// The writes of an experiment to a firmware in any process: the initial writes at power-up, and the
+// writes of each table [[at]] before its tick.
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -10,7 +10,8 @@
 
 namespace forceaxis::host {
 
-// A write of an [[at]] that the firmware refused, as it must in some states.
+// A write of a table [[at]] that the firmware has refused. In some states of the drive, the
+// firmware must refuse a write.
 struct Refusal {
   std::int64_t tick;
   std::string object;
@@ -19,15 +20,15 @@ struct Refusal {
 
 class ExperimentWrites {
  public:
-  // Performs a write before this tick; returns FW_OK or FW_ERROR_.
+  // Writes an object before a tick. Returns FW_OK or FW_ERROR_.
   using Write = std::function<int(std::int64_t tick, const ObjectWrite &)>;
 
-  // The experiment must outlive this.
+  // The experiment must exist as long as this object.
   explicit ExperimentWrites(const Experiment &experiment)
       : experiment_(&experiment), action_(experiment.actions.begin()) {}
 
-  // Objects that limit each other are retried until all are accepted. Throws sim::InputError if one
-  // stays refused.
+  // Makes the initial writes. Objects can limit each other, so refused writes are tried again until
+  // all are accepted. Throws sim::InputError if the firmware still refuses a write.
   void write_initial(const Write &write) const;
 
   bool due(std::int64_t tick) const {

@@ -1,7 +1,7 @@
 #pragma once
 // The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
-// trace hash. It depends on the plant through the records alone. What runs every tick is inline, so
-// that in process the records need not pass through memory.
+// trace hash. It depends on the plant only through the records. Functions that run in every tick
+// are inline, so that a run in one process need not store the records in memory.
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -16,20 +16,22 @@
 namespace forceaxis::host {
 
 struct FirmwareOptions {
-  bool hash = false;                    // compute the hash for hash()
-  const fw_config_t *config = nullptr;  // NULL: an axis on no bus
-  // Called with every write of the experiment before the firmware receives it; initial writes have
-  // tick 0.
+  bool hash = false;                    // compute the trace hash that hash() returns
+  const fw_config_t *config = nullptr;  // NULL: the axis has no bus
+  // Called with every write of the experiment before the firmware receives it. The tick of initial
+  // writes is 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
 };
 
 class FirmwareSide {
  public:
-  // Powers up and makes the initial writes, as ExperimentWrites::write_initial(). Throws
-  // sim::InputError if the firmware refuses one. The experiment must outlive the side.
+  // Powers up the firmware and makes the initial writes as ExperimentWrites::write_initial() does.
+  // Throws sim::InputError if the firmware refuses an initial write. The experiment must exist as
+  // long as this object.
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
 
-  // The coming tick: the writes due, then the firmware's own tick.
+  // Computes the next tick: first the writes of the experiment for this tick, then the tick of the
+  // firmware.
   LinkOutputs tick(const LinkInputs &in) {
     if (writes_.due(in.tick)) write_due(in.tick);
     axis_inputs_t inputs{};
@@ -45,8 +47,9 @@ class FirmwareSide {
     return out;
   }
 
-  // The tick after the plant fell silent: sensor_valid 0, the last values otherwise. It is no part
-  // of the trace. The firmware answers code 0, disabled, fault sensor_invalid.
+  // Computes one tick after the plant has become silent: sensor_valid is 0, and the inputs are
+  // those of the last tick. The tick is not part of the trace. The firmware outputs DAC code 0,
+  // disables the drive and latches the fault sensor_invalid.
   LinkOutputs lose_sensors(std::uint8_t axis) {
     axis_inputs_t inputs = last_;
     inputs.sensor_valid = 0;
@@ -58,14 +61,14 @@ class FirmwareSide {
     for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
   }
 
-  // Fetches and drops what the firmware transmits on its buses.
+  // Discards all messages that the firmware has to send on its buses.
   void discard_output();
 
-  // The trace hash, 64 hexadecimal digits; ends it.
+  // Returns the trace hash of 64 hexadecimal digits. No tick may follow this call.
   std::string hash() { return hash_.hex(); }
 
   std::int64_t next_tick() const { return next_tick_; }
-  // The raw value of an object (AXIS_OBJ_); an unsigned object's bits.
+  // Returns the raw value of an object (AXIS_OBJ_); for an unsigned object, its bits.
   std::int32_t read(std::uint16_t object) const;
   const std::vector<Refusal> &refused() const { return writes_.refused(); }
   fw_t *axis() { return axis_.get(); }
@@ -90,7 +93,7 @@ class FirmwareSide {
   const axis_signals_t *signals_;
   std::unique_ptr<fw_t, Deleter> axis_;
   ExperimentWrites writes_;
-  axis_inputs_t last_{};  // of the last tick
+  axis_inputs_t last_{};  // inputs of the last tick
   std::int64_t next_tick_ = 0;
   TraceHash hash_;
 };

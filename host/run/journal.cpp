@@ -30,7 +30,7 @@ std::string hex_of(std::span<const std::uint8_t> bytes) {
   return text;
 }
 
-// One line of a journal, parsed from the left. A field that does not fit throws InputError.
+// One line of a journal that is parsed from left to right. An invalid field throws InputError.
 class Line {
  public:
   Line(const std::filesystem::path &file, std::size_t number, std::string_view text)
@@ -82,7 +82,7 @@ class Line {
   std::string_view rest_;
 };
 
-// An entry for the firmware, or nothing if `kind` is none.
+// Returns an entry for the firmware, or nothing if `kind` is not a kind of entry.
 std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
   if (kind == "write") {
     const std::int64_t tick = line.tick();
@@ -99,7 +99,7 @@ std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
     frame.remote = length == "R";
     if (frame.remote == 0) {
       const auto data = line.bytes("up to 8 bytes", 8);
-      if (length != std::to_string(data.size())) line.fail("as many bytes as the length says");
+      if (length != std::to_string(data.size())) line.fail("as many bytes as the length states");
       frame.length = static_cast<std::uint8_t>(data.size());
       std::copy(data.begin(), data.end(), frame.data);
     }
@@ -135,21 +135,21 @@ sim::InputError not_writable(const std::filesystem::path &file, const char *opti
           std::string("expected a file that can be written, ") + std::strerror(error)};
 }
 
-// The open file, locked, or closed and a sim::InputError.
+// Locks the open file. On failure closes it and throws sim::InputError.
 int lock_journal(int opened, const std::filesystem::path &file) {
   const auto fail = [opened, &file](const char *what) {
     close(opened);
     throw sim::InputError(file.string(), kJournalOption, what);
   };
   if (flock(opened, LOCK_EX | LOCK_NB) != 0) {
-    fail("expected a file of its own, another process writes its journal here");
+    fail("expected a file that no other process uses, but one writes its journal here");
   }
   struct stat is {};
   std::string title(sizeof kJournalTitle - 1, '\0');
   if (fstat(opened, &is) == 0 && S_ISREG(is.st_mode) && is.st_size > 0 &&
       (pread(opened, title.data(), title.size(), 0) != static_cast<ssize_t>(title.size()) ||
        title != kJournalTitle)) {
-    fail("expected a new file or an old journal, not to lose what is here");
+    fail("expected a new file or a journal, got another file; choose another name");
   }
   return opened;
 }
@@ -197,7 +197,7 @@ JournalWriter::~JournalWriter() { close(lock_); }
 
 void JournalWriter::flush() { entry().flush(); }
 
-// The file, after the entry of sensorless ticks that came before.
+// Returns the output stream after a pending entry of ticks without sensors has been written.
 std::ostream &JournalWriter::entry() {
   if (sensorless_ > 0) out_ << "sensorless " << sensorless_tick_ << ' ' << sensorless_ << '\n';
   sensorless_ = 0;
@@ -214,14 +214,14 @@ void JournalWriter::power_up(const fw_config_t &config) {
        << ' ' << config.serial_number << '\n';
   if (config.memory != nullptr) write_memory("store", *config.memory);
   if (config.archive != nullptr) write_memory("archive", *config.archive);
-  flush();  // so that a process killed at once still has a valid journal
+  flush();  // a process that is killed at once leaves a valid journal
 }
 
 void JournalWriter::write_memory(const char *kind, const store_memory_t &memory) {
   std::vector<std::uint8_t> image(2 * std::size_t{memory.sector_bytes});
   memory.read(memory.context, 0, image.data(), static_cast<std::uint32_t>(image.size()));
   std::span<const std::uint8_t> store = image;
-  // Erased bytes at the end are implied.
+  // Erased bytes at the end of the store are omitted.
   while (!store.empty() && store.back() == 0xFF) store = store.first(store.size() - 1);
   out_ << kind << ' ' << hex_of(store) << '\n';
 }
@@ -282,7 +282,7 @@ Journal read_journal(const std::filesystem::path &file) {
                           std::string("expected a readable journal, \"") + kJournalTitle + "\"");
   }
   for (std::size_t number = 2; std::getline(in, text); ++number) {
-    if (in.eof()) break;  // a truncated last line
+    if (in.eof()) break;  // the last line is truncated
     Line line(file, number, text);
     const std::string kind = line.word("an entry");
     if (auto entry = entry_of(kind, line)) {
@@ -299,7 +299,7 @@ Journal read_journal(const std::filesystem::path &file) {
       journal.node_id = line.number<std::uint8_t>("a node", 0, FW_NODE_ID_BY_LSS);
       journal.buses = line.number<std::uint8_t>("buses", 0, 1);
       journal.modbus_baud = line.number<std::uint32_t>("a speed in baud", 0, 10'000'000);
-      // Journals of 0.1.0 have none.
+      // Journals of version 0.1.0 have no archive.
       if (!line.rest().empty()) {
         journal.serial_number = line.number<std::uint32_t>("a serial number", 0, UINT32_MAX);
       }

@@ -1,19 +1,29 @@
 #pragma once
-// A journal records everything that a firmware on buses received, in order, each with the tick
-// before which it was applied: the stored parameters at power-up, frames, bytes, the experiment's
-// writes. Buses run in wall time; replaying its journal repeats a run in process, to the last bit.
+// A journal records all inputs of a firmware on buses, in order, each with the tick before which
+// the firmware received it: the stored parameters at power-up, frames, bytes, and the writes of the
+// experiment. Buses work in wall time. A replay of the journal repeats the run in one process and
+// gives the same outputs to the last bit.
 //
-// One axis, text, one entry a line:
-//   forceaxis-journal 1
-//   experiment FILE / set NAME=VALUE / inputs_hash HEX     the run that it belongs to
-//   endless                                                without the experiment's duration
-//   config NODE BUSES / store HEX / archive HEX                          the firmware's state at
-//   power-up write TICK OBJECT RAW | can TICK ID LENGTH HEX | can TICK ID R | lost TICK COUNT bus
-//   TICK STATE | modbus TICK HEX | overrun TICK sensorless TICK COUNT ticks of the firmware alone,
-//   in between end TICKS HASH                                         how long it ran, and its
-//   trace hash
-// Initial writes carry tick 0. Bytes are hexadecimal, none "-". A truncated journal has no `end`; a
-// truncated line is ignored.
+// A journal belongs to one axis. It is a text file with one entry in each line:
+//   forceaxis-journal 1             name and version of the format
+//   experiment FILE                 the experiment of the run, with its overrides and its hash
+//   set NAME=VALUE
+//   inputs_hash HEX
+//   endless                         the run had no duration
+//   config NODE BUSES BAUD SERIAL   the configuration of the firmware at power-up
+//   store HEX                       its stored parameters
+//   archive HEX                     its archive of incidents
+//   write TICK OBJECT RAW           a write of the experiment
+//   can TICK ID LENGTH HEX          a CAN data frame
+//   can TICK ID R                   a CAN remote frame
+//   lost TICK COUNT                 CAN frames that the kernel dropped
+//   bus TICK STATE                  a change of the state of the CAN bus
+//   modbus TICK HEX                 bytes of Modbus
+//   overrun TICK                    a late tick
+//   sensorless TICK COUNT           ticks of the firmware without sensor values
+//   end TICKS HASH                  length of the run, and its trace hash
+// The tick of initial writes is 0. Bytes are hexadecimal; an empty list of bytes is "-". A
+// truncated journal has no `end`. A truncated line is ignored.
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
@@ -29,22 +39,23 @@
 
 namespace forceaxis::host {
 
-// Its first line; the number is that of the format.
+// First line of a journal. The number is the version of the format.
 inline constexpr char kJournalTitle[] = "forceaxis-journal 1";
 
 class JournalWriter {
  public:
-  // Creates the file or replaces a journal. Throws sim::InputError if it is no journal, cannot be
-  // written, or is locked by another process.
+  // Creates the file, or replaces an existing journal. Throws sim::InputError if the existing file
+  // is not a journal, cannot be written, or is locked by another process.
   JournalWriter(const std::filesystem::path &file, const Experiment &experiment,
                 std::span<const std::string> overrides);
   ~JournalWriter();
   JournalWriter(const JournalWriter &) = delete;
   JournalWriter &operator=(const JournalWriter &) = delete;
 
-  // Whether all that was flushed is in the file: on a full disk the run goes on, the journal ends.
+  // Returns whether the file has all flushed entries. If the disk is full, the run continues and
+  // the journal ends.
   bool good() const { return out_.good(); }
-  // Writes and flushes the firmware's state at power-up, its stored parameters included.
+  // Writes and flushes the state of the firmware at power-up, with its stored parameters.
   void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
   void can(std::int64_t tick, const can_frame_t &frame);
@@ -52,11 +63,11 @@ class JournalWriter {
   void bus(std::int64_t tick, std::uint8_t state);
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
   void overrun(std::int64_t tick);
-  // One tick of the firmware without sensors, before `tick`. Ticks that follow each other with
-  // nothing received between them are one entry, so that a long silence stays short.
+  // Records one tick of the firmware without sensor values, before `tick`. Consecutive ticks of
+  // this kind with no input between them share one entry, so a long silence needs little space.
   void sensorless(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
-  // To be called at intervals: a killed process loses what was not flushed.
+  // Must be called at intervals, because a killed process loses all entries that are not flushed.
   void flush();
 
  private:
@@ -66,17 +77,17 @@ class JournalWriter {
   int lock_;
   std::ofstream out_;
   std::int64_t sensorless_tick_ = 0;
-  std::int64_t sensorless_ = 0;  // of the entry that is not yet written
+  std::int64_t sensorless_ = 0;  // number of ticks in the entry that is not yet written
 };
 
-// Throws what a JournalWriter of the file would, and changes nothing.
+// Throws the exceptions of the constructor of JournalWriter for this file, and changes nothing.
 void expect_journal(const std::filesystem::path &file);
 
-// Throws sim::InputError unless a file can be written here, that one or a new one in its folder.
+// Throws sim::InputError unless this file, or a new file in its folder, can be written.
 void expect_writable(const std::filesystem::path &file, const char *option);
 
 struct Journal {
-  // What an entry passes to the firmware, besides writes and frames.
+  // The inputs of the firmware that an entry records, other than writes and frames.
   struct FramesLost {
     std::uint16_t count;
   };
@@ -105,22 +116,23 @@ struct Journal {
   std::uint32_t serial_number = 0;
   std::uint8_t buses = 0;
   std::uint32_t modbus_baud = 0;
-  std::vector<std::uint8_t> store;  // empty: there was none
+  std::vector<std::uint8_t> store;  // empty if the axis had no store
   bool has_store = false;
-  std::vector<std::uint8_t> archive;  // of incidents
+  std::vector<std::uint8_t> archive;  // archive of incidents of the black box
   bool has_archive = false;
   std::vector<Entry> entries;
-  std::int64_t ticks = -1;  // -1: the journal has no end
+  std::int64_t ticks = -1;  // -1: the journal has no `end`
   std::string trace_hash;
 
-  // How many ticks it covers: without an end up to the last entry.
+  // Returns the number of ticks of the journal; without `end`, the ticks up to the last entry.
   std::int64_t known_ticks() const;
 
-  // Its experiment, as long as the run was. Throws sim::InputError; does not compare the hash.
+  // Returns the experiment of the journal with the duration of the recorded run. Throws
+  // sim::InputError. The hash of the inputs is not compared.
   Experiment load() const;
 };
 
-// Throws sim::InputError naming file and line.
+// Reads a journal. Throws sim::InputError, which names the file and the line.
 Journal read_journal(const std::filesystem::path &file);
 
 }  // namespace forceaxis::host

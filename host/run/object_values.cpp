@@ -18,13 +18,14 @@ namespace {
 
 using sim::Dimension;
 
-// An object as a physical quantity: value in its unit = quantity in SI * per_unit.
+// The relation of an object to a physical quantity: value in the object's unit = quantity in SI
+// units * per_unit.
 struct Scale {
   Dimension dimension;
   double per_unit;
 };
 
-// Why an object cannot be given as a physical quantity.
+// The reason for which an object has no physical quantity, as a text for a message.
 using Obstacle = std::string;
 
 class Scales {
@@ -53,13 +54,13 @@ class Scales {
     if (of_rated_force(meta.name)) return Scale{Dimension::force, 1e6 / rated_force_mN_};
     auto found = unit.substr(0, 5) == "count" || unit.substr(0, 4) == "code"
                      ? of_counts(meta)
-                     : std::variant<Scale, Obstacle>("it measures nothing that the model has");
+                     : std::variant<Scale, Obstacle>("the model has no quantity that it measures");
     if (auto *scale = std::get_if<Scale>(&found); scale != nullptr && meta.min >= 0)
       scale->per_unit = std::fabs(scale->per_unit);
     return found;
   }
 
-  /// What a force in per mille is counted by.
+  /// Sets the rated force, to which forces in per mille refer.
   void set_rated_force(double rated_force_mN) { rated_force_mN_ = rated_force_mN; }
 
  private:
@@ -79,7 +80,7 @@ class Scales {
     if (gain || of_reading || of_both) {
       if (!reading_) return "the model has no ADC 0";
       if (of_reading) return Scale{*reading_, counts_per_reading_};
-      if (*reading_ != Dimension::force) return "the model's ADC 0 does not read a force";
+      if (*reading_ != Dimension::force) return "ADC 0 of the model does not measure a force";
       if (gain) return Scale{Dimension::volt_per_force, codes_per_volt_ / counts_per_reading_};
     }
     if (!encoder_) return "the model has no encoder";
@@ -92,13 +93,13 @@ class Scales {
       return Scale{Dimension::volt_per_velocity, codes_per_volt_ * kTicks / scale};
     if (drive_moved_ && std::string_view(meta.part) == "drive" && meta.min < 0 &&
         name != "home_offset")
-      return "polarity or home_offset makes it differ from the model's";
+      return "polarity or home_offset is not 0, so it differs from the position of the model";
     if (unit == "count") return Scale{Dimension::length, scale};
     if (unit == "count/s") return Scale{Dimension::velocity, scale};
     if (unit == "count/s^2") return Scale{Dimension::acceleration, scale};
     if (unit == "count/tick") return Scale{Dimension::velocity, scale / kTicks};
     if (unit == "count/tick^2") return Scale{Dimension::acceleration, scale / (kTicks * kTicks)};
-    return "its unit is not known";
+    return "the unit of this object has no conversion";
   }
 
   std::optional<sim::Encoder> encoder_;
@@ -109,14 +110,14 @@ class Scales {
   double counts_per_reading_ = 0.0;
 };
 
-// A number in the object's unit and where it comes from.
+// A number in the unit of the object, and its source.
 struct Value {
   double number;
-  bool converted;      // then it is rounded to the nearest raw value
-  std::string origin;  // " (\"75 N\")", or empty
+  bool converted;      // the number is rounded to the nearest raw value
+  std::string origin;  // text of the source, " (\"75 N\")", or empty
 };
 
-// A text that is neither a quantity nor a parameter.
+// Refuses a text that is neither a quantity nor a parameter.
 [[noreturn]] void fail_unknown(sim::Section &section, const std::string &name,
                                const std::string &text, const axis_object_meta_t &meta,
                                const std::variant<Scale, Obstacle> &scale) {
@@ -195,7 +196,8 @@ ObjectWrite read_object(sim::Section &section, const std::string &name, const to
 
 bool is_table_of_objects(std::string_view key) { return bank_of_key(key) || shaper_of_key(key); }
 
-// The keys of the table that are objects, as all but those of banks and shapers must be.
+// Returns the keys of the table that are names of objects. All keys must be, except those of banks
+// and shapers.
 std::vector<std::string> object_names(const sim::Section &section) {
   std::vector<std::string> names;
   std::vector<std::string> unknown;
@@ -223,14 +225,14 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const auto written = [&](std::string_view name) -> double {
     const std::uint16_t object = *find_object(name);
     if (const toml::node *node = section.table().get(name); node != nullptr)
-      return node->value<double>().value_or(1.0);  // a quantity is not 0
+      return node->value<double>().value_or(1.0);  // a quantity is assumed not to be 0
     for (const ObjectWrite &w : before)
       if (w.object == object) return w.raw;
     return static_cast<double>(object_meta(object).initial);
   };
   Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                 written("polarity") != 0.0 || written("home_offset") != 0.0);
-  const std::string rated = "rated_force";  // may be a quantity itself
+  const std::string rated = "rated_force";  // may be given as a quantity
   const toml::node *own = section.table().get(rated);
   scales.set_rated_force(own == nullptr ? written(rated)
                                         : read_object(section, rated, *own, scales).raw);

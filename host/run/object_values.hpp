@@ -1,20 +1,22 @@
 #pragma once
-// Converts an experiment's [firmware] table to writes of raw values.
+// Converts the table [firmware] of an experiment to writes of raw values.
 //
-// A value is an enum's text, true or false, a number in the object's unit, the name of a model
-// parameter, or a quantity (sim/model/units.hpp). A quantity in the object's own unit stands for
-// the number. Any other is converted with the model's scales, rounded to the nearest raw value:
-// * counts of force through the scale of ADC 0 and `force_sign`, so in the unit of that ADC's
-// signal;
-// * counts of position, of velocity and of acceleration through the encoder's scale, from where the
-//   model has 0; an object that is never negative uses the magnitude of that scale;
-// * codes through the DAC's scale, without its offset; gains and impedance through both scales;
-// * forces in per mille through rated_force, as it is written beside them or before;
-// * ticks, ms, us, mN, uN, Hz by themselves.
-// Refused by name: an object that measures nothing of that kind (increments of the motor's
-// encoder), and positions and velocities of the drive under a `polarity` or `home_offset`.
-// A table bank_1 to bank_4 is a bank of the force law (bank_values.hpp), shaper_force or
-// shaper_motion a command shaper (shaper_values.hpp).
+// A value is a text of an enumeration, true or false, a number in the unit of the object, the name
+// of a model parameter, or a quantity (sim/model/units.hpp). A quantity in the unit of the object
+// has the same effect as the number. Any other quantity is converted with the scales of the model
+// and rounded to the nearest raw value:
+// * A force in counts uses the scale of ADC 0 and `force_sign`. The quantity has the unit of the
+//   signal of this ADC.
+// * Positions, velocities and accelerations in counts use the scale of the encoder and the origin
+// of
+//   the model. An object that cannot be negative uses the magnitude of the scale.
+// * DAC codes use the scale of the DAC without its offset. Gains and impedances use both scales.
+// * A force in per mille uses the object rated_force, from this table or from an earlier write.
+// * Objects in ticks, ms, us, mN, uN or Hz need no scale of the model.
+// An object without a physical quantity of the model, such as increments of the motor's encoder, is
+// refused with its name. So are positions and velocities of the drive if `polarity` or
+// `home_offset` is not 0. A table bank_1 to bank_4 is a bank of the force law (bank_values.hpp). A
+// table shaper_force or shaper_motion is an input shaper (shaper_values.hpp).
 #include <cstdint>
 #include <vector>
 
@@ -22,15 +24,15 @@
 
 namespace forceaxis::host {
 
-// One write of a firmware object.
+// One write to an object of the firmware.
 struct ObjectWrite {
   std::uint16_t object;
-  std::int32_t raw;  // an unsigned object's bits
+  std::int32_t raw;  // for an unsigned object, its bits
 };
 
-// The writes of the table in the order in which they are given: parameters, commands, `mode`. A
-// parameter that is named is marked as used. `before` holds the initial writes, empty when these
-// are read. Throws sim::InputError.
+// Returns the writes of the table in the order of the firmware: parameters, commands, then `mode`.
+// Parameters that a value refers to are marked as used. `before` has the initial writes; it is
+// empty when the initial writes are read. Throws sim::InputError.
 std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &model,
                                       const std::vector<ObjectWrite> &before);
 

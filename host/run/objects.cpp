@@ -3,7 +3,7 @@
 namespace forceaxis::host {
 namespace {
 
-// Calls visit(value, text) for each text of an enum until it returns true.
+// Calls visit(value, text) for each text of an enumeration until `visit` returns true.
 template <class Visit>
 void each_enum_text(std::uint16_t object, Visit visit) {
   std::string_view rest = object_meta(object).enum_texts;

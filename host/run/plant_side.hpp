@@ -1,6 +1,7 @@
 #pragma once
 // The plant's side of a run: plant, impulses, trace, metrics and verdict. It depends on the
-// firmware through the records alone. What runs every tick is inline, as in firmware_side.hpp.
+// firmware only through the records. Functions that run in every tick are inline, as in
+// firmware_side.hpp.
 //
 //   PlantSide plant(experiment, options);
 //   while (plant.running()) plant.act(answer(plant.sense()));
@@ -20,16 +21,17 @@ namespace forceaxis::host {
 
 class PlantSide {
  public:
-  // The experiment must outlive the side.
+  // The experiment must exist as long as this object.
   PlantSide(const Experiment &experiment, const RunOptions &options);
 
-  // Whether a tick remains; the controller is evaluated at both ends, ticks + 1 times.
+  // Returns whether a tick remains. The firmware computes a tick at the start and at the end of the
+  // run, so it computes ticks + 1 ticks.
   bool running() const { return tick_ <= experiment_->ticks; }
   std::int64_t tick() const { return tick_; }
   const sim::Plant &plant() const { return plant_; }
 
-  // The sensor codes of the coming tick, after the actions due. To be called once a tick; valid
-  // until the next call.
+  // Applies the actions of the next tick, then returns its sensor codes. Must be called once in
+  // each tick. The result is valid until the next call.
   const LinkInputs &sense() {
     if (due()) act_due();
     const sim::SensorCodes codes = plant_.codes();
@@ -42,8 +44,9 @@ class PlantSide {
     return in_;
   }
 
-  // Records the firmware's outputs and steps the plant to the next tick. Throws
-  // sim::SimulationError if it cannot be stepped on, RunStopped if options.stop returns true.
+  // Records the outputs of the firmware and simulates the plant to the next tick. Throws
+  // sim::SimulationError if the simulation cannot continue, RunStopped if options.stop returns
+  // true.
   void act(const LinkOutputs &out) {
     if (tick_ % kTicksBetweenAsking == 0 && options_.stop && options_.stop()) throw RunStopped();
     const TickRecord record = tick_record(in_, out);
@@ -76,11 +79,11 @@ class PlantSide {
     ++tick_;
   }
 
-  // The result, after the last tick; `refused` is empty.
+  // Returns the result after the last tick. Its list `refused` is empty.
   RunResult finish();
 
  private:
-  // Peak to peak over ticks.
+  // Peak-to-peak value over ticks.
   template <class T>
   class Span {
    public:
@@ -96,23 +99,25 @@ class PlantSide {
     T low_{}, high_{};
   };
 
-  static constexpr std::int64_t kTicksBetweenAsking = 1024;  // options.stop
+  static constexpr std::int64_t kTicksBetweenAsking = 1024;  // interval of calls of options.stop
   static constexpr std::uint8_t kEnabled = 1;                // AXIS_DIN_ENABLE
   static constexpr std::uint8_t kNoFault = 0;                // AXIS_FAULT_NONE
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
   void act_due();
-  // What the sensor reads in place of this code, while it is not live.
+  // Returns the code that replaces `code` while the force sensor has failed.
   std::uint16_t failed_reading(std::uint16_t code) const;
   void keep(const TickRecord &record, const LinkOutputs &out);
   void look_for_contact();
   void begin_window();
   bool all_pressed() const;
-  // When the contacts that the criterion names were pressed, each of them; without any named, one
-  // of the model's.
+  // Returns the time at which the last of the criterion's contacts closed for the first time. If
+  // the criterion names no contact, returns the time at which the first contact of the model
+  // closed.
   std::optional<double> first_contact_s() const;
   void check_setpoint();
-  // Losses so far of the criterion's contacts; the flanks of a backlash or stop do not count.
+  // Returns how often the criterion's contacts have been lost so far. The two sides of a backlash
+  // or a stop do not count as contacts.
   std::int64_t contact_losses() const;
 
   const Experiment *experiment_;
@@ -120,17 +125,18 @@ class PlantSide {
   sim::Plant plant_;
   RunResult result_;
   std::vector<Action>::const_iterator action_;
-  std::vector<std::size_t> contact_forces_;  // places of the contacts' signals
-  std::vector<std::string> held_;            // contacts that the criterion is about
-  std::vector<std::size_t> held_forces_;     // places of their signals
+  std::vector<std::size_t> contact_forces_;  // indices of the signals of the contact forces
+  std::vector<std::string> held_;            // names of the criterion's contacts
+  std::vector<std::size_t> held_forces_;     // indices of the signals of their forces
   std::size_t width_;
-  // When each contact of `held_` was first pressed; -1: not yet, `untouched_` of them.
+  // First tick at which each contact of `held_` was closed, or -1. `untouched_` is the number of
+  // contacts with -1.
   std::vector<std::int64_t> first_pressed_;
   std::size_t untouched_ = 0;
-  int adc_top_ = -1;   // the largest code of ADC 0
-  int adc_zero_ = -1;  // its code of no force
+  int adc_top_ = -1;   // highest code of ADC 0
+  int adc_zero_ = -1;  // code of ADC 0 without force
   std::int64_t window_start_;
-  std::int64_t second_half_;  // of the window
+  std::int64_t second_half_;  // first tick of the second half of the window
   std::int64_t losses_before_window_ = 0;
   std::int64_t tick_ = 0;
   LinkInputs in_{};
@@ -138,8 +144,8 @@ class PlantSide {
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
-  std::size_t task_place_ = 0;      // of its signal
-  std::vector<double> task_force_;  // at each tick
+  std::size_t task_place_ = 0;      // index of the signal of task_
+  std::vector<double> task_force_;  // force of this signal at each tick
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

@@ -1,16 +1,19 @@
 #pragma once
-// Repeats a journal's run in process, with the firmware's outputs identical to the last bit.
+// Repeats the run of a journal in one process. The outputs of the firmware are identical to the
+// last bit.
 #include "host/run/firmware_side.hpp"
 #include "host/run/journal.hpp"
 #include "host/run/result.hpp"
 
 namespace forceaxis::host {
 
-// Passes one entry to the firmware; to be called before the entry's tick. Sensorless ticks are run.
+// Passes one entry to the firmware. Must be called before the tick of the entry. For an entry of
+// ticks without sensors, computes these ticks.
 void apply(const Journal::Entry &entry, FirmwareSide &firmware);
 
-// The run of the journal in process, as far as that is known. `experiment` must be that of the
-// journal and gives the plant, the impulses and what happens to its sensor. Throws as run().
+// Repeats the run of the journal in one process, up to the last recorded tick. `experiment` must be
+// the experiment of the journal; it gives the plant, the impulses and the failures of its sensor.
+// Throws the exceptions of run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

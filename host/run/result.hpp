@@ -1,5 +1,5 @@
 #pragma once
-// The result of a run, in process or linked: trace, metrics, energy audit, verdict.
+// The result of a run in one process or over a link: trace, metrics, energy audit and verdict.
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -16,19 +16,19 @@
 
 namespace forceaxis::host {
 
-// The firmware's own state after each tick: AXIS_FAULT_ and AXIS_LIMIT_REASON_.
+// State of the firmware after each tick: AXIS_FAULT_ and AXIS_LIMIT_REASON_.
 struct FirmwareRecord {
   std::uint8_t fault;
   std::uint8_t limit_reason;
 };
 
 struct RunOptions {
-  bool trace = true;  // keep records and signals; false: only metrics, hash and verdict
-  bool audit = true;  // energy audit
-  // Hash the firmware's side too; over a link that is always done. In process the two hashes can
-  // only agree.
+  bool trace = true;  // keep records and signals; false: only metrics, hash, verdict
+  bool audit = true;  // compute the energy audit
+  // Compute the trace hash on the firmware's side too. A run over a link always computes it. In one
+  // process, the two hashes are always equal.
   bool firmware_hash = false;
-  // Called every 1024 ticks; true ends the run with RunStopped.
+  // Called every 1024 ticks. If it returns true, the run ends with RunStopped.
   std::function<bool()> stop = {};
 };
 
@@ -36,55 +36,57 @@ struct RunStopped : std::runtime_error {
   RunStopped() : std::runtime_error("the run was stopped") {}
 };
 
-// Peak to peak, in counts.
+// Peak-to-peak ripple, in counts.
 struct Ripple {
-  double count = 0;       // over the window
-  double late_count = 0;  // over its second half
+  double count = 0;       // ripple over the window
+  double late_count = 0;  // ripple over the second half of the window
 };
 
-// Over the criterion's window, or the last second without a criterion.
+// Metrics over the window of the criterion, or over the last second if the experiment has no
+// criterion.
 struct Metrics {
   std::int64_t window_ticks = 0;
   double window_start_s = 0;
-  Ripple force_ripple;     // of adc0, scaled to 8-bit counts
+  Ripple force_ripple;     // of adc0, converted to 8-bit counts
   Ripple position_ripple;  // of the encoder
-  // Of the contacts that the criterion names, else of all.
-  std::int64_t contacts = 0;              // how many
-  std::int64_t contact_losses = 0;        // contacts leaving "pressed", located events
-  std::int64_t contact_losses_run = 0;    // the same over the whole run
-  std::optional<double> first_contact_s;  // of the last of them, see PlantSide; none: never
-  bool contact_at_window = false;         // every one pressed when the window begins
-  bool in_contact = false;                // every one pressed at the end of the run
-  double peak_force_N = 0;                // over the whole run, of all contacts, at ticks
-  double final_force_N = 0;               // at the last tick, of the first contact
-  // The DAC at an end of its range, in the window and over the whole run.
+  // Contacts that the criterion names, or all contacts of the model.
+  std::int64_t contacts = 0;              // number of these contacts
+  std::int64_t contact_losses = 0;        // located ends of "pressed", in the window
+  std::int64_t contact_losses_run = 0;    // contact losses over the complete run
+  std::optional<double> first_contact_s;  // first time with all contacts closed once; empty: never
+  bool contact_at_window = false;         // all contacts are closed at the start of the window
+  bool in_contact = false;                // all contacts are closed at the end of the run
+  double peak_force_N = 0;                // largest force of any contact at a tick, complete run
+  double final_force_N = 0;               // force of the first contact at the last tick
+  // Ticks at which the DAC is at an end of its range, in the window and over the complete run.
   std::int64_t saturated_ticks = 0;
   std::int64_t saturated_run_ticks = 0;
-  std::int64_t reading_range_ticks = 0;     // in the window, adc0 at an end but its zero code
-  std::optional<double> setpoint_beyond_N;  // the last set-point of force, if adc0 cannot read it
-  double reading_end_N = 0;                 // the end of the range that it is beyond
-  std::int64_t last_adc_change_tick = 0;  // of adc0's code, over the whole run; 0: it never changed
-  std::optional<HeldForce> held_force;    // where the experiment has a ForceTask
+  std::int64_t reading_range_ticks = 0;     // ticks of the window with adc0 at an end, not its zero
+                                            // code
+  std::optional<double> setpoint_beyond_N;  // last force set-point, if adc0 cannot measure it
+  double reading_end_N = 0;                 // end of the measuring range that the set-point exceeds
+  std::int64_t last_adc_change_tick = 0;    // last change of the adc0 code; 0: it never changed
+  std::optional<HeldForce> held_force;      // only if the experiment has a ForceTask
 };
 
 struct RunResult {
   std::vector<TickRecord> records;
   std::vector<FirmwareRecord> firmware;
   std::vector<std::string> signal_names;
-  std::vector<double> signals;  // records x signal_names, by rows; units: sim::SignalInfo
-  // Raw values of the objects of [trace] after each tick, by rows; empty over a link.
+  std::vector<double> signals;  // one row of signal_names for each record; units as sim::SignalInfo
+  // Raw values of the objects of [trace], one row for each tick. Empty over a link.
   std::vector<std::int32_t> objects;
-  std::vector<sim::Event> events;  // the first 100,000
+  std::vector<sim::Event> events;  // the first 100,000 events
   std::int64_t event_count = 0;
   sim::EnergyAudit energy;
-  double edge_margin = 0;     // LSB, see sim::Plant::edge_margin()
-  std::string trace_hash;     // 64 hexadecimal digits, the plant's side
-  std::string firmware_hash;  // the firmware's side, if RunOptions requests it
+  double edge_margin = 0;     // in LSB, see sim::Plant::edge_margin()
+  std::string trace_hash;     // 64 hexadecimal digits, from the plant's side
+  std::string firmware_hash;  // from the firmware's side, if RunOptions requests it
   Metrics metrics;
-  std::string fault;  // name of the first fault of the run, "none"
+  std::string fault;  // name of the first fault of the run, or "none"
   std::vector<Refusal> refused;
-  std::string verdict;         // of judge(), or "" without a criterion
-  std::vector<Missed> missed;  // of judge()
+  std::string verdict;         // verdict of judge(), or "" without a criterion
+  std::vector<Missed> missed;  // limits that judge() found to be missed
 };
 
 }  // namespace forceaxis::host

@@ -1,5 +1,5 @@
 #pragma once
-// SHA-256 by OpenSSL.
+// SHA-256, computed by OpenSSL.
 #include <openssl/evp.h>
 
 #include <cstddef>
@@ -17,14 +17,14 @@ class Sha256 {
   void update(const void *data, std::size_t bytes) {
     EVP_DigestUpdate(context_.get(), data, bytes);
   }
-  // A text and its length, so that ("ab", "c") and ("a", "bc") differ.
+  // Adds a text with its length, so that ("ab", "c") and ("a", "bc") have different hashes.
   void update(const std::string &text) {
     const std::string length = std::to_string(text.size()) + ":";
     update(length.data(), length.size());
     update(text.data(), text.size());
   }
 
-  // Ends the digest: 64 lower-case hexadecimal digits.
+  // Ends the hash and returns it as 64 lower-case hexadecimal digits.
   std::string hex() {
     unsigned char digest[32];
     EVP_DigestFinal_ex(context_.get(), digest, nullptr);

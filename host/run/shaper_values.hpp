@@ -4,11 +4,11 @@
 //   [firmware.shaper_force]     # or shaper_motion
 //   mode_Hz = 12.3              # frequency of the mode, undamped
 //   damping = 0.05              # its damping ratio; absent: 0
-//   kind = "zvd"                # or "zv": two impulses, half as late, for a mode that is well
-//   known
+//   kind = "zvd"                # or "zv": two impulses, half the delay, for a mode that is
+//                               # known exactly
 //
-// Impulses are half a period of the damped mode apart, rounded to ticks; each is smaller than the
-// one before by what the mode decays by meanwhile (Singer and Seering).
+// The distance of the impulses is half a period of the damped mode, rounded to ticks. The ratio of
+// an impulse to the previous one is the decay of the mode in this time (Singer and Seering).
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -19,10 +19,11 @@
 
 namespace forceaxis::host {
 
-// The first object (AXIS_OBJ_) of the shaper of a key; nothing for any other key.
+// Returns the first object (AXIS_OBJ_) of the shaper that a key names, or nothing for any other
+// key.
 std::optional<std::uint16_t> shaper_of_key(std::string_view key);
 
-// All values of that shaper. Throws sim::InputError.
+// Returns the writes of all values of the shaper. Throws sim::InputError.
 std::vector<ObjectWrite> read_shaper(sim::Section &section, std::uint16_t first);
 
 }  // namespace forceaxis::host

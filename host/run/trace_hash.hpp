@@ -1,5 +1,6 @@
 #pragma once
-// The trace hash. Records are collected, little-endian and unpadded, and hashed many at a time.
+// The trace hash. Records are collected in a buffer, little-endian and without padding, and hashed
+// in blocks.
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -24,7 +25,7 @@ class TraceHash {
     size_ += kTickRecordBytes;
   }
 
-  // The hash, 64 hexadecimal digits; ends it.
+  // Ends the hash and returns it as 64 hexadecimal digits.
   std::string hex() {
     flush();
     return hash_.hex();

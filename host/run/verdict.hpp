@@ -1,14 +1,14 @@
 #pragma once
-// What a run is beside what its [verdict] asks for: one of four words, and every limit missed.
+// The verdict of a run about the limits of its table [verdict], and every limit that it missed.
 //
-//   stable            nothing is missed
-//   unstable          a fault, a ripple that does not die away, or contact lost in the window
-//   not_met           none of these, but a limit is exceeded, the contact is made too late, or the
-//                     force reading or the output is at an end of its range in the window
-//   never_in_contact  the force was to be put on a contact that was never pressed
+//   stable            no limit is missed
+//   unstable          a fault, a ripple that does not decay, or contact loss in the window
+//   not_met           not unstable, but a limit is exceeded, the contact is made too late, or the
+//                     measured force or the output is at an end of its range in the window
+//   never_in_contact  the criterion needs a contact, and this contact was never made
 //
-// A verdict that is about the contact is one with `contact_held`, and one of an experiment that
-// controls force and judges the reading or the force.
+// The criterion needs a contact if it has `contact_held`, or if the experiment controls force and
+// the criterion limits the measured force or its ripple.
 #include <string>
 #include <vector>
 
@@ -22,27 +22,30 @@ inline constexpr const char *kUnstable = "unstable";
 inline constexpr const char *kNotMet = "not_met";
 inline constexpr const char *kNeverInContact = "never_in_contact";
 
-// A ripple whose second half of the window has at most this part of it dies away.
+// A ripple decays if its value in the second half of the window is at most this part of its value
+// in the complete window.
 inline constexpr double kDyingPart = 0.6;
 
-// One limit that a run missed. Besides the keys of [verdict]: "fault", "contact_made_s" (value:
-// when the contact was first pressed, bound: when the window begins), "contact_losses" (in the
-// window), "setpoint" (none of force), "setpoint_range" (N, and the end of the reading that it is
-// beyond), "reading_range" and "output_range" (ticks of the window at an end of the range).
+// One limit that a run missed. `key` is a key of [verdict] or one of: "fault"; "contact_made_s"
+// (value: first time of contact in s, bound: start of the window); "contact_losses" (in the
+// window); "setpoint" (the experiment has no force set-point); "setpoint_range" (set-point in N,
+// bound: end of the measuring range); "reading_range" and "output_range" (ticks of the window at an
+// end of the range).
 struct Missed {
   std::string limit;
-  std::string verdict;  // what it alone makes of the run
-  double value = 0.0;   // infinite: the force never settles
+  std::string verdict;  // verdict that this limit alone would give
+  double value = 0.0;   // infinite if the force never settles
   double bound = 0.0;
-  std::string unit;  // "N", "%", "s", "count", "tick", or "" of a number
+  std::string unit;  // "N", "%", "s", "count", "tick", or "" for a number without unit
 };
 
 struct Judgement {
-  std::string verdict;  // kNeverInContact, else kUnstable, else kNotMet, as any limit says
+  // The most serious verdict of all missed limits: kNeverInContact, then kUnstable, then kNotMet.
+  std::string verdict;
   std::vector<Missed> missed;
 };
 
-// From metrics alone, so that thresholds can be varied without a run.
+// Computes the verdict from the metrics only, so a caller can vary the limits without a new run.
 Judgement judge(const Criterion &criterion, const Metrics &metrics, bool faulted);
 
 }  // namespace forceaxis::host

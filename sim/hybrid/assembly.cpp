@@ -12,7 +12,7 @@ enum ContactState { kApart = 0, kPressed = 1, kOverlap = 2 };
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Builds a wiring element by element.
+// Builds a Wiring element by element.
 class Assembly : public Wiring {
  public:
   explicit Assembly(const Model &model) {
@@ -31,7 +31,8 @@ class Assembly : public Wiring {
     for (const Stop &stop : model.stops) add(stop);
     for (const Gravity &gravity : model.gravities) add(gravity);
     if (model.drive) add(*model.drive);
-    // After all other forces: whether a friction holds depends on every one of them.
+    // Frictions come after all other forces, because the sum of the forces decides whether a
+    // friction sticks.
     for (const Friction &friction : model.frictions) add(friction);
     for (const Brake &brake : model.brakes) add(brake, model.frictions);
     for (std::size_t i = 0; i < model.bodies.size(); ++i)
@@ -52,7 +53,8 @@ class Assembly : public Wiring {
     const int index = add_switch(element, std::move(names), false, kApart);
     auto &phases = bounds.back();
     phases[kApart] = {{deflection, -kInfinity, 0.0, kApart, kPressed}};
-    // The force reaches 0 before the overlap does; without damping both do at once.
+    // The force becomes 0 before the overlap does. Without damping both become 0 at the same
+    // instant.
     if (damped) {
       phases[kPressed] = {{force, 0.0, kInfinity, kOverlap, kPressed}};
       phases[kOverlap] = {{deflection, 0.0, kInfinity, kApart, kOverlap},
@@ -89,7 +91,8 @@ class Assembly : public Wiring {
       rates.push_back({wire(rate, segment.slope)});
     push(spring.ends, force);
     if (segments != kAlways) {
-      // From the break nearer to 0 on: E = 1/2 (f + f_b) (d - d_b) + E_b.
+      // The energy of a segment is E = 1/2 (f + f_b) (d - d_b) + E_b, from its break nearer to the
+      // origin on.
       std::vector<Terms> first(curve.segments.size());
       std::vector<Terms> second = first;
       std::vector<Terms> base = first;
@@ -147,7 +150,7 @@ class Assembly : public Wiring {
     name_link(contact.name, link);
   }
 
-  // A contact on either side; the lower one has all signs reversed.
+  // A stop is a contact on either side. The lower contact has all signs reversed.
   void add(const Stop &stop) {
     const Wire deflection = deflection_of(stop.ends);
     const Wire rate = rate_of(stop.ends);
@@ -205,7 +208,8 @@ class Assembly : public Wiring {
       frictions[i].beside = static_cast<int>(place);
       beside_N = frictions_before[i].stiction;
     }
-    // While both stick, what the friction would hold is the brake's.
+    // While brake and friction both stick, the brake carries the force that the friction would
+    // carry.
     add_friction(brake.name, brake.ends, brake.holding, brake.holding + beside_N, true);
     brakes.push_back({static_cast<int>(place), brake.release_s, brake.engage_s});
   }
@@ -243,7 +247,8 @@ class Assembly : public Wiring {
   void add_adc(std::size_t channel, const Adc &adc) {
     Wire signal = named(adc.signal);
     if (adc.filter) {
-      // With a filter the sensor's saturation acts on a state; without one only at the conversion.
+      // With a filter, the saturation of the sensor acts on a state of the network. Without a
+      // filter, it acts only at the conversion.
       if (adc.sensor_limit)
         signal = add_clamp("adc" + std::to_string(channel) + ".sensor", signal, *adc.sensor_limit,
                            false);
@@ -259,7 +264,8 @@ class Assembly : public Wiring {
     const int current = add_state("drive.current", 0.0);
     const int filtered = add_state("drive.tach_filtered", 0.0);
     drive_states.push_back(current);
-    const Extended ratio = 1 / static_cast<Extended>(motor.r_trans);  // rad/m
+    // ratio of the transmission, in rad/m
+    const Extended ratio = 1 / static_cast<Extended>(motor.r_trans);
     const Wire tach = add_sum({wire(speed, static_cast<Extended>(motor.k_tach) * ratio)});
     const Extended a = motor.a_preamp_fdbk;
     const Extended gain = a * static_cast<Extended>(motor.k_preamp_fdbk);
@@ -286,7 +292,8 @@ class Assembly : public Wiring {
     const Extended l = motor.inductance;
     const Wire slope = add_sum({wire(output, 1 / l), wire(back_emf, -1 / l),
                                 state(current, -static_cast<Extended>(motor.resistance) / l)});
-    // Disabled, the bridge is open: no current, and the terminals show the back EMF.
+    // While the drive is disabled, the bridge is open: the current is 0 and the voltage at the
+    // terminals is the back EMF.
     derivatives[static_cast<std::size_t>(current)] = {
         wire(add_select(kEnable, {{}, {wire(slope)}}))};
     const Wire pull = add_sum({state(current, static_cast<Extended>(motor.k_torque) * ratio)});
@@ -326,7 +333,8 @@ class Assembly : public Wiring {
       force = add_select(kEnable, {{}, {wire(limited(wanted, perfect.force_limit))}});
       supplies.push_back({"drive", force, speed});
     }
-    // The drive pushes its body forward, so the ends change places.
+    // The drive pushes its body forwards and the reaction backwards, so the ends are in reverse
+    // order.
     push({drive.reaction, drive.body}, force);
     name_signal("drive.force", force);
     name_signal("drive.command", add_sum({command()}));

@@ -4,8 +4,8 @@
 
 namespace forceaxis::sim {
 
-/// The wires, switches and states of every element of a model. Throws InputError if its switches do
-/// not fit into a ModeKey.
+/// Builds the wires, switches and states of every element of a model. Throws InputError if the
+/// states of its switches need more bits than a ModeKey has.
 Wiring assemble(const Model &model);
 
 }  // namespace forceaxis::sim

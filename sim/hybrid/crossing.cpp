@@ -7,12 +7,12 @@ namespace {
 
 using kernel::magnitude;
 
-// On [0, 1].
+// A polynomial on the interval [0, 1].
 struct Polynomial {
   const double *q;
   std::size_t degree;
-  double noise;       // rounding of a value on the whole interval
-  double whole_bend;  // bend(1)
+  double noise;       // rounding error of a value on the interval [0, 1]
+  double whole_bend;  // value of bend(1)
 
   double value(double s) const {
     double sum = q[degree];
@@ -29,7 +29,7 @@ struct Polynomial {
     *slope = derivative;
     return sum;
   }
-  // Largest |g''| on [0, s].
+  // Returns a bound on |g''| in [0, s].
   double bend(double s) const {
     if (s == 1.0) return whole_bend;
     double sum = 0.0;
@@ -39,13 +39,14 @@ struct Polynomial {
   }
 };
 
-// One sign change of a falling g on [a, b], g(a) >= 0 > g(b); bend >= |g''| there.
+// Returns the root of a falling g in [a, b], with g(a) >= 0 > g(b). `bend` is a bound on |g''|
+// there.
 double refine(const Polynomial &g, double a, double ga, double b, double gb, double bend) {
   double s = a + (b - a) * (ga / (ga - gb));
   double last_width = b - a;
   for (int step = 0; step < 200; ++step) {
     if (!(s > a && s < b)) s = a + 0.5 * (b - a);
-    if (!(s > a && s < b)) break;  // neighbouring doubles
+    if (!(s > a && s < b)) break;  // a and b are neighbouring doubles
     double slope = 0.0;
     const double value = g.value_and_slope(s, &slope);
     if (value >= 0.0) {
@@ -57,15 +58,16 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
     }
     double next = slope < 0.0 ? s - value / slope : a + 0.5 * (b - a);
     const double move = magnitude(next - s);
-    // After a Newton step the error is 2 bend move^2 / |slope| at most (the root is within 2 |move|
-    // if bend |move| <= |slope| / 4): less than the rounding of s?
+    // After a Newton step, the error is at most 2 bend move^2 / |slope|, because the root is within
+    // 2 |move| if bend |move| <= |slope| / 4. The search ends when this error is below the rounding
+    // error of s.
     const double error = 2.0 * bend * move * move;
     if (move <= 0x1p-53 * s || magnitude(value) <= 0x1p-54 * g.noise ||
         (next > a && next < b && error <= -0x1p-54 * slope * s)) {
       if (next > a && next < b) s = next;
       return s;
     }
-    // Every third step has to halve the bracket.
+    // At least every third step halves the bracket.
     if (step % 3 == 2) {
       if (b - a > 0.5 * last_width) next = a + 0.5 * (b - a);
       last_width = b - a;
@@ -112,8 +114,10 @@ bool first_crossing(const double *q, std::size_t degree, double end, double *roo
     sum += size;
     bend += index * (index - 1.0) * size;
   }
-  if (scaled[0] >= sum - scaled[0]) return false;  // more than all other terms together
-  // Drops terms too small to change the sign: they only cost time.
+  if (scaled[0] >= sum - scaled[0])
+    return false;  // the constant exceeds the sum of all other
+                   // terms
+  // Terms that are too small to change the sign are dropped to save time.
   double dropped = magnitude(scaled[degree]);
   while (degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(scaled[--degree]);
   const Polynomial g{scaled, degree, 0x1p-50 * sum, bend};

@@ -1,14 +1,15 @@
 #pragma once
-// The first sign change of a polynomial, found with a bound that excludes missed roots.
+// Finds the first sign change of a polynomial. A bound on the curvature excludes missed roots.
 #include <cstddef>
 
 namespace forceaxis::sim {
 
-/// Finds where g(s) = q[0] + q[1] s + ... + q[degree] s^degree, g(0) > 0, first becomes negative on
-/// (0, end]. An interval is skipped only if its ends are positive by more than the largest
-/// possible dip, (b - a)^2 / 8 max |g''|, or if g is monotone on it; dips below the rounding of g
-/// itself (about 1e-15 of its largest term) do not count. Then Newton steps, safeguarded by
-/// bisection, go to rounding. Returns false if there is none; otherwise *root is in (0, end].
+/// Finds the smallest root in (0, end] at which g(s) = q[0] + q[1] s + ... + q[degree] s^degree,
+/// with g(0) > 0, becomes negative. The search skips an interval [a, b] only if g exceeds (b - a)^2
+/// / 8 max |g''| at both ends, the largest possible dip between them, or if g is monotone on it. A
+/// dip below the rounding error of g, about 1e-15 of its largest term, is ignored. Newton steps
+/// with bisection as a safeguard then refine the root to rounding. Returns true and the root in
+/// *root, or false if g has no such root.
 bool first_crossing(const double *q, std::size_t degree, double end, double *root);
 
 }  // namespace forceaxis::sim

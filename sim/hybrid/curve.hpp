@@ -7,11 +7,12 @@
 
 namespace forceaxis::sim {
 
-/// Coefficients are built in extended precision and rounded to double once, when a mode is made.
+/// The coefficients of a mode are computed in extended precision and rounded to double once.
 using Extended = long double;
 
-/// Segment k lies between breaks[k-1] and breaks[k]; its value is slope * input + offset. Units are
-/// the caller's: SI of input and output.
+/// A piecewise-linear function. Segment k lies between breaks[k-1] and breaks[k] and has the value
+/// slope * input + offset. Input and output are in the SI units of the quantities that the caller
+/// connects.
 struct Curve {
   struct Segment {
     std::string name;
@@ -20,16 +21,18 @@ struct Curve {
   };
   std::vector<Segment> segments;
   std::vector<double> breaks;
-  int home = 0;  ///< the segment to start the search from
+  int home = 0;  ///< index of the segment at which the search for the active segment starts
 
-  /// y = clamp(x, -limit, limit)
+  /// Saturation: y = x, limited to the range -limit to limit.
   static Curve clamp(double limit);
-  /// Odd curve through 0: slope `inner` up to `corner`, `outer` beyond it, clamped to +-limit. An
-  /// infinite corner or limit leaves that feature out.
+  /// Odd curve through the origin with slope `inner` up to the input `corner` and slope `outer`
+  /// above it, limited to the output range -limit to limit. An infinite corner or limit omits that
+  /// part of the curve.
   static Curve amplifier(double inner, double corner, double outer, double limit);
-  /// Continuous, 0 at 0; segments named "segment 0", "segment 1", ...
+  /// Continuous curve with the value 0 at the input 0. Its segments are named "segment 0", "segment
+  /// 1" and so on.
   static Curve through_origin(const Slopes &slopes);
-  /// Through (x[k], y[k]), constant beyond the ends.
+  /// Linear interpolation between the points (x[k], y[k]), constant outside their range.
   static Curve interpolated(const std::vector<double> &x, const std::vector<double> &y);
 };
 

@@ -9,7 +9,7 @@ namespace {
 
 using kernel::magnitude;
 
-constexpr int kCalmTicks = 15;  // how long the second test is tried first; affects speed only
+constexpr int kCalmTicks = 15;  // ticks in which the second test runs first; affects speed only
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace
@@ -44,7 +44,7 @@ bool Detector::calm(const double *z) {
   return true;
 }
 
-// The second test of Mode, on the signals that the first one has computed in result_.
+// Runs the second test of Mode with the signals that the quiet test has computed in result_.
 bool Detector::passes_second_test(const double *z) {
   const Mode &m = *mode_;
   const double *signal = result_.data() + m.signal_place;
@@ -92,18 +92,19 @@ bool Detector::beyond_now() const {
   return false;
 }
 
-// Finds where on [0, end] the condition g = polynomial_ >= 0 first fails.
+// Finds the first instant in [0, end] at which the polynomial g = polynomial_ becomes negative.
 Detector::Verdict Detector::examine_side(std::size_t channel, double bound, double end,
                                          double *root) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;
   const double *q = polynomial_.data();
 
-  // A signal on its bound: the sign of its first Taylor coefficient that is not rounding decides,
-  // and the rest is searched with the root at the start divided out. If none differs from rounding
-  // then neither does the signal on this part. Rounding is that of the state in the balanced norm
-  // (Mode::doubt): places known to 1e-18 m only make speeds of less than 1e-18 m times the fastest
-  // rate mean nothing, or contacts that just touch would switch with the last bits of their places.
+  // If a signal is on its bound, the sign of the first Taylor coefficient above rounding decides,
+  // and the search for a root runs on the polynomial divided by its root at 0. If no coefficient is
+  // above rounding, the signal stays on its bound in this part. The rounding error is that of the
+  // state in the balanced norm (Mode::doubt). If positions have a rounding error of 1e-18 m, a
+  // velocity below 1e-18 m times the fastest rate has no meaning; otherwise the last bits of the
+  // positions would switch contacts that are in contact without force.
   const double *doubt = &m.doubt[channel * (m.order + 1) * c];
   for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
     double scale = k == 0 ? magnitude(bound) : 0.0;
@@ -143,7 +144,7 @@ Detector::Verdict Detector::examine(const double *z, std::size_t channel, double
   return verdict;
 }
 
-// The parts of the grid in which one signal may reach a bound.
+// Returns the parts of the grid in which the signal of one channel may reach a bound.
 std::uint64_t Detector::parts_in_doubt(const double *z, std::size_t channel, std::size_t wanted) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;

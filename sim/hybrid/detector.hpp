@@ -1,5 +1,6 @@
 #pragma once
-// Which switches of a mode may change in the tick ahead, and which one does first.
+// Finds the switches of a mode that change their state in the next tick, and the instant of the
+// first change.
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -9,48 +10,58 @@
 
 namespace forceaxis::sim {
 
-/// Bound on the relative rounding of a channel's value.
+/// Upper bound of the relative rounding error of a channel's value.
 inline constexpr double kChannelRounding = 0x1p-46;
 
-/// The tests that Mode describes, cheapest first: quiet(), then doubtful_parts() and calm(), then
-/// first_change() within a part. Owns the buffers; the caller owns z = (x, 1, u), which must not
-/// change within such a sequence of calls. Copies are independent. No call changes a switch.
+/// Runs the tests that Mode describes, the cheapest first: quiet(), then doubtful_parts() and
+/// calm(), then first_change() within a part of the tick. The detector owns the buffers. The caller
+/// owns the vector z = (x, 1, u) and must not change it between the calls of such a sequence.
+/// Copies are independent. No call changes the state of a switch.
 class Detector {
  public:
   struct Change {
     std::size_t channel = 0;
     bool above = false;
-    double after = 0.0;  ///< ticks from now
+    double after = 0.0;  ///< time from now to the change, in ticks
   };
 
-  /// A signal on its bound is judged by the first coefficient that exceeds its rounding `factor`
-  /// times; 1 until switches contradict each other, then more for the rest of the tick.
+  /// The rounding error of a coefficient is assumed to be `factor` times its normal bound. If a
+  /// signal is on its bound, the first coefficient above this rounding error decides whether the
+  /// switch changes. The factor is 1; the stepper increases it for the rest of a tick in which the
+  /// states of switches contradict each other.
   void set_doubt(double factor) { rounding_ = factor * kChannelRounding; }
 
-  /// The mode of all further calls; it must outlive them.
+  /// Selects the mode of all further calls. The mode must exist as long as the detector uses it.
   void enter(const Mode &mode);
 
-  /// Tests the next tick, from any instant. True: no switch changes. result() then holds its end.
+  /// Tests whether no switch changes during one tick from now. If it returns true, result() has the
+  /// state at the end of the tick.
   bool quiet(const double *z) {
     if (mode_->samples == 0) return false;
-    // In a mode where only the second test passed, that one is tried first for kCalmTicks ticks.
+    // After a tick in which only the second test passed in this mode, the second test runs first
+    // for kCalmTicks ticks.
     if (mode_ == calm_mode_ && calm_left_ > 0 && still_calm(z)) return true;
     return quiet_(mode_->quiet, z, result_.data(), curve_.data());
   }
-  /// State and ADC signals at the end of the tick that quiet() or calm() has passed.
+  /// The state and the ADC signals at the end of the tick for which quiet() or calm() returned
+  /// true.
   const double *result() const { return result_.data(); }
-  /// After quiet(): whether a signal is beyond its bound at the start already.
+  /// To be called after quiet(): returns whether a signal is outside its bounds at the start of the
+  /// tick.
   bool beyond_now() const;
-  /// After a quiet tick: whether this step of the command puts a signal beyond its bound.
+  /// To be called after quiet() has returned true: returns whether the change of the command, in V,
+  /// moves a signal outside its bounds.
   bool beyond_after(double change) const;
 
-  /// After quiet() has failed: the parts of the grid, among the first `wanted`, in which a signal
-  /// may reach a bound, one bit each.
+  /// To be called after quiet() has returned false: returns one bit for each of the first `wanted`
+  /// parts of the grid, set if a signal may reach a bound in that part.
   std::uint64_t doubtful_parts(const double *z, std::size_t wanted);
-  /// After quiet() has failed: the second test. True: no switch changes in the tick.
+  /// To be called after quiet() has returned false: runs the second test. Returns true if no switch
+  /// changes during the tick.
   bool calm(const double *z);
-  /// The first change from here on to `end`, within part `part` of the grid, of the channels that
-  /// are in doubt there. False: none.
+  /// Finds the first change of a switch from now to `end` ticks, within part `part` of the grid.
+  /// Only the channels for which doubtful_parts() has set the bit of this part are searched.
+  /// Returns false if no switch changes.
   bool first_change(const double *z, std::size_t part, double end, Change *found);
 
  private:
@@ -66,9 +77,10 @@ class Detector {
   kernel::Quiet quiet_ = kernel::best_quiet();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
-  const Mode *calm_mode_ = nullptr;  // where the second test passed after the first had failed
+  const Mode *calm_mode_ = nullptr;  // mode in which only the second test passed
   int calm_left_ = 0;
-  double rounding_ = kChannelRounding;  // of coefficients, in examine_side()
+  double rounding_ = kChannelRounding;  // relative rounding error of the coefficients in
+                                        // examine_side()
   kernel::Vector result_;
   kernel::Vector curve_;
   kernel::Vector calm_;
@@ -76,7 +88,7 @@ class Detector {
   kernel::Vector grid_dip_;
   kernel::Vector polynomial_;
   std::vector<double> absolute_;
-  std::vector<std::uint64_t> parts_in_doubt_;  // per channel, one bit per part of the grid
+  std::vector<std::uint64_t> parts_in_doubt_;  // for each channel one bit for each part of the grid
 };
 
 }  // namespace forceaxis::sim

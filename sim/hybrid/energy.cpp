@@ -3,7 +3,7 @@
 namespace forceaxis::sim {
 namespace {
 
-// 1 / k, rounded once.
+// The reciprocals 1 / k, each rounded once.
 struct Reciprocals {
   double value[64];
   constexpr Reciprocals() : value{} {
@@ -49,8 +49,8 @@ void EnergyAccount::enter(const Mode &mode, const ModeAudit &audit) {
 void EnergyAccount::add_tick(const double *z) {
   const std::size_t stride = audit_->form_stride;
   const std::size_t c = mode_->columns;
-  // All forms times z, column by column, is again a matrix by columns: its product with z are the
-  // integrals.
+  // The product of all quadratic forms with z is a matrix stored by columns. The product of this
+  // matrix with z gives the integrals.
   multiply_(audit_->forms.data(), stride * c, z, c, forms_.data());
   multiply_(forms_.data(), stride, z, c, integrals_.data());
   const double *value = integrals_.data();
@@ -58,7 +58,7 @@ void EnergyAccount::add_tick(const double *z) {
   for (Sum &sum : dissipated_) sum.add(*value++);
 }
 
-// Products of two polynomials, integrated term by term over s ticks of the expansion at hand.
+// Integrates the products of two polynomials term by term over the first s ticks of the expansion.
 void EnergyAccount::add_part(const double *z, const double *chain, double s, double rate_hz) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;

@@ -1,5 +1,5 @@
 #pragma once
-// The energy balance of a stepped plant.
+// The energy balance of a simulated plant.
 #include <cstddef>
 #include <vector>
 
@@ -8,42 +8,44 @@
 
 namespace forceaxis::sim {
 
-/// Integrals since the start, J.
+/// Energies in J, integrated from the start of the run.
 struct EnergyIntegrals {
-  std::vector<double> supplied;    ///< per Network::supplies()
-  std::vector<double> dissipated;  ///< per Network::dampers()
-  double discarded = 0.0;          ///< spring energy lost when a contact separates under load
-  double impulse = 0.0;            ///< work of impulses
+  std::vector<double> supplied;    ///< energy from each source of Network::supplies()
+  std::vector<double> dissipated;  ///< energy into each damper of Network::dampers()
+  double discarded = 0.0;          ///< spring energy lost at the separation of a loaded contact
+  double impulse = 0.0;            ///< work of the impulses of the experiment
 };
 
-/// Spring energy, one entry per Network::storages(), J.
+/// Returns the spring energy in J of each element of Network::storages().
 std::vector<double> stored_energies(const Mode &mode, const ModeAudit &audit, const double *z);
 
-/// Accumulates the integrals with compensated sums; the motion does not depend on it. Copies are
-/// independent.
+/// Integrates the energies with compensated sums. The motion of the plant does not depend on this
+/// account. Copies are independent.
 class EnergyAccount {
  public:
   explicit EnergyAccount(const Network &network);
 
-  /// The mode of all further calls; both must outlive them.
+  /// Selects the mode of all further calls. `mode` and `audit` must exist as long as the account
+  /// uses them.
   void enter(const Mode &mode, const ModeAudit &audit);
-  /// A whole tick from z on.
+  /// Adds the energies of one complete tick that starts at the state z.
   void add_tick(const double *z);
-  /// `s` ticks, `rate_hz` of them a second, from z on, of which `chain` holds the Taylor
-  /// coefficients (order + 1 blocks of Mode::flow_stride).
+  /// Adds the energies of `s` ticks that start at the state z, with `rate_hz` ticks in a second.
+  /// `chain` has the Taylor coefficients of the state: order + 1 blocks of Mode::flow_stride
+  /// values.
   void add_part(const double *z, const double *chain, double s, double rate_hz);
-  /// Spring energy now, J.
+  /// Returns the spring energy at the state z, in J.
   double stored(const double *z) const;
-  /// Both in J.
+  /// Adds spring energy that a separating contact discards, or the work of an impulse, in J.
   void discard(double energy) { discarded_.add(energy); }
   void add_impulse(double work) { impulse_.add(work); }
-  /// Resets the discarded energy to 0.
+  /// Sets the sum of the discarded energy to 0.
   void begin() { discarded_ = {}; }
 
   EnergyIntegrals integrals() const;
 
  private:
-  struct Sum {  // Neumaier's compensated sum
+  struct Sum {  // compensated sum after Neumaier
     double value = 0.0;
     double lost = 0.0;
     void add(double term);
@@ -54,7 +56,7 @@ class EnergyAccount {
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_ = nullptr;
   kernel::Vector forms_;
-  kernel::Vector integrals_;  // of supplies, then dampers
+  kernel::Vector integrals_;  // integrals of the supplies, followed by the dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;

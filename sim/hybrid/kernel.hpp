@@ -1,9 +1,9 @@
 #pragma once
-// The arithmetic of a quiet tick: y = M v, with M stored by columns.
+// The arithmetic of a tick without a change of mode: y = M v, with the matrix M stored by columns.
 //
-// Every row is summed over the columns in ascending order, whatever the blocking and the width of
-// the machine's vectors, so a result does not depend on optimisation level, processor, alignment or
-// neighbouring rows (build with -ffp-contract=off).
+// Every row is summed over the columns in ascending order, independent of the blocking and of the
+// width of the vector registers. So a result does not depend on optimisation level, processor,
+// alignment or neighbouring rows. The build needs the option -ffp-contract=off.
 #include <cstddef>
 #include <cstdint>
 #include <new>
@@ -11,11 +11,12 @@
 
 namespace forceaxis::sim::kernel {
 
-/// Rows are padded to a multiple of 4; `stride` is that number.
+/// Number of rows in memory: `rows` rounded up to a multiple of 4. The parameter `stride` of the
+/// functions below is this number.
 constexpr std::size_t padded(std::size_t rows) { return (rows + 3) & ~std::size_t{3}; }
 
-/// Allocates from a cache line's start, so that no vector of rows spans two lines: faster, and at
-/// the same speed in every run.
+/// Allocator that aligns memory to the start of a cache line. No vector of rows then spans two
+/// cache lines, so a product takes less time and the same time in every run.
 template <class Value>
 struct Aligned {
   using value_type = Value;
@@ -30,20 +31,20 @@ struct Aligned {
 };
 using Vector = std::vector<double, Aligned<double>>;
 
-/// y[0..stride) = M v; at least one column.
+/// Computes y[0..stride) = M v. The matrix has at least one column.
 using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,
                           double *y);
 
-/// The fastest variant that this processor runs; all variants compute the same doubles.
+/// Returns the fastest variant that this processor supports. All variants compute the same doubles.
 Multiply best_multiply();
-/// The variant every processor of the target runs.
+/// Variant that every processor of the target platform supports.
 void multiply_base(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y);
-/// With 256-bit vectors. Exists on x86-64 only.
+/// Variant with vectors of 256 bits, compiled for x86-64 only.
 void multiply_wide(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y);
 
-/// A quiet tick (Mode) to compute and test. All strides are padded.
+/// Data of the quiet test of one tick, described at Mode. All strides are padded.
 struct QuietTest {
   const double *tick = nullptr;
   std::size_t tick_stride = 0;
@@ -51,22 +52,25 @@ struct QuietTest {
   std::size_t curve_stride = 0;
   const double *low = nullptr;
   const double *high = nullptr;
-  std::size_t first = 0;  ///< row of the signals in `tick`, `samples` + 1 times `stride` of them
+  /// first row of the signals in `tick`; the signals occupy (samples + 1) * stride rows
+  std::size_t first = 0;
   std::size_t stride = 0;
   std::size_t samples = 0;
   std::size_t columns = 0;
 };
 
-/// result = tick z, dip = curve |z|; returns whether all signals are inside() on all parts.
+/// Computes result = tick z and dip = curve |z|. Returns true if every signal stays inside() its
+/// bounds in all parts of the tick.
 using Quiet = bool (*)(const QuietTest &test, const double *z, double *result, double *dip);
 
 Quiet best_quiet();
 bool quiet_base(const QuietTest &test, const double *z, double *result, double *dip);
 bool quiet_wide(const QuietTest &test, const double *z, double *result, double *dip);
 
-/// The same test of one signal on a grid of `parts` <= 64 parts, a multiple of 4: signal = M z at
-/// their ends, by columns of padded(parts + 1), and dip = D |z| in them. Returns one bit for each
-/// part in which the signal is not inside() [low, high].
+/// Data of the quiet test for one signal on a grid of `parts` parts, a multiple of 4 and at most
+/// 64. The test computes signal = M z at the ends of the parts, with columns of padded(parts + 1)
+/// rows, and dip = D |z| in each part. It returns one bit for each part, set if the signal may
+/// leave the range from `low` to `high` in it.
 struct GridTest {
   const double *signal;
   const double *dip;
@@ -81,8 +85,9 @@ Grid best_grid();
 std::uint64_t grid_base(const GridTest &test, const double *z, double *signal, double *dip);
 std::uint64_t grid_wide(const GridTest &test, const double *z, double *signal, double *dip);
 
-/// Whether a signal, a and b at the ends of an interval and not more than `dip` off its chord
-/// between, stays within [low, high]. False for values that are not numbers.
+/// Returns whether a signal stays within [low, high] on an interval. The signal is `a` and `b` at
+/// the ends of the interval and deviates between them by at most `dip` from the straight line.
+/// Returns false if a value is not a number.
 inline bool inside(double a, double b, double dip, double low, double high) {
   const double least = (b < a ? b : a) - dip;
   const double most = (b < a ? a : b) + dip;

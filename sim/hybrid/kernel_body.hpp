@@ -1,6 +1,7 @@
 #pragma once
-// The product of kernel.hpp for the vector width the including file is compiled for. Internal
-// linkage, because the same source compiles to different machine code in each including file.
+// The products of kernel.hpp, compiled for the vector width of the file that includes this header.
+// The functions have internal linkage, because each file that includes this header compiles them to
+// different machine code.
 #include <cstddef>
 #include <utility>
 
@@ -8,7 +9,8 @@
 
 namespace {
 
-// Wrapped, because template arguments lose their attributes. Memory need not be aligned.
+// Vectors of two and four doubles. The types are members of a struct, because a template argument
+// loses its attributes. `Memory` needs no alignment of its address beyond that of a double.
 struct Pair {
   static constexpr std::size_t kWidth = 2;
   typedef double Value __attribute__((vector_size(16)));
@@ -20,7 +22,8 @@ struct Quad {
   typedef double Memory __attribute__((vector_size(32), aligned(8), may_alias));
 };
 
-// As many vectors of rows at once as there are indices, their sums in registers; M v or M |v|.
+// Computes M v, or M |v| if kAbsolute, for as many vectors of rows at once as there are indices.
+// The sums stay in registers.
 template <class Lanes, bool kAbsolute, std::size_t... kIndex>
 inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_t stride,
                      const double *v, std::size_t columns, double *y) {
@@ -36,7 +39,8 @@ inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_
   ((reinterpret_cast<Memory *>(y)[kIndex] = sum[kIndex]), ...);
 }
 
-// A matrix of so many vectors of rows; its stride is known to the compiler.
+// Computes the product for a matrix of exactly kCount vectors of rows. The compiler knows the
+// stride of this matrix.
 template <class Lanes, bool kAbsolute, std::size_t kCount>
 inline void block(const double *m, const double *v, std::size_t columns, double *y) {
   unrolled<Lanes, kAbsolute>(std::make_index_sequence<kCount>(), m, kCount * Lanes::kWidth, v,

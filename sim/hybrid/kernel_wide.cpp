@@ -1,4 +1,5 @@
-// Compiled with the portable flags and -mavx2: no fused operations, which would round differently.
+// This file is compiled with the portable options and -mavx2. Fused multiply-add stays off, because
+// it rounds differently.
 #include <immintrin.h>
 
 #include "sim/hybrid/kernel.hpp"
@@ -13,8 +14,9 @@ void multiply_wide(const double *m, std::size_t stride, const double *v, std::si
 
 namespace {
 
-// quiet() of one sample of up to four channels, with everything in registers. As many vectors of
-// rows as there are indices: states and ADCs, signals at the start, signals at the end.
+// Computes quiet() for one sample and up to four channels, with all values in registers. The number
+// of indices is the number of vectors of rows: states and ADCs, then the signals at the start, then
+// the signals at the end.
 template <std::size_t... kIndex>
 inline bool quiet_small(std::index_sequence<kIndex...>, const QuietTest &test, const double *z,
                         double *result, double *dip) {

@@ -11,20 +11,20 @@ namespace forceaxis::sim {
 namespace {
 
 constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
-constexpr std::size_t kFewestParts = 8;   // per sample of the quiet test
-constexpr std::size_t kMostTested = 128;  // parts of a tick that has a quiet test
-constexpr std::size_t kMostGrid = 64;     // parts of the grid: bits of a word
-constexpr std::size_t kFastGrid = 8;      // the same without a quiet test
+constexpr std::size_t kFewestParts = 8;   // parts of the grid for each sample of the quiet test
+constexpr std::size_t kMostTested = 128;  // most parts of a tick in a mode that has a quiet test
+constexpr std::size_t kMostGrid = 64;     // parts of the grid: one bit of a word for each
+constexpr std::size_t kFastGrid = 8;      // parts of the grid in a mode without a quiet test
 constexpr std::size_t kMostTickParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
-constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding of a sum of products
+constexpr Extended kRounding = 0x1p-46L;  // relative rounding error of a sum of products
 
-// Terms with a zero of b are left out. Sums stay in registers, four rows at a time: stores of
-// extended precision are what costs.
+// Computes a b without the terms in which an entry of b is 0. The sums of four rows at a time stay
+// in registers, because stores in extended precision take most of the time.
 ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
   ExtendedMatrix c(a.rows(), b.cols());
   struct Factor {
-    const Extended *column;  // of a
+    const Extended *column;  // column of a
     Extended value;
   };
   std::vector<Factor> factors(static_cast<std::size_t>(a.cols()));
@@ -59,16 +59,17 @@ ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
 
 ExtendedMatrix absolute(const ExtendedMatrix &a) { return a.cwiseAbs(); }
 
-// The influence of each entry of z on each other one: sum of W^k, W = |a| / rate, with a rate of at
-// least twice the spectral radius of |a| and at least 1. The truncation error of a series is
-// measured in it.
+// The influence of each entry of z on each other entry: the sum of W^k with W = |a| / rate. The
+// rate is at least twice the spectral radius of |a| and at least 1. The truncation error of a
+// Taylor series is relative to this influence.
 struct Influence {
-  Extended rate = 1;  // a power of two, per unit of the time that `a` counts
+  Extended rate = 1;  // a power of two, in the unit of `a`
   ExtendedMatrix sum;
 };
 
 Influence influence(const ExtendedMatrix &a) {
-  // |a|^(2^k) = power * 2^exponent; the 2^k-th root of its norm bounds the spectral radius.
+  // |a|^(2^k) is power * 2^exponent. The 2^k-th root of its norm is an upper bound of the spectral
+  // radius.
   constexpr int kSquarings = 8;
   ExtendedMatrix power = absolute(a);
   long exponent = 0;
@@ -90,7 +91,8 @@ Influence influence(const ExtendedMatrix &a) {
     const long whole = exponent >= 0 ? (exponent + kRoot - 1) / kRoot : -(-exponent / kRoot);
     result.rate = std::max(std::ldexp(Extended{2}, static_cast<int>(whole)), Extended{1});
   }
-  // 2^7 terms: their norms halve at least, and no way through the states is longer.
+  // 2^7 terms are sufficient: the norm at least halves from term to term, and no path through the
+  // states has more steps.
   ExtendedMatrix w = absolute(a) / result.rate;
   result.sum = ExtendedMatrix::Identity(a.rows(), a.cols()) + w;
   for (int k = 1; k < 7; ++k) {
@@ -100,9 +102,9 @@ Influence influence(const ExtendedMatrix &a) {
   return result;
 }
 
-// Sum of |b|^k / k!, b = a / parts, until the terms are below `accuracy` of the influence, entry by
-// entry; that much more makes it an upper bound on e^|b|. Returns the number of terms after the
-// identity, or 0 if that takes more than `most`.
+// Computes the sum of |b|^k / k! with b = a / parts, until the terms are below `accuracy` times the
+// influence in each entry. This amount is added, so the result is an upper bound of e^|b|. Returns
+// the number of terms after the identity, or 0 if `most` terms are not sufficient.
 int absolute_series(const ExtendedMatrix &a, std::size_t parts, const Influence &scale,
                     Extended accuracy, int most, ExtendedMatrix *sum) {
   const ExtendedMatrix size = absolute(a) / static_cast<Extended>(parts);
@@ -112,8 +114,9 @@ int absolute_series(const ExtendedMatrix &a, std::size_t parts, const Influence 
   for (int k = 1; k <= most; ++k) {
     term = product(size, term) / static_cast<Extended>(k);
     *sum += term;
-    // |b| = step W and influence W <= influence: with term k below e times the influence, terms
-    // k + 1, k + 2, ... are below e times it times step / (k + 1), step^2 / ((k + 1) (k + 2)), ...
+    // |b| = step W, and W times the influence is at most the influence. If term k is below e times
+    // the influence, terms k + 1, k + 2 and so on are below e times the influence times step / (k +
+    // 1), step^2 / ((k + 1) (k + 2)) and so on.
     if (2 * step > static_cast<Extended>(k + 1)) continue;
     if ((term.array() <= accuracy * scale.sum.array()).all()) {
       *sum += accuracy * scale.sum;
@@ -131,7 +134,7 @@ ExtendedMatrix series(const ExtendedMatrix &b, int terms) {
     term = product(b, term) / static_cast<Extended>(k);
     all.push_back(term);
   }
-  // Small terms first.
+  // The sum begins with the smallest terms.
   ExtendedMatrix tail = ExtendedMatrix::Zero(b.rows(), b.cols());
   for (auto it = all.rbegin(); it != all.rend(); ++it) tail += *it;
   return sum + tail;
@@ -142,7 +145,7 @@ void put_rows(const ExtendedMatrix &rows, std::vector<double> *out) {
     for (Eigen::Index j = 0; j < rows.cols(); ++j) out->push_back(static_cast<double>(rows(i, j)));
 }
 
-// Writes rows into a matrix stored by columns, from row `first` on.
+// Copies rows into a matrix stored by columns, beginning at row `first`.
 void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride,
                kernel::Vector *out, std::size_t offset = 0) {
   for (Eigen::Index j = 0; j < rows.cols(); ++j)
@@ -162,14 +165,15 @@ ExtendedMatrix square_flow(const ModeCache &cache, const ModeEquations &equation
   return a;
 }
 
-// The flow at every point of the grid, and from it the quiet test on its coarser samples.
+// Adds the flow at every point of the grid and, from it, the quiet test on the coarser samples.
 void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const ExtendedMatrix &growth,
               const ExtendedMatrix &a, const ExtendedMatrix &r, const ExtendedMatrix &sensor) {
   const auto n = static_cast<Eigen::Index>(mode.states);
   const auto c = static_cast<Eigen::Index>(mode.columns);
   const std::size_t g = mode.channels;
   const ExtendedMatrix part = series(part_flow, order + 6);
-  // |e^{A t}| <= e^{|A| t}: the growth over a whole sample is that of a part, squared thrice.
+  // |e^{A t}| <= e^{|A| t}. The growth over a sample of eight parts is the growth over one part,
+  // squared three times.
   ExtendedMatrix sample_growth = growth;
   for (std::size_t k = 1; k < kFewestParts; k *= 2)
     sample_growth = product(sample_growth, sample_growth);
@@ -211,7 +215,7 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
 
   ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
   ExtendedMatrix signal = r;
-  ExtendedMatrix size = absolute(r);  // |r| |Phi|: what rounding is relative to
+  ExtendedMatrix size = absolute(r);  // |r| |Phi|: the rounding error is relative to this
   const std::size_t parts = mode.samples > 0 ? mode.samples * kFewestParts : mode.grid;
   for (std::size_t k = 0; k <= parts; ++k) {
     const bool sampled = mode.samples > 0 && k % kFewestParts == 0;
@@ -223,7 +227,8 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
     if (sampled) put_block(signal, first + sample * stride, mode.tick_stride, &mode.tick);
     if (k == parts) break;
 
-    // s'' = r A^2 e^{A t} z; its matrices commute, so the part's start can stand on the left.
+    // s'' = r A^2 e^{A t} z. A and e^{A t} commute, so the factor of the part's start may be on the
+    // left.
     const ExtendedMatrix curvature = product(bend, flow);
     const ExtendedMatrix here = absolute(curvature);
     if (sampled) {
@@ -289,7 +294,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   mode->channels = equations.channels.size();
   mode->channel = equations.channels;
 
-  // Halve the part of a tick until a short series gives it to rounding.
+  // The part of a tick is halved until a short Taylor series is accurate to rounding.
   std::size_t parts = kFewestParts;
   const Influence scale = influence(a);
   ExtendedMatrix growth;  // e^{|A| T / parts}
@@ -323,8 +328,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
     for (Eigen::Index i = 0; i < g; ++i)
       put_block(rows.row(i), k, mode->series_stride, &mode->series,
                 static_cast<std::size_t>(i) * mode->columns * mode->series_stride);
-    // From a state known to rounding in the balanced norm: what the others' roundings make of it
-    // within a time constant counts as its own.
+    // Bound on the rounding error if the state has a relative rounding error in the balanced norm.
+    // The effect of the other states' rounding errors within a time constant is included.
     const ExtendedMatrix doubt = product(product(absolute(r), absolute(term)), scale.sum);
     for (Eigen::Index i = 0; i < g; ++i)
       for (Eigen::Index j = 0; j < c; ++j)
@@ -364,8 +369,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   return mode;
 }
 
-// Integrals over one tick of Phi(t)' q Phi(t) dt, by their Taylor series on a short part and
-// doubling.
+// Computes the integral over one tick of Phi(t)' q Phi(t) dt, from its Taylor series on a short
+// part and by doubling the part.
 class Gram {
  public:
   Gram(const ExtendedMatrix &a, Extended tick) : tick_(tick) {
@@ -378,11 +383,11 @@ class Gram {
       flows_.push_back(product(flows_.back(), flows_.back()));
   }
 
-  ExtendedMatrix operator()(const ExtendedMatrix &q) const {  // q symmetric
+  ExtendedMatrix operator()(const ExtendedMatrix &q) const {  // q must be symmetric
     ExtendedMatrix term = q;
     ExtendedMatrix sum = q;
     for (int k = 1; k <= 2 * order_ + 8; ++k) {
-      const ExtendedMatrix half = product(term, b_);  // few entries in b
+      const ExtendedMatrix half = product(term, b_);  // b has few entries that are not 0
       const ExtendedMatrix mirrored = half.transpose();
       term = (half + mirrored) / static_cast<Extended>(k);
       sum += term / static_cast<Extended>(k + 1);
@@ -396,11 +401,11 @@ class Gram {
   }
 
  private:
-  Extended tick_;  // s
+  Extended tick_;  // length of a tick in s
   std::size_t parts_ = 1;
   int order_ = 0;
   ExtendedMatrix b_;
-  std::vector<ExtendedMatrix> flows_;  // over 1, 2, 4, ... parts, up to half a tick
+  std::vector<ExtendedMatrix> flows_;  // flow over 1, 2, 4 and more parts, up to half a tick
 };
 
 std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {

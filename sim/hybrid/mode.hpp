@@ -1,8 +1,8 @@
 #pragma once
-// One linear mode of a plant, prepared for stepping, and the cache that owns modes.
+// One linear mode of a plant with the matrices for a step, and the cache that owns all modes.
 //
-// Time is counted in ticks here, T = 1/1500 s or a whole part of it: all matrices hold A T. Rows
-// act on z = (x, 1, u).
+// The unit of time is the tick T = 1/1500 s, or the integer part of it that the cache steps: all
+// matrices contain A T. Rows of matrices multiply the vector z = (x, 1, u).
 #include <cstddef>
 #include <memory>
 #include <mutex>
@@ -18,49 +18,52 @@ namespace forceaxis::sim {
 
 inline constexpr double kTickRateHz = 1500.0;
 
-/// The plant cannot be stepped on: chattering, or a state that is not finite. what() names the
-/// element and the time where they are known.
+/// The simulation cannot continue, because switches chatter or a state is not finite. what() names
+/// the element and the time if they are known.
 struct SimulationError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Immutable once built. Sizes: n states, c = n + 2 columns, g channels.
+/// The matrices of one mode; immutable once built. Sizes: n states, c = n + 2 columns, g channels.
 ///
-/// Quiet tick. With K = `samples` equal parts of a tick, `tick` maps z to the state and the ADCs'
-/// signals after one tick and to every channel's signal at the K + 1 ends of the parts; `curve`
-/// maps |z| to a bound on how far a signal can leave its chord within each part,
+/// Quiet test. A tick has K = `samples` equal parts. The matrix `tick` maps z to the state and the
+/// ADC signals after one tick and to the signals of all channels at the K + 1 ends of the parts.
+/// The matrix `curve` maps |z| to a bound on the deviation of each signal from its chord in a part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
-/// plus the rounding of both sums. If all signals stay within their bounds by more than that, no
-/// switch changes within the tick. The same holds for each channel by itself, and for a tick's time
-/// from any instant.
+/// plus the rounding error of both products. If all signals stay within their bounds by more than
+/// that, no switch changes during the tick. The test is valid for each channel alone, and for one
+/// tick from any instant.
 ///
-/// In |z| large terms that cancel in the plant do not: two bodies behind a stiff spring, the
-/// current and its command. So what fails is tried once more with
+/// Second test. In the product with |z|, large terms add up that cancel in the plant, for example
+/// the positions of two bodies at a stiff spring, or the current and its command. A channel that
+/// fails the quiet test is therefore tested with a second bound,
 ///     |s''(t)| <= |r A^2 Phi(t_k) z| + (T/K) |r A Phi(t_k)| e^{|A| T/K} |A^2 z|,
-/// the second derivative at the part's start and a bound on the third: `calm_head` maps z to A^2 z
-/// and to the first term, `calm_tail` |A^2 z| to the second (both times (T/K)^2 / 8), and
-/// `calm_doubt` times the largest |z_j| bounds all the rounding. Whatever stands still or moves as
-/// one cancels.
+/// which is the second derivative at the start of the part and a bound on the third derivative:
+/// `calm_head` maps z to A^2 z and to the first term, `calm_tail` maps |A^2 z| to the second term
+/// (both times (T/K)^2 / 8), and `calm_doubt` times the largest |z_j| bounds the rounding error. In
+/// A^2 z, bodies at standstill and bodies with equal motion cancel.
 ///
-/// Other ticks. For the channels that fail, the same test on `grid` parts of length `reach` finds
-/// the parts in which something may happen; the flow to the start of one is one product, and within
-/// it the Taylor series of order `order` converges to rounding. `reach` = 1/(8 K) ticks; modes too
-/// fast for a quiet test (`samples` 0) have smaller ones, and the grid covers but the next few.
+/// Grid. For channels that fail both tests, the quiet test on a grid of `grid` parts of length
+/// `reach` finds the parts in which a switch may change. The state at the start of a part is one
+/// matrix product, and within the part the Taylor series of order `order` converges to rounding.
+/// `reach` is 1/(8 K) ticks. Modes that are too fast for a quiet test have `samples` = 0 and a
+/// smaller `reach`; their grid covers only the first parts of the tick.
 ///
-/// Accuracy of the series. The part (`reach`) is halved until the term of order `order` is below
-/// 2^-58 of the influence N = sum over k of (|A| T / s)^k, entry by entry, where s (a power of two,
-/// at least 1) lies between 2 and 5 times the spectral radius of |A| T or is 1. The terms left out
-/// then add up to less than 2^-58 N |z|. In the units in which the rows of |A| T balance (its
-/// Perron vector d: |A| T d = radius d; a chain of equal bodies and springs: velocities by the
-/// fastest frequency, positions by 1) N's norm is 2 at most, so that one part changes the state by
-/// less than 2^-57 max_j |x_j| / d_j beyond the exact flow, a sixteenth of a rounding (2^-53) of
-/// the state in that norm. Entry by entry, an error in a state is that share of what the others can
-/// make of it within some time constants (or within a tick): states that do not act on it do not
-/// count, whatever their size. It is not relative to the entries of the flow itself: the first stir
-/// of a body ten springs away from the only one that moves, 1e-30 of that one's motion, is not
-/// resolved, and asking for it would halve the part for nothing that the dynamics needs. So `reach`
-/// follows from the fastest rate alone, whatever the number of states: 1/8 up to about one per
-/// tick, then the power of two that makes rate times reach 1/16 to 1/4.
+/// Accuracy of the series. `reach` is halved until the term of order `order` is below 2^-58 N in
+/// each entry, where the influence N = sum over k of (|A| T / s)^k and s is a power of two, at
+/// least
+/// 1. Unless s is 1, s is 2 to 5 times the spectral radius of |A| T. The omitted terms then add up
+/// to less than 2^-58 N |z|. Let d be the Perron vector of |A| T, with |A| T d = radius d; for a
+/// chain of equal bodies and springs, d is the highest frequency for velocities and 1 for
+/// positions. In the norm max_j |x_j| / d_j, N is at most 2, so one part changes the state by less
+/// than 2^-57 of its norm from the exact flow. That is a sixteenth of the rounding error 2^-53. An
+/// error in a state is relative to the effect of the other states on it within some time constants,
+/// or within a tick. States that do not act on it have no effect on its error. The error is not
+/// relative to the entries of the flow: the motion of a body ten springs away from the only moving
+/// body, 1e-30 of that motion, is not resolved, because this would only make `reach` smaller. So
+/// `reach` depends on the fastest rate and not on the number of states: it is 1/8 up to a rate of
+/// about 1 per tick, and for faster rates the power of two at which rate times reach is 1/16 to
+/// 1/4.
 struct Mode {
   ModeKey key = 0;
   std::size_t states = 0;
@@ -68,61 +71,70 @@ struct Mode {
   std::size_t channels = 0;
   std::size_t samples = 0;
 
-  std::size_t channel_stride = 0;  ///< padded(g)
-  std::size_t signal_place = 0;    ///< padded(n + 2)
+  std::size_t channel_stride = 0;  ///< padded(g), rows of one set of signals
+  std::size_t signal_place = 0;    ///< padded(n + 2), first row of the signals in `tick`
   std::size_t tick_stride = 0;     ///< signal_place + (samples + 1) channel_stride
-  kernel::Vector tick;             ///< by columns: new state, ADCs, signals at part 0, 1, ..., K
-  std::size_t curve_stride = 0;    ///< samples channel_stride
-  kernel::Vector curve;            ///< by columns
-  kernel::QuietTest quiet;         ///< of these
-  std::size_t calm_stride = 0;     ///< padded(n) + curve_stride
-  kernel::Vector calm_head;        ///< by columns: A^2 z, then the rows of `curve`
-  kernel::Vector calm_tail;        ///< by n columns, the rows of `curve`
-  kernel::Vector calm_doubt;       ///< the rows of `curve`
-  kernel::Vector low;              ///< per channel, pulled in by the bounds' own rounding; padded
+  /// Matrix by columns. Its rows give the new state, the ADC signals and the signals at the
+  /// instants 0, 1, ..., K of the tick.
+  kernel::Vector tick;
+  std::size_t curve_stride = 0;  ///< samples channel_stride
+  kernel::Vector curve;          ///< bound on the deviation from the chord, by columns
+  kernel::QuietTest quiet;       ///< the matrices above as the quiet test needs them
+  std::size_t calm_stride = 0;   ///< padded(n) + curve_stride
+  kernel::Vector calm_head;      ///< matrix by columns: A^2 z, then the rows of `curve`
+  kernel::Vector calm_tail;      ///< matrix of n columns with the rows of `curve`
+  kernel::Vector calm_doubt;     ///< rounding error of each row of `curve`
+  /// Bounds of each channel, narrowed by the rounding error of the bounds; padded.
+  kernel::Vector low;
   kernel::Vector high;
 
-  double reach = 1.0;  ///< ticks, 1 / 2^k
+  double reach = 1.0;  ///< length of a part of the grid in ticks, 1 / 2^k
   std::size_t order = 0;
-  std::size_t flow_stride = 0;    ///< padded(n)
-  kernel::Vector taylor;          ///< (A T)^k / k!, k = 1..order below each other, by columns
-  std::vector<double> signal;     ///< channel rows r, g x c by rows
+  std::size_t flow_stride = 0;  ///< padded(n), rows of one block of `taylor`
+  /// Matrices (A T)^k / k! for k = 1..order below each other, by columns.
+  kernel::Vector taylor;
+  std::vector<double> signal;     ///< matrix of g x c, by rows; r of a channel is its row
   std::size_t series_stride = 0;  ///< padded(order + 1)
   kernel::Vector series;          ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
-  std::vector<double> doubt;      ///< [channel][k]: |r| |(A T)^k / k!| N, k = 0..order
+  /// [channel][k]: |r| |(A T)^k / k!| N for k = 0..order, the rounding error of a Taylor
+  /// coefficient.
+  std::vector<double> doubt;
   std::vector<Channel> channel;
-  std::vector<std::size_t> fed;  ///< channels that the command acts on at once
+  std::vector<std::size_t> fed;  ///< channels whose signal steps with the command
 
   std::size_t grid = 0;
-  kernel::Vector grid_flow;  ///< [k]: state after k + 1 parts, by columns of flow_stride
+  kernel::Vector grid_flow;  ///< [k]: flow matrix of k + 1 parts, by columns
   std::size_t grid_signal_stride = 0;
-  kernel::Vector grid_signal;  ///< [channel]: signal at part 0..grid, by columns
+  kernel::Vector grid_signal;  ///< [channel]: signal at the ends of the parts, by columns
   std::size_t grid_dip_stride = 0;
-  kernel::Vector grid_dip;  ///< [channel]: bound on leaving the chord in each part, by columns
+  kernel::Vector grid_dip;  ///< [channel]: bound on the deviation from the chord in each part, by
+                            ///< columns
 
-  std::vector<double> slip;  ///< ModeEquations::slip by rows, n x n, or empty
+  std::vector<double> slip;  ///< ModeEquations::slip, n x n by rows, or empty
 
-  kernel::Vector sensor;      ///< by columns, 2 rows: what ADC 0 and ADC 1 convert
-  std::vector<double> truth;  ///< all signals of the model, by rows
+  kernel::Vector sensor;      ///< two rows by columns: signals of ADC 0 and ADC 1
+  std::vector<double> truth;  ///< rows of all signals of the model
 };
 
-/// Energy bookkeeping of one mode: integrals over a whole tick as quadratic forms in z.
+/// Energies of one mode: integrals over one tick, as quadratic forms of the vector z.
 struct ModeAudit {
   std::size_t form_stride = 0;      ///< padded(supplies + dampers)
-  kernel::Vector forms;             ///< [column j][row i][supplies then dampers]: J
-  std::vector<double> first;        ///< rows of supplies then dampers, first factor
-  std::vector<double> second;       ///< second factor
-  std::vector<double> store_first;  ///< rows of the storages
+  kernel::Vector forms;             ///< [column j][row i][supplies, then dampers], in J
+  std::vector<double> first;        ///< first factor of each supply, then of each damper
+  std::vector<double> second;       ///< second factor of each supply and damper
+  std::vector<double> store_first;  ///< rows of the storages: the two factors of an energy
   std::vector<double> store_second;
-  std::vector<double> store_constant;  ///< per storage, J
+  std::vector<double> store_constant;  ///< constant energy of each storage, in J
 };
 
-/// Builds each mode at its first request and keeps it. Plants of one model may share a cache, from
-/// any number of threads: modes are immutable, and a plant requests only modes new to it.
+/// Builds each mode at its first request and keeps it. Plants of one model may share a cache
+/// between any number of threads, because modes are immutable. A plant requests only modes that it
+/// has not used yet.
 class ModeCache {
  public:
-  /// `parts`: steps of the plant in one tick of the firmware, 1..kMostParts; modes hold one step.
-  /// More than one is for analog signals, which an analyzer samples faster than the controller.
+  /// `parts` is the number of steps of the plant in one tick of the firmware, 1 to kMostParts. A
+  /// mode describes one step. A plant with more than one part outputs analog signals at a higher
+  /// rate than the ticks, for an analyzer.
   explicit ModeCache(std::shared_ptr<const Model> model, int parts = 1);
   static constexpr int kMostParts = 64;
   ModeCache(const ModeCache &) = delete;
@@ -130,14 +142,14 @@ class ModeCache {
 
   const Model &model() const { return *model_; }
   const Network &network() const { return network_; }
-  /// Steps a second.
+  /// Rate of the steps in Hz.
   double rate_hz() const { return kTickRateHz * static_cast<double>(parts_); }
   int parts() const { return parts_; }
-  /// Throws InputError if the mode is too fast (rates above about 1.2e7 / s). The reference is
-  /// valid as long as the cache.
+  /// Returns a mode. The reference is valid as long as the cache exists. Throws InputError if the
+  /// mode has a rate above about 1.2e7 1/s, which cannot be simulated.
   const Mode &mode(ModeKey key);
   const ModeAudit &audit(ModeKey key);
-  /// Number of modes built so far.
+  /// Returns the number of modes that the cache has built.
   std::size_t size() const;
 
  private:

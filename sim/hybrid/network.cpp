@@ -34,7 +34,7 @@ ModeKey Network::with_enable(ModeKey key, bool enable) const {
   return key;
 }
 
-// While the drive is disabled its switches have no effect; the home state is used in their place.
+// While the drive is disabled, its switches have no effect and count as being in their home state.
 int Network::effective_state(ModeKey key, int switch_index) const {
   const Wiring::Switch &s = wiring_.switches[static_cast<std::size_t>(switch_index)];
   return s.of_drive && !enabled(key) ? s.home : state_of(key, switch_index);
@@ -42,7 +42,7 @@ int Network::effective_state(ModeKey key, int switch_index) const {
 
 ModeEquations Network::equations(ModeKey key) const {
   const int n = states();
-  // The forces of frictions that stick are unknown: a column each, until solve_holds().
+  // The force of a friction that sticks is unknown. It has a column of its own until solve_holds().
   std::vector<int> hold_column(wiring_.frictions.size(), -1);
   int wide = columns();
   for (std::size_t i = 0; i < wiring_.frictions.size(); ++i)
@@ -95,8 +95,9 @@ ModeEquations Network::equations(ModeKey key) const {
   return result;
 }
 
-// Ends that stick keep their rate: (C A) z + (C G) h = 0 for the rates C z and the columns G that
-// the forces h act by. C G is regular because frictions form no loop.
+// The ends of a sticking friction keep their relative velocity: (C A) z + (C G) h = 0 for the
+// relative velocities C z and the columns G with which the forces h act. C G is regular, because
+// frictions form no loop.
 void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   const Eigen::Index n = states();
   const Eigen::Index c = columns();
@@ -115,7 +116,7 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   equations.flow = ExtendedMatrix(equations.flow.leftCols(c) + acting * hold);
   equations.wires =
       ExtendedMatrix(equations.wires.leftCols(c) + equations.wires.rightCols(unknowns) * hold);
-  // A body that sticks to ground, directly or through others, has a velocity of exactly 0.
+  // A body that sticks to ground, directly or through other bodies, has a velocity of exactly 0.
   std::vector<bool> still(static_cast<std::size_t>(n), false);
   const auto is_still = [&still](int velocity) {
     return velocity < 0 || still[static_cast<std::size_t>(velocity)];
@@ -132,15 +133,16 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
       }
     }
   }
-  // The same forces as impulses remove a rate of sliding; they act on velocities alone.
+  // The sticking forces, applied as impulses, remove a relative velocity. They act on velocities
+  // only.
   ExtendedMatrix impulse = ExtendedMatrix::Zero(n, unknowns);
   for (const Wiring::BodyState &body : wiring_.bodies)
     impulse.row(body.velocity) = acting.row(body.velocity);
   equations.slip = impulse * solver.solve(rate);
 }
 
-// Sums the loops of each state through the others: entry (i, i) of a high power of |A| is largest
-// for the state of the fastest motion.
+// Sums for each state the loops through the other states. Entry (i, i) of a high power of |A| is
+// largest for the state of the fastest motion.
 Network::Fastest Network::fastest(const ModeEquations &equations) const {
   const Eigen::Index n = states();
   const ExtendedMatrix size = equations.flow.leftCols(n).cwiseAbs();

@@ -1,13 +1,14 @@
 #pragma once
 // A plant as a network of affine wires and discrete switches.
 //
-// z = (x, 1, u) holds the states, the constant 1 and the held command voltage. A wire is a quantity
-// that is linear in z once every switch has a state; wires are listed in dependency order, so a
-// switch may depend on another one's output. A switch owns a few discrete states (segments of a
-// curve, phases of a contact, sliding and sticking); each state defines its output wires and the
-// bounds within which signals must stay for it to last (channels). A friction that sticks exerts
-// whatever force keeps its ends together: an unknown, solved for when the mode is built. Nothing
-// here depends on time.
+// The vector z = (x, 1, u) has the states x, the constant 1 and the command voltage u, which is
+// constant during a tick. A wire is a quantity that is a linear function of z when the state of
+// every switch is given. Wires are listed in the order of their dependence, so a switch may depend
+// on the output of another switch. A switch has a few discrete states: segments of a curve, phases
+// of a contact, sliding and sticking. Each state of a switch defines its output wires, and the
+// bounds within which signals must stay in this state (channels). A friction that sticks exerts the
+// force that keeps the velocities of its ends equal; this force is an unknown that is solved when
+// the mode is built. Nothing in this class depends on time.
 #include <Eigen/Core>
 #include <array>
 #include <limits>
@@ -21,23 +22,24 @@ namespace forceaxis::sim {
 
 using ExtendedMatrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
 
-/// A signal that must stay within [low, high]; at either bound its switch goes to another state.
+/// A signal that must stay within [low, high]. If the signal leaves this range, its switch changes
+/// to another state.
 struct Channel {
   int wire = 0;
   int switch_index = 0;
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
-  int state_below = 0;  ///< state of the switch once the signal is below `low`
+  int state_below = 0;  ///< new state of the switch if the signal is below `low`
   int state_above = 0;
 };
 
-/// Everything that is linear in one mode, in SI units.
+/// The linear equations of one mode, in SI units.
 struct ModeEquations {
-  ExtendedMatrix flow;   ///< n x (n + 2): x' = flow z
-  ExtendedMatrix wires;  ///< one row per wire
+  ExtendedMatrix flow;   ///< matrix of n x (n + 2): x' = flow z
+  ExtendedMatrix wires;  ///< one row for each wire
   std::vector<Channel> channels;
-  /// n x n: slip x is subtracted from the states so that sticking frictions have no rate; empty if
-  /// none sticks.
+  /// Matrix of n x n. The product slip x is subtracted from the state x so that the ends of
+  /// sticking frictions have no relative velocity. Empty if no friction sticks.
   ExtendedMatrix slip;
 };
 
@@ -52,7 +54,7 @@ class Network {
   int columns() const { return states() + 2; }
   int wire_count() const { return static_cast<int>(wiring_.wires.size()); }
   const std::vector<double> &initial() const { return wiring_.initial; }
-  /// States that the drive's disabling sets to 0 (winding current, actuator force).
+  /// States that are set to 0 when the drive is disabled: winding current or actuator force.
   const std::vector<int> &drive_states() const { return wiring_.drive_states; }
 
   const std::vector<Switch> &switches() const { return wiring_.switches; }
@@ -65,34 +67,38 @@ class Network {
     const Switch &s = switches()[static_cast<std::size_t>(switch_index)];
     return (key & ~(s.mask << s.shift)) | (static_cast<ModeKey>(state) << s.shift);
   }
-  /// Key with every switch at home.
+  /// Returns the key of the mode in which every switch has its initial state.
   ModeKey home_key(bool enable) const;
-  /// The same with the drive enabled and brakes released, as an analysis wants it.
+  /// Returns the key of the mode that linear analysis begins with: the drive is enabled and brakes
+  /// are released.
   ModeKey analysed_key() const;
-  /// The same switches with the drive enabled or disabled; those of the drive go home.
+  /// Returns the key with the drive enabled or disabled. The switches of the drive return to their
+  /// initial state, all others do not change.
   ModeKey with_enable(ModeKey key, bool enable) const;
 
   ModeEquations equations(ModeKey key) const;
 
-  /// The state with the shortest time constant in a mode.
+  /// The state with the shortest time constant of a mode.
   struct Fastest {
-    std::string state;    ///< a body, or a state of the drive or a filter
-    std::string element;  ///< the one that acts on it most
-    double rate;          ///< 1/s
+    std::string state;    ///< name of a body, or of a state of the drive or a filter
+    std::string element;  ///< element with the largest effect on this state
+    double rate;          ///< inverse of the time constant, in 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;
 
-  /// Wire of each signal of Model::signal_list(), in its order.
+  /// The wire of each signal, in the order of Model::signal_list().
   const std::vector<Wire> &signal_wires() const { return wiring_.signal_wires; }
-  /// The signal that each ADC converts, before limits that act at its conversion; -1 without an
-  /// ADC.
+  /// The wire of the signal that each ADC converts, without the limits that act only at the
+  /// conversion. The index is -1 for an ADC that the model does not have.
   const std::array<Wire, 2> &adc_wires() const { return wiring_.adc_wires; }
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
   const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }
-  const std::vector<Wiring::Product> &supplies() const { return wiring_.supplies; }  ///< W
-  const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }    ///< W
-  const std::vector<Wiring::Product> &storages() const { return wiring_.storages; }  ///< J, twice
+  /// powers in W
+  const std::vector<Wiring::Product> &supplies() const { return wiring_.supplies; }
+  const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }  ///< powers in W
+  /// twice the energy, in J
+  const std::vector<Wiring::Product> &storages() const { return wiring_.storages; }
 
  private:
   int effective_state(ModeKey key, int switch_index) const;
@@ -100,7 +106,8 @@ class Network {
   bool sticks(ModeKey key, const Wiring::FrictionEnds &friction) const {
     return state_of(key, friction.switch_index) == Wiring::kStuck;
   }
-  // A stuck friction beside a stuck brake bears nothing.
+  // Returns whether a friction sticks and transmits force. A friction parallel to a closed brake
+  // that sticks transmits none.
   bool holds(ModeKey key, const Wiring::FrictionEnds &friction) const {
     return sticks(key, friction) &&
            (friction.beside < 0 ||

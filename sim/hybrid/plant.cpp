@@ -10,7 +10,7 @@
 namespace forceaxis::sim {
 namespace {
 
-// floor() without libm, for values an int64 holds.
+// floor() without the C library, for values within the range of std::int64_t.
 std::int64_t floor_integer(double value) {
   const auto cut = static_cast<std::int64_t>(value);
   return cut - static_cast<std::int64_t>(static_cast<double>(cut) > value);
@@ -18,7 +18,7 @@ std::int64_t floor_integer(double value) {
 
 double smaller(double a, double b) { return a < b ? a : b; }
 
-// From y to the nearest integer, given floor(y).
+// Distance from y to the nearest integer, computed from floor(y).
 double edge_distance(double y, std::int64_t floor_y) {
   const double past = y - static_cast<double>(floor_y);
   return smaller(past, 1.0 - past);
@@ -26,11 +26,13 @@ double edge_distance(double y, std::int64_t floor_y) {
 
 constexpr double kFar = 0x1p62;
 
-constexpr std::uint64_t kDacChannel = 2;  // after the two ADCs
+constexpr std::uint64_t kDacChannel = 2;  // channel number of the DAC's noise; the ADCs have 0 and
+                                          // 1
 
-// Normal deviate of unit variance from integers alone: the sum of twelve 16-bit ones, whose
-// standard deviation is 2^16 (to 1 part in 2^33), in half steps so that its mean is 0. Counters
-// through splitmix64 (Steele, Lea, Flood 2014): any tick's noise is computed by itself.
+// Returns a normal deviate of variance 1, computed from integers only: the sum of twelve integers
+// of 16 bits, whose standard deviation is 2^16 (to 1 part in 2^33), in half steps so that the mean
+// is 0. The integers come from a counter through splitmix64 (Steele, Lea, Flood 2014), so the noise
+// of a tick does not depend on other ticks.
 double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
   const auto mixed = [](std::uint64_t x) {
     x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;
@@ -69,7 +71,8 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
     if (const auto &adc = description.adc[channel]) {
       constexpr double kInfinity = std::numeric_limits<double>::infinity();
       const int top = (1 << adc->bits) - 1;
-      // With a filter between them the sensor's own limit acts ahead of it, in the network.
+      // With a filter between sensor and ADC, the limit of the sensor acts before the filter, in
+      // the network.
       const double sensor_limit = adc->filter ? kInfinity : adc->sensor_limit.value_or(kInfinity);
       converters_[channel] = {true,
                               top,
@@ -136,7 +139,7 @@ SensorCodes Plant::codes() {
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const Converter &adc = converters_[channel];
     if (!adc.present) continue;
-    // The code changes where y passes 1, 2, ..., top.
+    // The code changes at y = 1, 2, ..., top.
     double reading = value[channel];
     if (reading > adc.limit) reading = adc.limit;
     if (reading < -adc.limit) reading = -adc.limit;

@@ -1,6 +1,6 @@
 #pragma once
-// The simulated axis at the firmware's interface: DAC code in, encoder and ADC codes out; the true
-// signals are read separately.
+// The simulated axis at the interface of the firmware: a DAC code is its input, encoder and ADC
+// codes are its outputs. Separate functions read the true signals.
 //
 //   auto model = std::make_shared<const Model>(load_model("sim/models/axis_contact.toml"));
 //   Plant plant(model);
@@ -9,14 +9,15 @@
 //     plant.step(controller(codes), true);                      // to t = (k + 1) / 1500 s
 //   }
 //
-// Sweeps: build one ModeCache per Model and pass it to every Plant of that model; most of a new
-// plant's cost is building its modes (some 0.1 ms each for six states). The cache may be shared by
-// any number of plants in any number of threads. A Plant itself belongs to one thread at a time;
-// copies are independent (and continue with the same doubles).
+// For a sweep, build one ModeCache for each Model and pass it to every Plant of that model: most of
+// the time for a new plant is the time to build its modes, about 0.1 ms for each mode of six
+// states. Any number of plants in any number of threads may share the cache. A Plant belongs to one
+// thread at a time. Copies are independent and continue with the same doubles.
 //
-// Between two ticks the plant is exact to rounding: piecewise linear, matrix exponentials,
-// switching instants located to rounding (dips of 1e-12 m are found). The same codes give the same
-// doubles in every build of one compiler with -ffp-contract=off.
+// Between two ticks the solution is exact to rounding: the plant is piecewise linear and uses
+// matrix exponentials, and the instants of switching are located to rounding (an overlap of 1e-12 m
+// is found). The same codes give the same doubles in every build of one compiler with
+// -ffp-contract=off.
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -31,45 +32,48 @@
 namespace forceaxis::sim {
 
 struct PlantOptions {
-  bool audit = false;                ///< keep the energy balance (about doubles the cost of a tick)
-  std::size_t listed_events = 4096;  ///< events kept for events(); further ones are only counted
-  std::uint64_t seed = 0;            ///< of the noise of ADCs and DAC
+  bool audit = false;  ///< compute the energy balance (about doubles the time of a tick)
+  std::size_t listed_events = 4096;  ///< number of events that events() lists; later ones are only
+                                     ///< counted
+  std::uint64_t seed = 0;            ///< seed of the noise of ADCs and DAC
 };
 
-/// The raw codes that the axis controller reads. A missing encoder or ADC reads 0.
+/// The codes of encoder and ADCs that the firmware reads. An encoder or ADC that the model does not
+/// have gives 0.
 struct SensorCodes {
-  std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps
-  /// clamp(floor(reading * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), with the reading of
-  /// Adc. Noise is a function of seed, channel and tick alone: converting twice yields the same
-  /// code.
+  std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps at 32 bits
+  /// Code of each ADC: clamp(floor(value * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), with
+  /// the value that Adc describes. The noise depends on seed, channel and tick only, so a second
+  /// conversion in a tick yields the same code.
   std::uint16_t adc[2] = {0, 0};
-  std::uint8_t switches = 0;  ///< SwitchBit; those of the model's [switches]
+  std::uint8_t switches = 0;  ///< bits SwitchBit of the model's table [switches]
 };
 
-/// One change of one element's discrete state.
+/// A change of the discrete state of one element.
 struct Event {
   double time_s = 0.0;
-  /// The name of a contact, friction, brake, spring, damper or gravity; NAME.low, NAME.high of a
-  /// stop; drive.preamp, .current_feedback, .amplifier, .force; adc0.sensor
+  /// Name of a contact, friction, brake, spring, damper or gravity; NAME.low or NAME.high of a
+  /// stop; drive.preamp, drive.current_feedback, drive.amplifier or drive.force; adc0.sensor.
   std::string element;
-  /// apart, pressed, overlap | backward, stuck, forward, released | low limit, low outer, inner,
-  /// linear, ... | segment 0, segment 1, ...
+  /// Names of states: apart, pressed, overlap of a contact; backward, stuck, forward, released of a
+  /// friction or brake; low limit, low outer, inner, linear and so on of a curve; segment 0,
+  /// segment 1 and so on of a table.
   std::string from;
   std::string to;
-  bool jump = false;  ///< the direct consequence of a new DAC code or of an impulse, at a tick
+  bool jump = false;  ///< caused at a tick by a new DAC code or an impulse
 };
 
-/// Mechanical energy since tick 0, J. initial + supplied = kinetic + stored + dissipated +
-/// discarded + residual; the residual is rounding.
+/// Mechanical energy since tick 0, in J: initial + supplied = kinetic + stored + dissipated +
+/// discarded + residual. The residual is the rounding error.
 struct EnergyAudit {
   double initial = 0.0;
   double supplied = 0.0;  ///< work of the drive on body and reaction, of gravity and impulses
-  double impulses = 0.0;  ///< the impulses' part of it
+  double impulses = 0.0;  ///< part of `supplied` that impulses have added
   double kinetic = 0.0;
-  double stored = 0.0;     ///< in springs and pressed contacts
-  double discarded = 0.0;  ///< in a contact's spring when it separates while still overlapping
+  double stored = 0.0;     ///< energy in springs and in pressed contacts
+  double discarded = 0.0;  ///< energy of a contact's spring at a separation with overlap
   struct Damper {
-    std::string element;  ///< spring, damper, contact, friction, brake, or "drive" for b_m
+    std::string element;  ///< spring, damper, contact, friction, brake; "drive" for b_m
     double energy = 0.0;
   };
   std::vector<Damper> dissipated;
@@ -81,44 +85,47 @@ class Plant {
   explicit Plant(std::shared_ptr<const Model> model, PlantOptions options = {});
   explicit Plant(std::shared_ptr<ModeCache> cache, PlantOptions options = {});
 
-  /// One tick (1/1500 s, or the part of it that the ModeCache steps) with the code held.
-  /// `amp_enable` false: coasting, the drive's current (or force) is 0 from this instant on and the
-  /// code has no effect. Throws std::invalid_argument if the code does not fit the DAC,
-  /// SimulationError if it cannot be stepped on, InputError if a mode is too fast; after either the
-  /// plant must not be used.
+  /// Simulates one step with a constant DAC code: one tick of 1/1500 s, or the part of a tick that
+  /// the ModeCache uses. If `amp_enable` is false, the current (or force) of the drive is 0 from
+  /// this instant on and the code has no effect. Throws std::invalid_argument if the code is
+  /// outside the range of the DAC, SimulationError if the simulation cannot continue, InputError if
+  /// a mode is too fast. After SimulationError or InputError the plant must not be used.
   void step(int dac_code, bool amp_enable) { step(dac_code, amp_enable, amp_enable); }
-  /// The same with the firmware's output brake_release, on which the model's brakes act.
+  /// Simulates one step with the output brake_release of the firmware as third argument. The brakes
+  /// of the model act on this output.
   void step(int dac_code, bool amp_enable, bool brake_release);
-  /// The DAC's output in V for a code in this tick, offset and noise included.
+  /// Returns the output voltage of the DAC for a code in this tick, in V, with offset and noise.
   double volts(int dac_code) const;
-  /// step() with a command in V in place of a code, in two halves, so that signals() can be read
-  /// between them: hold_volts() applies the command, step_volts() steps with the same values.
+  /// Simulates one step with a voltage in V in place of a code, in two calls: hold_volts() applies
+  /// the voltage and step_volts(), with the same arguments, simulates the step. Between them
+  /// signals() returns the signals at the start of the step.
   void hold_volts(double volts, bool amp_enable) { stepper_.hold(volts, amp_enable); }
   void step_volts(double volts, bool amp_enable) { step_volts(volts, amp_enable, amp_enable); }
   void step_volts(double volts, bool amp_enable, bool brake_release) {
     stepper_.step(volts, amp_enable, brake_release);
   }
-  /// Adds impulse / mass to the body's velocity, now. Throws std::invalid_argument for an unknown
-  /// body or an impulse that is not finite.
+  /// Adds impulse / mass to the velocity of a body at this instant. Throws std::invalid_argument
+  /// for an unknown body and for an impulse that is not finite.
   void apply_impulse(std::string_view body, double impulse_N_s);
 
   /// Converts encoder and ADCs at this instant and updates edge_margin().
   SensorCodes codes();
-  /// The closest approach so far, in LSB, of any value converted by codes() to a value at which its
-  /// code would change; 0.5 at most as long as nothing saturates. Infinite before the first
-  /// codes().
+  /// Smallest distance so far, in LSB, between a value that codes() has converted and a value at
+  /// which its code changes. At most 0.5 unless a converter saturates. Infinite before the first
+  /// call of codes().
   double edge_margin() const { return edge_margin_; }
 
-  /// Names and values of all signals, in the order and units of Model::signal_list(). `values` must
-  /// have as many places (std::invalid_argument otherwise).
+  /// Names and values of all signals, in the order and the units of Model::signal_list(). Throws
+  /// std::invalid_argument if `values` does not have one element for each signal.
   const std::vector<std::string> &signal_names() const { return *signal_names_; }
   void signals(std::span<double> values) const;
-  /// One signal, in the unit of its SignalInfo. By name: std::invalid_argument if there is none. By
-  /// place in signal_names(): one product, cheap enough for every tick.
+  /// Returns one signal in the unit of its SignalInfo. signal() takes a name and throws
+  /// std::invalid_argument for an unknown name. signal_at() takes the index in signal_names() and
+  /// costs one row product.
   double signal(std::string_view name) const;
   double signal_at(std::size_t place) const;
 
-  /// Steps done so far, and their time; one step is 1 / (1500 parts()) s.
+  /// Number of steps since the start, and the time in s. One step is 1 / (1500 parts()) s.
   std::int64_t tick() const { return stepper_.tick(); }
   double time_s() const {
     return static_cast<double>(stepper_.tick()) / stepper_.cache().rate_hz();
@@ -126,9 +133,10 @@ class Plant {
   const Model &model() const { return stepper_.cache().model(); }
   int parts() const { return stepper_.cache().parts(); }
 
-  /// The first `listed_events` events.
+  /// The first PlantOptions::listed_events events.
   std::vector<Event> events() const;
-  /// Changes located between ticks, and changes caused at a tick by a code or an impulse.
+  /// crossings() counts changes between two ticks. jumps() counts changes at a tick that a DAC code
+  /// or an impulse has caused.
   std::int64_t crossings() const { return stepper_.crossings(); }
   std::int64_t jumps() const { return stepper_.jumps(); }
   struct EventCount {
@@ -137,16 +145,18 @@ class Plant {
     std::string to;
     std::int64_t count = 0;
   };
-  /// All changes so far, by kind; kinds that did not occur are omitted.
+  /// Returns the number of changes since the start for each element and pair of states. A change
+  /// that did not occur is omitted.
   std::vector<EventCount> event_counts() const;
-  /// "element: state" of every switching element; "off" for the drive's while it is disabled.
+  /// Returns "element: state" for every element with discrete states. The state of the drive's
+  /// elements is "off" while the drive is disabled.
   std::vector<std::string> mode() const;
 
-  /// Needs PlantOptions::audit, std::logic_error otherwise.
+  /// Throws std::logic_error if PlantOptions::audit is false.
   EnergyAudit energy() const;
 
-  /// State vector: position and velocity of each body, then the drive's states (dc_motor: current
-  /// A, filtered tachometer V; first_order: force N).
+  /// State vector: position in m and velocity in m/s of each body, then the states of the drive
+  /// (dc_motor: current in A, filtered tachometer voltage in V; first_order: force in N).
   std::span<const double> state() const { return {stepper_.z().data(), stepper_.mode().states}; }
 
  private:
@@ -167,10 +177,11 @@ class Plant {
     bool present = false;
     int top = 0;
     int zero_code = 0;
-    double limit = 0.0;  // of the reading
+    double limit = 0.0;  // limit of the converted value
     double noise = 0.0;
     double counts_per_unit = 0.0;
-    double low = 0.0;  // of signal counts + 1/2, where the code leaves 0
+    double low = 0.0;  // bounds of the signal in counts + 1/2, at which the code leaves 0 and
+                       // 2^bits - 1
     double high = 0.0;
   };
   Converter converters_[2];

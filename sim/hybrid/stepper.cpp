@@ -14,15 +14,17 @@ using kernel::dot;
 using kernel::magnitude;
 
 constexpr int kMostChangesPerTick = 5000;
-constexpr int kMostChangesPerInstant = 1000;  // in settle()
-constexpr double kMoment = 0x1p-20;           // of a mode's reach
-// Where switches contradict each other: rounding is taken for so many times more, each time.
+constexpr int kMostChangesPerInstant = 1000;  // highest number of changes at one instant in
+                                              // settle()
+constexpr double kMoment = 0x1p-20;           // share of Mode::reach that counts as one instant
+// Factor by which the assumed rounding error grows each time that the states of switches contradict
+// each other.
 constexpr double kDoubtGrowth = 4.0;
-constexpr double kMostDoubt = 0x1p10;  // 1.5e-11 of the state
+constexpr double kMostDoubt = 0x1p10;  // highest factor: a rounding error of 1.5e-11 of the state
 constexpr std::size_t kRecentModes = 64;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
-// Velocities of stuck ends may differ by so much of themselves: rounding.
+// Relative difference of the velocities of two sticking ends that counts as rounding.
 constexpr double kSame = 0x1p-36;
 
 double smaller(double a, double b) { return a < b ? a : b; }
@@ -47,7 +49,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // the search for the first mode discards no energy
+  energy_.begin();  // the initial mode search discards no energy
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -109,13 +111,14 @@ void Stepper::step(double command, bool enable, bool release) {
   if (Network::enabled(mode_->key) != enable) {
     switch_drive(command, enable);
   } else if (sensors_in_result_ && detector_.beyond_after(command - z_[n + 1])) {
-    // Only saves the quiet test: settle() decides, now or after the test.
+    // This test only avoids a quiet test. settle() makes the decision, here or after the quiet
+    // test.
     z_[n + 1] = command;
     settle(true);
   }
   z_[n + 1] = command;
   if (!detector_.quiet(z_.data())) {
-    // The new command may have put signals beyond their bounds at once.
+    // The new command may have moved signals outside their bounds at once.
     sensors_in_result_ = false;
     const bool quiet = detector_.beyond_now() && (settle(true), detector_.quiet(z_.data()));
     if (!quiet && cross(0.0, 1.0)) {
@@ -146,8 +149,9 @@ const double *Stepper::sensors() {
   return sensors_;
 }
 
-// Moves every switch whose signal lies clearly beyond its bound, in dependency order, until none
-// does. Signals on their bound (within rounding) stay: their next derivative decides, in examine().
+// Changes the state of every switch whose signal is outside its bounds by more than rounding, in
+// the order of dependence, until no such signal is left. A signal on its bound (within rounding)
+// does not change its switch here. Its next derivative decides in examine().
 void Stepper::settle(bool count_jumps) {
   int changes = 0;
   for (std::size_t i = 0; i < mode_->channels; ++i) {
@@ -162,8 +166,8 @@ void Stepper::settle(bool count_jumps) {
     const bool above = value > channel.high + kChannelRounding * (scale + magnitude(channel.high));
     if (!below && !above) continue;
     if (++changes > kMostChangesPerInstant) fail_switching(channel.switch_index, 0.0);
-    // The new state has channels of its own, from the switch's first place in the list on; those
-    // before it belong to switches that do not depend on this one.
+    // The new state has its own channels, which begin at the first place of the switch in the list.
+    // Channels before this place belong to switches that do not depend on this switch.
     const int moved = channel.switch_index;
     change(i, above, 0.0, true, count_jumps);
     while (i > 0 && mode_->channel[i - 1].switch_index >= moved) --i;
@@ -171,7 +175,7 @@ void Stepper::settle(bool count_jumps) {
   }
 }
 
-// Taylor coefficients of the state, time in ticks.
+// Computes the Taylor coefficients of the state, with time in ticks.
 void Stepper::expand() {
   const Mode &m = *mode_;
   for (std::size_t i = 0; i < m.states; ++i) chain_[i] = z_[i];
@@ -179,26 +183,28 @@ void Stepper::expand() {
             chain_.data() + m.flow_stride);
 }
 
-// After expand(): to the state s ticks later, s <= reach.
+// After expand(): computes the state `s` ticks later, with s at most Mode::reach.
 void Stepper::evaluate(double s) {
   const Mode &m = *mode_;
-  // s^k by way of s^(k/2): the products do not wait for each other.
+  // s^k is computed from s^(k/2), so that consecutive products do not depend on each other.
   powers_[0] = s;
   for (std::size_t k = 2; k <= m.order; ++k)
     powers_[k - 1] = powers_[k / 2 - 1] * powers_[(k + 1) / 2 - 1];
-  // The increment first, so that only the last addition rounds at the size of the state.
+  // The increment is computed first, so that only the last addition has the rounding error of the
+  // state.
   multiply_(chain_.data() + m.flow_stride, m.flow_stride, powers_, m.order, increment_.data());
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
 }
 
-// By series, at most `reach`.
+// Advances the state by the Taylor series, by at most Mode::reach ticks.
 void Stepper::advance_within_part(double ticks) {
   expand();
   if (audit_) energy_.add_part(z_.data(), chain_.data(), ticks, cache_->rate_hz());
   evaluate(ticks);
 }
 
-// Whole parts of the grid by their flow, the remainder by series.
+// Advances the state: complete parts of the grid by their flow matrix, the remainder by the Taylor
+// series.
 void Stepper::advance(double ticks) {
   const Mode &m = *mode_;
   const auto parts = static_cast<std::size_t>(ticks / m.reach);
@@ -212,7 +218,7 @@ void Stepper::advance(double ticks) {
   if (left > 0.0) advance_within_part(left);
 }
 
-// A tick within which brakes act, after hold().
+// Simulates a tick in which brakes act, after hold().
 void Stepper::step_with_brakes() {
   double done = 0.0;
   for (;;) {
@@ -231,7 +237,7 @@ void Stepper::step_with_brakes() {
   ++tick_;
 }
 
-// A brake lets go, or holds: what moves then slides.
+// Releases or engages a brake. Ends that move at this instant slide.
 void Stepper::move_brake(std::size_t brake, double s) {
   const auto place = static_cast<std::size_t>(network().brakes()[brake].friction);
   const Wiring::FrictionEnds &friction = network().frictions()[place];
@@ -241,7 +247,7 @@ void Stepper::move_brake(std::size_t brake, double s) {
             true);
 }
 
-// How a friction is where its ends have their velocities of now.
+// Returns the state of a friction for the present velocities of its ends.
 int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
   const auto velocity = [&](int state) {
     return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
@@ -252,29 +258,32 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
   return a > b ? Wiring::kForward : Wiring::kBackward;
 }
 
-// The time of a tick from `from` to `until`, after the quiet test has failed or where it does not
-// decide. False: no switch changes in the whole tick after all, and the detector has its end.
+// Simulates the time `from` to `until` of a tick after the quiet test has failed, or where it does
+// not decide. Returns false if no switch changes in the complete tick; the detector then has the
+// state at its end.
 bool Stepper::cross(double from, double until) {
   check_finite();
-  double done = from;  // ticks
+  double done = from;  // time simulated so far, in ticks
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;
   double doubt = 1.0;
   detector_.set_doubt(doubt);
-  // Several times what a cascade through all switches needs.
+  // Several times the number of changes of a cascade through all switches.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;
     const double rest = until - done;
     if (changes_here >= enough_here) {
-      // Some signals lie on their bounds with deciding coefficients at the limit of rounding, on
-      // one side of it in one mode and on the other in the next. So it is with a body that comes
-      // to rest ever more slowly while all forces at it approach its friction: sliding, its rate is
-      // rounding and a higher derivative says that it stops; stuck, its force is beyond rounding
-      // and says that it slides on. More is taken for rounding, then, until the tick ends or both
-      // modes agree; what a wrong mode does until then is far below what a code shows. States that
-      // contradict each other in earnest go on contradicting, and the changes run out.
+      // Some signals are on their bounds, and their deciding coefficients are near the limit of
+      // rounding: above it in one mode and below it in the next one. This occurs for a body that
+      // comes to rest slowly while the sum of its other forces approaches its friction. In the
+      // sliding mode, its velocity is within rounding and a higher derivative stops the body. In
+      // the sticking mode, its force is above rounding and the body slides again. The assumed
+      // rounding error is then increased until the tick ends or both modes agree. The effect of the
+      // wrong mode during this time is far below one code. If the states contradict each other
+      // beyond this rounding error, the number of changes reaches its limit and the run ends with
+      // an error.
       const double moment = smaller(rest, kMoment * m.reach);
       advance_within_part(moment);
       done = moment < rest ? done + moment : until;
@@ -282,7 +291,7 @@ bool Stepper::cross(double from, double until) {
       detector_.set_doubt(doubt);
       changes_here = 0;
     } else {
-      // The parts of the grid that remain of the tick, the last one cut short.
+      // The remaining parts of the grid in this tick; the last part is incomplete.
       const double places = rest / m.reach;  // exact
       std::size_t parts = m.grid;
       if (places < static_cast<double>(parts)) {
@@ -297,7 +306,8 @@ bool Stepper::cross(double from, double until) {
             (doubtful == 0 || detector_.calm(z_.data())))
           return false;
       }
-      // Doubtful parts go by series even if nothing happens: it rounds less than the flow.
+      // Parts in which a switch may change use the Taylor series even if no switch changes, because
+      // its rounding error is smaller than that of the flow matrix.
       double passed = 0.0;
       bool changed = false;
       Detector::Change next;
@@ -345,7 +355,8 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   const int from = network().state_of(mode_->key, index);
   const double before = audit_ ? energy_.stored(z_.data()) : 0.0;
   set_mode(network().with_state(mode_->key, index, to));
-  // Where a friction begins to stick, its rate is 0 but for the rounding of the instant.
+  // When a friction begins to stick, its relative velocity is 0 except for the rounding of the
+  // instant.
   const std::size_t n = mode_->states;
   if (to == network().switches()[static_cast<std::size_t>(index)].stuck) {
     for (std::size_t i = 0; i < n; ++i) increment_[i] = dot(&mode_->slip[i * n], z_.data(), n);
@@ -354,7 +365,7 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   if (audit_) energy_.discard(before - energy_.stored(z_.data()));
   if (!counted) return;
   const double time_s = (static_cast<double>(tick_) + s) / cache_->rate_hz();
-  // A change and its reversal at the same instant cancel.
+  // A change and its reversal at the same instant cancel each other.
   if (last_.switch_index == index && last_.time_s == time_s && last_.from == to &&
       last_.to == from && last_.jump == jump) {
     --(jump ? jumps_ : crossings_);
@@ -382,7 +393,7 @@ void Stepper::kick(std::size_t body, double impulse) {
   settle(true);
 }
 
-// After an impulse every friction whose ends differ in velocity slides.
+// After an impulse, every friction slides whose ends have different velocities.
 void Stepper::slide(bool counted) {
   for (const Wiring::FrictionEnds &friction : network().frictions()) {
     const int state = sliding(friction);
@@ -402,7 +413,8 @@ std::int64_t Stepper::count(int switch_index, int from, int to) const {
   return counts_[count_place(switch_index, from, to)];
 }
 
-// The grid's flow does not go through the expansion; the integrals do, part by part.
+// The flow matrix of the grid needs no Taylor expansion. The energy integrals need one in each
+// part.
 void Stepper::audit_grid(std::size_t parts) {
   const std::vector<double> start = z_;
   for (std::size_t k = 0; k < parts; ++k) {

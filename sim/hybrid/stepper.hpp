@@ -1,5 +1,6 @@
 #pragma once
-// Steps a network tick by tick: z -> exact flow, with every switch changed at the instant it must.
+// Simulates a network tick by tick with the exact flow of each mode. Every switch changes at the
+// instant at which its signal reaches a bound.
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -12,8 +13,8 @@
 
 namespace forceaxis::sim {
 
-/// A change of a switch's state. `jump`: not a crossing between ticks but the direct consequence of
-/// a new command or an impulse at a tick.
+/// A change of the state of one switch. `jump` marks a change at a tick that a new command or an
+/// impulse has caused; other changes are crossings between ticks.
 struct SwitchEvent {
   double time_s = 0.0;
   int switch_index = 0;
@@ -22,43 +23,46 @@ struct SwitchEvent {
   bool jump = false;
 };
 
-/// Copyable; copies share only the cache (which may be used from several threads), so a copy may
-/// move to another thread. step() allocates nothing except when a mode or an event is new.
+/// Copies share only the cache, which several threads may use, so a copy may run in another thread.
+/// step() allocates memory only for a new mode or a new event.
 class Stepper {
  public:
-  /// `listed_events`: how many events are kept for events(); all are counted.
+  /// `listed_events` is the number of events that events() lists. All events are counted.
   Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
 
-  /// One tick with the command in V held; `release` acts on the model's brakes, after their times.
-  /// Throws SimulationError, InputError (as ModeCache).
+  /// Simulates one tick with a constant command in V. `release` commands the brakes of the model,
+  /// which follow after their release and engage times. Throws SimulationError, and InputError as
+  /// ModeCache does.
   void step(double command, bool enable, bool release);
   void step(double command, bool enable) { step(command, enable, enable); }
-  /// Applies the command at this instant: switches and z() change at once. The next step() must
-  /// have the same arguments.
+  /// Applies a command in V at this instant: switches and z() change at once. The next call of
+  /// step() must have the same arguments.
   void hold(double command, bool enable);
-  /// Adds impulse (N s) / mass to the velocity of a body at this instant; switches change at once.
+  /// Adds impulse (N s) / mass to the velocity of a body at this instant. Switches change at once.
   void kick(std::size_t body, double impulse);
 
   const ModeCache &cache() const { return *cache_; }
   const Network &network() const { return cache_->network(); }
   const Mode &mode() const { return *mode_; }
-  /// z = (x, 1, u) now.
+  /// The vector z = (x, 1, u) at this instant.
   const std::vector<double> &z() const { return z_; }
-  /// The signals that the two ADCs convert now, in SI units; valid until any other call.
+  /// Returns the signals of the two ADCs at this instant, in SI units. The values are valid until
+  /// the next call of any function.
   const double *sensors();
   std::int64_t tick() const { return tick_; }
 
   const std::vector<SwitchEvent> &events() const { return events_; }
-  /// Changes located between two ticks (and at the end points of a tick's interval), and jumps.
+  /// crossings() counts changes between two ticks, both instants included. jumps() counts changes
+  /// that a command or an impulse has caused.
   std::int64_t crossings() const { return crossings_; }
   std::int64_t jumps() const { return jumps_; }
-  /// Changes of one switch from one state to another, jumps included.
+  /// Returns how often one switch has changed from state `from` to state `to`, jumps included.
   std::int64_t count(int switch_index, int from, int to) const;
 
   EnergyIntegrals energy() const { return energy_.integrals(); }
-  /// J.
+  /// Kinetic energy in J.
   double kinetic() const;
-  /// Spring energy in J, one entry per Network::storages().
+  /// Spring energy in J of each element of Network::storages().
   std::vector<double> stored() const {
     return stored_energies(*mode_, cache_->audit(mode_->key), z_.data());
   }
@@ -92,25 +96,26 @@ class Stepper {
   std::int64_t tick_ = 0;
   std::vector<double> z_;
   double sensors_[kernel::padded(2)] = {};
-  bool sensors_in_result_ = false;  // of the detector: the last tick was quiet, nothing since
+  bool sensors_in_result_ = false;  // the detector's result has the ADC signals of this instant
   kernel::Vector chain_;            // Taylor coefficients of x, order + 1 blocks of flow_stride
   kernel::Vector increment_;
   double powers_[64];
 
-  // The command of the model's brakes, and when each acts on it, ticks from now; infinite: it has.
+  // Command of the model's brakes, and the time in ticks until each brake follows it. The time is
+  // infinite after the brake has followed.
   bool release_ = false;
   std::vector<double> brake_due_;
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;
-  SwitchEvent last_{-1.0, -1, 0, 0, false};  // counted last
+  SwitchEvent last_{-1.0, -1, 0, 0, false};  // the event that was counted last
   bool last_listed_ = false;
   std::int64_t crossings_ = 0;
   std::int64_t jumps_ = 0;
   std::vector<std::int64_t> counts_;
   std::size_t count_stride_ = 0;
 
-  // Modes met lately, so that the shared cache is asked (and locked) rarely.
+  // Modes that this plant has used lately, so that it seldom locks the shared cache.
   struct Recent {
     ModeKey key = 0;
     const Mode *mode = nullptr;

@@ -1,5 +1,5 @@
 #pragma once
-// The digital inputs that switches on the way of the axis give.
+// Digital inputs of limit switches, home switch and index pulse along the travel of the axis.
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -12,7 +12,7 @@ namespace forceaxis::sim {
 enum SwitchBit : std::uint8_t {
   kLimitPos = 2,
   kLimitNeg = 4,
-  kIndex = 8,  ///< passed since the conversion before
+  kIndex = 8,  ///< index pulse passed since the last conversion
   kHome = 16
 };
 
@@ -26,7 +26,7 @@ class SwitchBank {
 
   bool fitted() const { return fitted_; }
 
-  /// The bits at a place, m; to be called once a tick.
+  /// Returns the bits at a position in m. Must be called once in each tick.
   std::uint8_t read(double place) {
     unsigned bits = 0;
     if (places_.limit_pos && place >= *places_.limit_pos) bits |= kLimitPos;
@@ -48,7 +48,7 @@ class SwitchBank {
  private:
   Switches places_;
   bool fitted_ = false;
-  std::optional<double> cell_;  // between which pulses the body was
+  std::optional<double> cell_;  // number of the interval between index pulses at the last call
 };
 
 }  // namespace forceaxis::sim

@@ -11,15 +11,18 @@
 
 namespace forceaxis::sim {
 
-/// One bit field per switch, bit 0: drive enabled. Names one mode of the plant.
+/// Key of one mode of the plant: bit 0 is set if the drive is enabled, and each switch has a bit
+/// field with its state.
 using ModeKey = std::uint64_t;
 
-/// States, wires and switches, built by assemble() and read by Network. A wire is a sum of terms,
-/// or one of several sums, chosen by the state of a switch; it uses only wires before it.
+/// States, wires and switches of a plant, built by assemble() and read by Network. A wire is a sum
+/// of terms, or the one of several sums that the state of a switch selects. A wire uses only wires
+/// with a lower index.
 struct Wiring {
   using Wire = int;
 
-  /// factor * (state, constant 1, command voltage, another wire or the force of a stuck friction)
+  /// A factor times a state, the constant 1, the command voltage, another wire or the force of a
+  /// sticking friction.
   struct Term {
     enum class Of { state, constant, command, wire, hold } of;
     int index;
@@ -32,21 +35,21 @@ struct Wiring {
   static Term hold(int friction) { return {Term::Of::hold, friction, 1}; }
   using Terms = std::vector<Term>;
 
-  static constexpr int kAlways = -1;  ///< selector of a wire with one case
-  static constexpr int kEnable = -2;  ///< selector of the cases disabled, enabled
+  static constexpr int kAlways = -1;  ///< selector of a wire with one sum
+  static constexpr int kEnable = -2;  ///< selector between drive disabled and enabled
   struct WireNode {
-    int selector;  ///< a switch or one of the above
+    int selector;  ///< index of a switch, kAlways or kEnable
     std::vector<Terms> cases;
   };
   struct Switch {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;       ///< field of the switch, not shifted
-    bool of_drive = false;  ///< without meaning (held at state 0) while the drive is disabled
+    ModeKey mask = 0;       ///< bit field of the switch, not shifted
+    bool of_drive = false;  ///< the switch is held in state 0 while the drive is disabled
     int home = 0;
-    int stuck = -1;     ///< a friction's state in which its ends have one velocity
-    int analysed = -1;  ///< the state that an analysis begins with; -1: home
+    int stuck = -1;     ///< state of a friction in which its ends have the same velocity
+    int analysed = -1;  ///< initial state in linear analysis; -1: `home`
   };
   /// The bounds of one signal in one state of a switch; see Channel.
   struct Bounds {
@@ -59,21 +62,24 @@ struct Wiring {
     int velocity;
     double mass;
   };
-  enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };  ///< of a brake
+  /// kReleased exists for brakes only
+  enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };
   struct FrictionEnds {
     int switch_index;
-    int velocity_a;  ///< state, -1: ground
+    int velocity_a;  ///< index of a state; -1: ground
     int velocity_b;
-    int beside = -1;  ///< of a friction the brake between the same ends, which bears all while both
-                      ///< stick: a place in this list
+    /// Of a friction: index in `frictions` of the brake between the same two ends, or -1. While
+    /// both stick, the brake transmits all of the force.
+    int beside = -1;
   };
-  /// A brake among the frictions; times in s from the change of its command.
+  /// A brake, with its delays in s after a change of its command.
   struct BrakeTimes {
     int friction;
     double release_s;
     double engage_s;
   };
-  /// Power, W: the product of two wires; or energy, J: half of that product plus a constant wire.
+  /// A power in W, which is the product of two wires, or an energy in J, which is half of that
+  /// product plus a constant wire.
   struct Product {
     std::string element;
     Wire first;
@@ -91,14 +97,16 @@ struct Wiring {
   Wire add_sum(Terms terms) { return add_select(kAlways, {std::move(terms)}); }
   Wire add_select(int selector, std::vector<Terms> cases);
   int add_switch(std::string element, std::vector<std::string> names, bool of_drive, int home);
-  /// The curve's segments as a switch, or kAlways for a straight line.
+  /// Adds a switch with one state for each segment of the curve. Returns kAlways if the curve is a
+  /// straight line.
   int add_segments(const std::string &element, Wire input, const Curve &curve, bool of_drive);
   Wire add_curve(int segments, Wire input, const Curve &curve);
   Wire add_clamp(const std::string &element, Wire input, double limit, bool of_drive);
-  /// x_a - x_b - offset, m, and its rate, m/s.
+  /// deflection_of() adds the wire x_a - x_b - offset in m, rate_of() its rate of change in m/s.
   Wire deflection_of(Ends ends, double offset = 0.0);
   Wire rate_of(Ends ends);
-  /// Adds a force in N: positive pushes end a back and end b forward.
+  /// Adds a force in N between two ends. A positive force accelerates end a backwards and end b
+  /// forwards.
   void push(Ends ends, Wire force);
   /// Assigns the name of a signal of Model::signal_list() to a wire.
   void name_signal(const std::string &name, Wire wire_index);
@@ -106,16 +114,16 @@ struct Wiring {
   Wire named(const std::string &name) const;
 
   std::string file;
-  std::vector<std::string> state_names;  ///< a body's own name for its position and velocity
+  std::vector<std::string> state_names;  ///< names of bodies for their position and velocity
   std::vector<double> initial;
-  std::vector<Terms> derivatives;  ///< per state
-  std::vector<int> drive_states;   ///< set to 0 when the drive is disabled
+  std::vector<Terms> derivatives;  ///< the terms of each state's derivative
+  std::vector<int> drive_states;   ///< states that are set to 0 when the drive is disabled
   std::vector<WireNode> wires;
   std::vector<Switch> switches;
-  std::vector<std::vector<std::vector<Bounds>>> bounds;  ///< [switch][state]
+  std::vector<std::vector<std::vector<Bounds>>> bounds;  ///< index [switch][state]
   int next_bit = 1;
   std::vector<BodyState> bodies;
-  std::vector<FrictionEnds> frictions;  ///< brakes too, after all others
+  std::vector<FrictionEnds> frictions;  ///< all frictions, followed by the brakes
   std::vector<BrakeTimes> brakes;
   std::vector<Product> supplies;
   std::vector<Product> dampers;

@@ -13,7 +13,8 @@ namespace {
 using Complex = std::complex<Extended>;
 using Eigen::Index;
 
-// Plain products: those of the library check for infinities.
+// Multiplies complex numbers without the test for infinities that the operator of the library
+// makes.
 Complex times(Complex a, Complex b) {
   return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
 }
@@ -28,10 +29,10 @@ Extended inverse(Extended a) { return 1 / a; }
 Extended size(Extended a) { return std::abs(a); }
 Extended size(Complex a) { return std::abs(a.real()) + std::abs(a.imag()); }
 
-// The power of 2 at or below a positive number.
+// Returns the largest power of 2 that is not above a positive number.
 Extended power_below(Extended value) { return std::ldexp(Extended{1}, std::ilogb(value)); }
 
-// P L U of a matrix whose rows were scaled to a largest entry of about 1.
+// The factors P L U of a matrix whose rows were scaled to a largest entry of about 1.
 template <typename Scalar>
 class Factors {
  public:
@@ -77,7 +78,7 @@ class Factors {
 
   bool singular() const { return singular_; }
 
-  // x of M x = b, with one step on the residual.
+  // Returns x of M x = b, with one correction of the residual.
   Vector solve(const Vector &b) const {
     Vector x = forward(b);
     Vector rest = b;
@@ -88,7 +89,7 @@ class Factors {
     return x;
   }
 
-  // y of y M = c.
+  // Returns y of y M = c.
   Vector solve_left(const Vector &c) const {
     Vector y = backward(c);
     Vector rest = c;
@@ -136,7 +137,7 @@ class Factors {
 
   Matrix matrix_, factors_;
   Eigen::Matrix<Extended, Eigen::Dynamic, 1> scale_;
-  std::vector<Index> order_;  // of the rows
+  std::vector<Index> order_;  // order of the rows
   bool singular_ = false;
 };
 
@@ -217,7 +218,8 @@ ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double 
     for (Index j = 0; j < n; ++j) whole(i, j) = A(i, j) * d(j) / d(i) * T;
     for (Index j = 0; j < m; ++j) whole(i, n + j) = B(i, j) / d(i) * T;
   }
-  // Taylor's series on a part in which |A| T is 1/2 at most, to the last place.
+  // The Taylor series on a part of the sample in which |A| T is at most 1/2. This order is accurate
+  // to the last digit.
   constexpr int kOrder = 18;
   Extended norm = 0;
   for (Index j = 0; j < n; ++j) norm = std::max(norm, whole.col(j).cwiseAbs().sum());
@@ -252,7 +254,7 @@ BoundaryResponse::Value BoundaryResponse::at(double w) const {
   const Index n = A_.rows();
   const Extended half = static_cast<Extended>(w) * dt_ / 2;
   const Complex below = inverse(Complex(1, -half));
-  // Of p, or of z - 1, so that slow states keep their digits beside the 1.
+  // The point is p or z - 1. Without the 1, slow states keep their digits.
   const Complex point = dt_ > 0 ? times(Complex(0, 2 * half), below) : Complex(0, w);
   const Extended one = dt_ > 0 ? 1 : 0;
   const Complex turn = dt_ > 0 ? times(times(below, below), Complex(0, dt_)) : Complex(0, 1);

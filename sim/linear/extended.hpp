@@ -1,10 +1,12 @@
 #pragma once
-// What the linear analysis computes of matrices, in extended precision and without a library of
-// linear algebra: the digits of a result hang neither on the processor nor on its BLAS kernel.
+// Matrix functions for the linear analysis, in extended precision and without a library of linear
+// algebra. So the digits of a result do not depend on the processor or on the kernel of a BLAS
+// library.
 //
-// A solve of LAPACK is right to a rounding of the largest number in it. Where one is far larger
-// than those that decide (1/L of a winding of little inductance), nothing is left of these. Here
-// the error is that of each entry: rows are scaled, sums are extended, the residual is solved for.
+// The error of a solution by LAPACK is relative to the largest number in the matrix. If one entry
+// is far larger than those that determine the result, such as 1/L of a winding with a small
+// inductance, the result has no correct digit. Here, rows are scaled, sums use extended precision,
+// and one step corrects the residual, so the error is relative to each entry.
 #include <Eigen/Core>
 #include <complex>
 #include <span>
@@ -14,24 +16,26 @@
 
 namespace forceaxis::sim {
 
-/// Powers of 2 so that in diag(1/d) A diag(d) each row weighs about as much as its column (Parlett
-/// and Reinsch 1969). A (n x n), d (n).
+/// Returns d, powers of 2 for which each row of diag(1/d) A diag(d) has about the same norm as its
+/// column (Parlett and Reinsch 1969). A has n x n entries, d has n.
 Eigen::VectorXd balance(const ExtendedMatrix &A);
 
-/// Eigenvalues of A (n x n), of its balanced form, in no order. Throws std::runtime_error where the
-/// iteration does not end, which no finite A is known to cause; std::invalid_argument for an A that
-/// is not finite.
+/// Returns the eigenvalues of A (n x n), computed from its balanced form, in arbitrary order.
+/// Throws std::invalid_argument if an entry of A is not finite, and std::runtime_error if the
+/// iteration does not converge; no finite A is known for which it does not.
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 
-/// X of A X = B, A (n x n), B (n x m): rows scaled, pivots, one step on the residual. Not finite
-/// for a singular A.
+/// Returns the solution X of A X = B, with A (n x n) and B (n x m). Rows are scaled, pivots are
+/// chosen and one step corrects the residual. X is not finite if A is singular.
 ExtendedMatrix solve(const ExtendedMatrix &A, const ExtendedMatrix &B);
 
-/// e^(A T) - 1 and the integral of e^(A t) B over a sample of T, side by side (n x (n + m)). The
-/// difference from 1 is what is doubled, so that slow states keep their digits beside fast ones.
+/// Returns e^(A T) - 1 and the integral of e^(A t) B over the sample time T in s, side by side (n x
+/// (n + m)). The method doubles the difference from 1, so slow states keep their digits beside fast
+/// states.
 ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double T);
 
-/// H, Q^T B, C Q with H = Q^T A Q upper Hessenberg, in double, for hessenberg_response.
+/// The matrices H, Q^T B and C Q for hessenberg_response(), in double, with the upper Hessenberg
+/// matrix H = Q^T A Q.
 struct Hessenberg {
   Eigen::MatrixXd H;
   Eigen::MatrixXd B;
@@ -39,18 +43,20 @@ struct Hessenberg {
 };
 Hessenberg hessenberg(const ExtendedMatrix &A, const ExtendedMatrix &B, const ExtendedMatrix &C);
 
-/// G(w) = C (p I - A)^-1 B + D, one input and one output, along the boundary of stability:
-/// p = j w for dt = 0, else z = (1 + j w dt / 2) / (1 - j w dt / 2).
+/// The frequency response G(w) = C (p I - A)^-1 B + D of one input and one output, along the
+/// boundary of stability: p = j w for dt = 0, else p is z = (1 + j w dt / 2) / (1 - j w dt / 2).
 class BoundaryResponse {
  public:
   struct Value {
     std::complex<double> response;
     std::complex<double> slope;  ///< dG/dw
-    double rounding;  ///< what half a unit in the last place of each entry, in double, moves G by
+    /// Error of G if every entry of the matrices has an error of half a unit in the last place of a
+    /// double.
+    double rounding;
   };
-  /// A (n x n), B (n x 1), C (1 x n).
+  /// A is n x n, B is n x 1, C is 1 x n; dt is the sample time in s, 0 for continuous time.
   BoundaryResponse(ExtendedMatrix A, ExtendedMatrix B, ExtendedMatrix C, double D, double dt);
-  /// At w >= 0, rad/s; on a pole the response is infinite and so is `rounding`.
+  /// Returns the response at w >= 0, in rad/s. On a pole, the response and `rounding` are infinite.
   Value at(double w) const;
 
  private:

@@ -46,8 +46,8 @@ ModeKey key_of(const Network &network, const Model &model, const LinearMode &mod
   return key;
 }
 
-// The model with a perfect drive of 1 N/V: its force is the command. The drive's own signals are
-// removed.
+// Returns the model with a perfect drive of 1 N/V, whose force is the command. The signals of the
+// original drive are removed.
 Model without_drive(Model model) {
   if (!model.drive) return model;
   model.drive->type = PerfectDrive{1.0, std::nullopt};
@@ -59,8 +59,8 @@ Model without_drive(Model model) {
   return model;
 }
 
-// A constant force on a body, modelled as gravity: its addition to the constant column is the
-// plant's response, with sticking frictions included.
+// Returns the model with a constant force on a body, added as gravity. The change of the constant
+// column is the response of the plant, with sticking frictions included.
 Model pushed(Model model, int body, double force_N) {
   if (body == kGround) return model;
   const double mass = model.bodies[static_cast<std::size_t>(body)].mass;
@@ -86,7 +86,7 @@ std::vector<string> state_names(const Model &model) {
 
 using RowVector = Eigen::Matrix<Extended, 1, Eigen::Dynamic>;
 
-// Row of an output over (x, 1, u), or nothing if there is none of that name.
+// Returns the row of an output for the vector (x, 1, u), or nothing if no output has this name.
 std::optional<RowVector> output_row(const Model &model, const Network &network,
                                     const ModeEquations &equations, const string &name) {
   const auto adc = [&](std::size_t channel) -> std::optional<RowVector> {
@@ -155,7 +155,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
   const Eigen::Index n = network.states();
   const auto width = static_cast<Eigen::Index>(outputs.size());
 
-  // Rows of the outputs; columns of x' and y by one input.
+  // Returns the rows of the outputs, or the columns of x' and y for one input.
   const auto outputs_of = [&](const Model &of, const Network &with, const ModeEquations &e) {
     ExtendedMatrix rows(width, with.columns());
     for (Eigen::Index i = 0; i < width; ++i) {
@@ -215,7 +215,7 @@ void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
   const auto m = static_cast<std::size_t>(B.cols());
   const auto p = static_cast<std::size_t>(C.rows());
   const auto wide = n + m;
-  // [s I - H, B] by rows; plain products, so that no call checks for infinities.
+  // The rows of [s I - H, B]. Products are computed without a test for infinities.
   std::vector<Complex> work(n * wide);
   const auto times = [](Complex a, Complex b) {
     return Complex(a.real() * b.real() - a.imag() * b.imag(),

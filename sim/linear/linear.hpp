@@ -1,6 +1,6 @@
 #pragma once
-// State space of a plant in one of its modes, from the same equations that the stepper integrates,
-// and frequency responses.
+// State space of a plant in one of its modes, from the equations that the stepper integrates, and
+// frequency responses.
 #include <Eigen/Core>
 #include <complex>
 #include <map>
@@ -12,7 +12,7 @@
 
 namespace forceaxis::sim {
 
-/// x' = A x + B u, y = C x + D u: deviations from any motion within one mode.
+/// Linear system x' = A x + B u, y = C x + D u, for deviations from any motion within one mode.
 struct Linear {
   Eigen::MatrixXd A;  ///< n x n
   Eigen::MatrixXd B;  ///< n x inputs
@@ -21,32 +21,35 @@ struct Linear {
   std::vector<std::string> states;
 };
 
-/// Which mode. Contacts touch and everything else is in the middle of its range unless `states`
-/// (element -> state, as in Event) says otherwise.
+/// Selection of a mode. Contacts are closed, and every other element is in the middle of its range,
+/// unless `states` (element -> state, as in Event) gives another state.
 struct LinearMode {
   std::map<std::string, std::string> states;
-  bool free = false;  ///< contacts are apart
-  bool drive = true;  ///< false: the drive is removed; input drive.force acts in its place
+  bool free = false;  ///< contacts are open
+  bool drive = true;  ///< false: the drive is removed, and its input is drive.force
 };
 
-/// An element that switches and its states, as in Event.
+/// The name of an element that switches, and the names of its states as in Event.
 struct SwitchStates {
   std::string element;
   std::vector<std::string> states;
 };
 std::vector<SwitchStates> switches_of(const Model &model);
 
-/// Inputs: drive.command V | drive.tach V, added to a DC motor's tachometer | drive.force N, on the
-/// drive's body and against its reaction, in addition to the drive's own | BODY.force N, external.
-/// Outputs: any signal of the model | reading, what ADC 0 converts, in its signal's unit | adc0,
-/// adc1 in 8-bit counts | encoder in counts. Throws InputError if an input, output, element or
-/// state does not exist.
+/// Returns the linear system of a mode with the named inputs and outputs. Inputs:
+///   drive.command V: the velocity command of the drive
+///   drive.tach V: a voltage that is added to the tachometer of a DC motor
+///   drive.force N: a force on the drive's body and against its reaction, added to the drive's
+///   force BODY.force N: an external force on a body
+/// Outputs are any signal of the model; `reading`, the signal of ADC 0 before conversion, in its
+/// unit; adc0 and adc1 in 8-bit counts; encoder in counts. Throws InputError if an input, output,
+/// element or state does not exist.
 Linear linearise(const Model &model, const LinearMode &mode, std::span<const std::string> inputs,
                  std::span<const std::string> outputs);
 
-/// y = C (s I - H)^-1 B + D at many points s, for H upper Hessenberg (n x n). `values` holds
-/// points x outputs x inputs. Each point costs O(n^2): Gaussian elimination of one subdiagonal with
-/// pivots. At a pole the values are not finite.
+/// Computes y = C (s I - H)^-1 B + D at many points s, for an upper Hessenberg matrix H (n x n).
+/// `values` has points x outputs x inputs. The cost of a point is O(n^2): Gaussian elimination of
+/// one subdiagonal with pivots. At a pole the values are not finite.
 void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
                          const Eigen::MatrixXd &C, const Eigen::MatrixXd &D,
                          std::span<const std::complex<double>> points,

@@ -66,8 +66,8 @@ void Elements::read_bodies() {
                            "; add or remove [[body]] tables");
 }
 
-// A slope, or several with the breaks between them: values of the argument or, for springs, of the
-// curve (`loads`).
+// Reads a slope, or several slopes with the breaks between them. Breaks are values of the argument,
+// or of the force of a spring (`loads`).
 Slopes read_slopes(Section &section, const char *key) {
   Slopes curve;
   curve.slopes = section.numbers(key);
@@ -89,7 +89,8 @@ Slopes read_slopes(Section &section, const char *key) {
                      std::to_string(curve.slopes.size()) + "; add or remove values");
   if (!by_load) return curve;
 
-  // The deflection at a load: the sum of the shares of all slopes between 0 and it.
+  // The deflection at a load is the sum of the deflections of all slopes between the force 0 and
+  // the load.
   const std::vector<double> loads = curve.breaks;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   for (double &at : curve.breaks) {
@@ -101,7 +102,7 @@ Slopes read_slopes(Section &section, const char *key) {
       const double to = std::min(high, k == loads.size() ? kInfinity : loads[k]);
       if (!(curve.slopes[k] > 0.0))
         section.fail(key, "expected values > 0 beside loads, got " + number_text(curve.slopes[k]) +
-                              "; a spring without stiffness reaches no load");
+                              "; a spring without stiffness cannot carry a load");
       if (to > from) way += (to - from) / curve.slopes[k];
     }
     at = at < 0.0 ? -way : way;
@@ -120,7 +121,7 @@ Link Elements::link(Section &section) {
 
 double read_damping(Section &section) { return section.number("damping"); }
 
-// Reads a link that acts where its ends touch: a contact, or either side of a stop.
+// Reads the keys of a contact, or of either side of a stop.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);
@@ -160,8 +161,9 @@ void Elements::read_links() {
     if (!stop.low && !stop.high)
       section.fail("low", "expected low or high or both in m, got neither; add one of these keys");
     if (stop.low && stop.high && !(*stop.low < *stop.high))
-      section.fail("high", "expected more than low, " + number_text(*stop.low) + ", got " +
-                               number_text(*stop.high) + "; exchange or correct them");
+      section.fail("high", "expected a value greater than low, " + number_text(*stop.low) +
+                               ", got " + number_text(*stop.high) +
+                               "; exchange or correct the two values");
     model_.stops.push_back(std::move(stop));
   });
   root_.each("friction", [&](Section &section) {
@@ -171,7 +173,7 @@ void Elements::read_links() {
     if (friction.stiction < friction.coulomb)
       section.fail("stiction", "expected at least coulomb, " + number_text(friction.coulomb) +
                                    ", got " + number_text(friction.stiction) +
-                                   "; friction at rest is never less than sliding");
+                                   "; the breakaway force is not less than the sliding force");
     model_.frictions.push_back(std::move(friction));
   });
   root_.each("brake", [&](Section &section) {
@@ -202,7 +204,7 @@ void Elements::read_gravities() {
 
 DcMotor read_motor(Section &section) {
   DcMotor motor;
-  motor.input_tach = section.choice("input", "choose where the DAC's volts go") == 1;
+  motor.input_tach = section.choice("input", "choose the use of the DAC voltage") == 1;
   motor.k_preamp_cmd = section.number("k_preamp_cmd");
   motor.k_preamp_fdbk = section.number("k_preamp_fdbk");
   motor.a_preamp_fdbk = section.number("a_preamp_fdbk");
@@ -257,7 +259,7 @@ void Elements::read_drive() {
       section.fail("reaction",
                    "expected another body than drive.body or ground, got " +
                        in_quotes(model_.bodies[static_cast<std::size_t>(drive.body)].name) +
-                       "; choose what the drive pushes against");
+                       "; choose the body on which the reaction force acts");
     section.add(*section.format().added[type]);
     if (type == 0) {
       drive.type = read_motor(section);
@@ -296,9 +298,9 @@ void Elements::read_switches(Section &section) {
   const auto in_order = [&](const std::optional<double> &low, const std::optional<double> &high,
                             const char *low_key, const char *high_key) {
     if (low && high && *low >= *high)
-      section.fail(high_key, std::string("expected a place beyond ") + low_key + " = " +
+      section.fail(high_key, std::string("expected a position beyond ") + low_key + " = " +
                                  number_text(*low) + " m, got " + number_text(*high) +
-                                 "; exchange or move them");
+                                 "; exchange or correct the two positions");
   };
   Switches &switches = model_.switches;
   switches.limit_neg = place("limit_neg");
@@ -310,11 +312,13 @@ void Elements::read_switches(Section &section) {
   in_order(switches.limit_neg, switches.limit_pos, "limit_neg", "limit_pos");
   in_order(switches.home_from, switches.home_to, "home_from", "home_to");
   if (switches.index_every && !switches.index)
-    section.fail("index_every",
-                 "expected the place of one pulse too, got no index; add index, such as 0");
+    section.fail(
+        "index_every",
+        "expected the position of one index pulse too, got no index; add index, such as 0");
   if (!model_.encoder)
-    root_.fail("switches",
-               "expected an encoder, whose body passes the switches, got none; add [encoder]");
+    root_.fail(
+        "switches",
+        "expected an encoder, whose position activates the switches, got none; add [encoder]");
 }
 
 void Elements::read_sensors() {
@@ -325,7 +329,7 @@ void Elements::read_sensors() {
     if (encoder.body == encoder.reference)
       section.fail("reference",
                    "expected another body than encoder.body or ground, got the same; "
-                   "choose what the encoder counts against");
+                   "choose the body to which the position is relative");
     encoder.scale = section.number("scale");
     model_.encoder = encoder;
   });

@@ -4,8 +4,8 @@
 
 namespace forceaxis::sim {
 
-/// Reads bodies, links, gravities, drive and sensors (keys and rules: model.hpp) into the model.
-/// Throws InputError.
+/// Reads bodies, links, gravities, drive and sensors from the root table into the model. Keys and
+/// rules are described in model.hpp. Throws InputError.
 void read_elements(Section &root, Model &model);
 
 }  // namespace forceaxis::sim

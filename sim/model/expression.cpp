@@ -21,7 +21,7 @@ struct Factor {
   std::string_view text;  // a name or a number
 };
 
-// The end of a number or name that begins the text.
+// Returns the index after the number or name with which the text begins.
 std::size_t factor_end(std::string_view text) {
   std::size_t end = 0;
   const bool number = is_quantity(text);
@@ -39,7 +39,7 @@ void skip_blanks(std::string_view &text) {
   text.remove_prefix(std::min(text.find_first_not_of(' '), text.size()));
 }
 
-// The factors of an expression; empty where it is none.
+// Returns the factors of an expression, or an empty list if the text is not an expression.
 std::vector<Factor> factors_of(std::string_view text) {
   std::vector<Factor> factors;
   bool divides = false;
@@ -68,14 +68,16 @@ class Expressions {
     if (const auto at = std::find(open_.begin(), open_.end(), &parameter); at != open_.end()) {
       std::string circle;
       for (auto p = at; p != open_.end(); ++p) circle.append((*p)->name).append(" -> ");
-      fail(parameter, "expected values that do not refer to themselves, got the circle " + circle +
-                          parameter.name + "; give one of them a number");
+      fail(parameter,
+           "expected values that do not refer to themselves, got the circular reference " + circle +
+               parameter.name + "; give one of them a number");
     }
     open_.push_back(&parameter);
     const std::vector<Factor> factors = factors_of(parameter.expression);
     if (factors.empty())
       fail(parameter, "expected names of parameters and numbers with * or / between them, got " +
-                          in_quotes(parameter.expression) + "; write such as \"m / tau\"");
+                          in_quotes(parameter.expression) +
+                          "; write an expression such as \"m / tau\"");
     double value = 1.0;
     Powers powers{};
     for (const Factor &factor : factors) {
@@ -89,7 +91,7 @@ class Expressions {
                           " in " + text_of(powers) + "; correct the expression or the unit");
     if (!std::isfinite(value))
       fail(parameter, "expected a finite number, got " + in_quotes(parameter.expression) + " = " +
-                          number_text(value) + "; check what it divides by");
+                          number_text(value) + "; check the divisors");
     parameter.value = value;
     open_.pop_back();
     done_.push_back(&parameter);

@@ -1,9 +1,11 @@
 #pragma once
-// Values of parameters that are products and quotients of others: "m / tau", "0.5 * k * r / 2".
+// Parameters whose value is a product or quotient of other parameters: "m / tau", "0.5 * k * r /
+// 2".
 //
-// An expression is names of parameters and plain numbers with * or / between them, worked from left
-// to right. Its dimension must be that of the parameter. Angles in rad are numbers; a frequency in
-// Hz is no rate in rad/s, because it lacks the 2 pi.
+// An expression consists of names of parameters and plain numbers with * or / between them, and is
+// evaluated from left to right. Its dimension must be the dimension of the parameter. An angle in
+// rad counts as a number. A frequency in Hz does not count as a rate in rad/s, because the factor 2
+// pi is missing.
 #include <string>
 #include <string_view>
 #include <vector>
@@ -12,18 +14,21 @@
 
 namespace forceaxis::sim {
 
-/// Whether a text is meant as an expression: a * or / follows its first name or number.
+/// Returns whether a text has the form of an expression: an operator * or / follows its first name
+/// or number.
 bool is_expression(std::string_view text);
 
-/// The parameters that an expression names; none of a text that is no expression.
+/// Returns the names of the parameters in an expression, or an empty list if the text is not an
+/// expression.
 std::vector<std::string> names_in(std::string_view expression);
 
-/// Computes the value of every parameter with an expression, those first that it refers to. Throws
-/// InputError at parameters.NAME, or at set.NAME of `overrides_file` where an override gave it: an
-/// unknown name, another dimension, a circle (its names), a value that is not finite.
+/// Computes the value of every parameter that has an expression, in the order of their dependence.
+/// Throws InputError with the key parameters.NAME, or with set.NAME of the file `overrides_file` if
+/// an override has given the expression. The causes are an unknown name, a wrong dimension, a
+/// circular reference (its names are listed) and a value that is not finite.
 void compute_expressions(Source &source, const std::string &overrides_file);
 
-/// Marks what the expressions of used parameters refer to as used.
+/// Marks every parameter as used that the expression of a used parameter refers to.
 void use_expressions(Source &source);
 
 }  // namespace forceaxis::sim

@@ -1,9 +1,9 @@
 #pragma once
 // The declared format of a file: every table and key that a reader accepts.
 //
-// A Section (section.hpp) reads by these declarations, and docs/guide/reference is written from
-// them, so that a key cannot be read without being documented. Everything here is constant and
-// lives as long as the program.
+// A Section (section.hpp) reads a file by these declarations, and the tool that writes
+// docs/guide/reference reads them too. So a reader cannot read a key without a documented meaning.
+// All declarations are constants that exist as long as the program.
 #include <limits>
 #include <optional>
 #include <span>
@@ -13,39 +13,40 @@
 
 namespace forceaxis::sim {
 
-/// The sign that a number may have. All are finite, and 0 or between 1e-30 and 1e30 in magnitude.
+/// The sign that a number may have. Every number must be finite, and either 0 or of a magnitude
+/// from 1e-30 to 1e30.
 enum class Sign { any, not_zero, not_negative, positive };
 
-/// "a finite number > 0" and the like, as messages say it.
+/// The text of a sign in messages, such as "a finite number > 0".
 std::string_view sign_text(Sign sign);
 
 struct TableFormat;
 
 inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
-/// One key of a table.
+/// Declaration of one key of a table.
 struct KeyFormat {
   std::string_view key;
-  std::string_view form;     ///< kind of value; of a choice its texts, "a, b, c"
-  std::string_view absent;   ///< what holds without the key; empty: the key is required
-  std::string_view meaning;  ///< one sentence, which ends with a point
+  std::string_view form;     ///< kind of value; for a choice, its texts: "a, b, c"
+  std::string_view absent;   ///< effect of omitting the key; empty if the key is required
+  std::string_view meaning;  ///< one complete sentence
   std::optional<Dimension> dimension = std::nullopt;
   Sign sign = Sign::any;
-  double low = -kUnlimited;  ///< a number is in low..high
+  double low = -kUnlimited;  ///< range of a number: low to high
   double high = kUnlimited;
-  std::optional<double> fallback = std::nullopt;  ///< the number that holds without the key
-  const TableFormat *table = nullptr;             ///< of a table, or of each table of a list
-  bool list = false;                              ///< a list of tables, [[key]]
+  std::optional<double> fallback = std::nullopt;  ///< value of a number if the key is omitted
+  const TableFormat *table = nullptr;             ///< format of a table, or of each table of a list
+  bool list = false;                              ///< the value is a list of tables, [[key]]
 
   constexpr bool required() const { return absent.empty() && !fallback; }
 };
 
-/// A table. Further tables of keys may be added to it by one of its values.
+/// Declaration of a table. A value of one of its keys may add further keys to it.
 struct TableFormat {
   std::string_view meaning;
   std::span<const KeyFormat> keys;
-  bool open = false;           ///< takes keys of any name
-  std::string_view when = {};  ///< the value that adds these keys to the table, "type = perfect"
+  bool open = false;           ///< the table accepts keys of any name
+  std::string_view when = {};  ///< the value that adds these keys, such as "type = perfect"
   std::span<const TableFormat *const> added = {};
 
   const KeyFormat *find(std::string_view key) const;
@@ -53,7 +54,7 @@ struct TableFormat {
 
 namespace format {
 
-/// A number of any size whose sign is stated; it must be given.
+/// Declares a required number with a stated sign.
 constexpr KeyFormat needed(std::string_view key, Dimension dimension, Sign sign,
                            std::string_view meaning) {
   return {.key = key,
@@ -64,7 +65,7 @@ constexpr KeyFormat needed(std::string_view key, Dimension dimension, Sign sign,
           .sign = sign};
 }
 
-/// Such a number with a value that holds without it.
+/// Declares a number with a stated sign and a default value.
 constexpr KeyFormat number(std::string_view key, Dimension dimension, Sign sign, double fallback,
                            std::string_view meaning) {
   KeyFormat format = needed(key, dimension, sign, meaning);
@@ -72,7 +73,7 @@ constexpr KeyFormat number(std::string_view key, Dimension dimension, Sign sign,
   return format;
 }
 
-/// Such a number that may be absent.
+/// Declares a number with a stated sign that may be omitted.
 constexpr KeyFormat optional(std::string_view key, Dimension dimension, Sign sign,
                              std::string_view absent, std::string_view meaning) {
   KeyFormat format = needed(key, dimension, sign, meaning);
@@ -80,7 +81,7 @@ constexpr KeyFormat optional(std::string_view key, Dimension dimension, Sign sig
   return format;
 }
 
-/// A number in low..high; `absent` empty: it must be given.
+/// Declares a number from low to high. The key is required if `absent` is empty.
 constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low, double high,
                            std::string_view absent, std::string_view meaning) {
   KeyFormat format = optional(key, dimension, Sign::any, absent, meaning);
@@ -89,7 +90,7 @@ constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low
   return format;
 }
 
-/// The same with a value that holds without it.
+/// Declares a number from low to high with a default value.
 constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low, double high,
                            double fallback, std::string_view meaning) {
   KeyFormat format = ranged(key, dimension, low, high, "", meaning);
@@ -97,7 +98,7 @@ constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low
   return format;
 }
 
-/// A whole number in low..high.
+/// Declares an integer from low to high.
 constexpr KeyFormat integer(std::string_view key, int low, int high, std::optional<double> fallback,
                             std::string_view meaning) {
   KeyFormat format = ranged(key, Dimension::ratio, low, high, "", meaning);
@@ -106,13 +107,13 @@ constexpr KeyFormat integer(std::string_view key, int low, int high, std::option
   return format;
 }
 
-/// Anything else than a number: `form` says what.
+/// Declares a value that is not a number. `form` describes the kind of value.
 constexpr KeyFormat other(std::string_view key, std::string_view form, std::string_view absent,
                           std::string_view meaning) {
   return {.key = key, .form = form, .absent = absent, .meaning = meaning};
 }
 
-/// Numbers, one or a list, in a dimension.
+/// Declares one number or a list of numbers of one dimension.
 constexpr KeyFormat numbers(std::string_view key, Dimension dimension, Sign sign,
                             std::string_view absent, std::string_view meaning) {
   KeyFormat format = optional(key, dimension, sign, absent, meaning);
@@ -120,7 +121,7 @@ constexpr KeyFormat numbers(std::string_view key, Dimension dimension, Sign sign
   return format;
 }
 
-/// [key], or of a list [[key]].
+/// Declares a table [key], or a list of tables [[key]].
 constexpr KeyFormat table(std::string_view key, const TableFormat &format, bool list = false) {
   return {.key = key,
           .form = list ? "list of tables" : "table",

@@ -81,7 +81,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
   return parameters;
 }
 
-// The overrides of a model and the file that messages about them name.
+// The overrides of a model, and the name of the file for messages about them.
 class Overriding {
  public:
   Overriding(Source &source, const std::string &file)
@@ -89,7 +89,8 @@ class Overriding {
 
   void apply(std::span<const Override> overrides) {
     check_names(overrides);
-    // Names of parameters are resolved after numbers and quantities, to the overridden values.
+    // Names of parameters are resolved after numbers and quantities, so they refer to overridden
+    // values.
     for (const Override &change : overrides)
       if (const auto *text = std::get_if<std::string>(&change.value);
           text != nullptr && is_expression(*text))
@@ -184,12 +185,13 @@ bool same_ends(Ends one, Ends other) {
   return (one.a == other.a && one.b == other.b) || (one.a == other.b && one.b == other.a);
 }
 
-// Follows all elements with two ends from ground; a body that is not reached floats freely.
+// Follows all elements with two ends from ground. A body that is not reached has no connection to
+// ground and is refused.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
   model.each_link([&](const auto &link) { links.push_back(link.ends); });
   if (model.drive) links.push_back({model.drive->body, model.drive->reaction});
-  std::vector<bool> reached(model.bodies.size() + 1, false);  // [0] is ground
+  std::vector<bool> reached(model.bodies.size() + 1, false);  // index 0 is ground
   reached[0] = true;
   for (bool grown = true; grown;) {
     grown = false;
@@ -207,9 +209,9 @@ void check_connected(const Model &model) {
               in_quotes(model.bodies[i].name) + " disconnected; connect or remove it");
 }
 
-// A loop of sticking frictions would have undetermined forces.
+// Refuses a loop of frictions, because their forces would be undetermined while all of them stick.
 void check_frictions(const Model &model) {
-  std::vector<int> group(model.bodies.size() + 1);  // [0] is ground
+  std::vector<int> group(model.bodies.size() + 1);  // index 0 is ground
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
   const auto join = [&](const char *key, std::size_t i, const auto &friction) {
     const int a = group[static_cast<std::size_t>(friction.ends.a + 1)];
@@ -217,13 +219,13 @@ void check_frictions(const Model &model) {
     if (a == b)
       throw InputError(
           model.file, std::string(key) + "[" + std::to_string(i) + "].between",
-          "expected frictions that form no loop, got a second way between the ends of " +
+          "expected frictions that form no loop, got a second path between the ends of " +
               in_quotes(friction.name) + "; remove one friction of the loop");
     std::replace(group.begin(), group.end(), a, b);
   };
   for (std::size_t i = 0; i < model.frictions.size(); ++i) join("friction", i, model.frictions[i]);
   for (std::size_t i = 0; i < model.brakes.size(); ++i) {
-    // With a friction of the same ends it shares what they hold.
+    // A brake may have the same ends as a friction, because the brake carries the force of both.
     const bool beside =
         std::any_of(model.frictions.begin(), model.frictions.end(),
                     [&](const Friction &f) { return same_ends(f.ends, model.brakes[i].ends); });
@@ -246,8 +248,8 @@ void check_used(const Source &source) {
   source.fail(
       "parameters." + idle.front(),
       idle.size() == 1
-          ? "expected a parameter that this model uses, got one nothing refers "
-            "to; remove it, use its name, or mark it with documentation = true"
+          ? "expected a parameter that this model uses, but nothing refers "
+            "to this one; remove it, use its name, or mark it with documentation = true"
           : "expected parameters that this model uses, got " + joined(idle) +
                 ", which nothing refers to; remove them, use their names, or mark them with "
                 "documentation = true");

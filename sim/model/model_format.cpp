@@ -16,30 +16,33 @@ using format::table;
 using D = Dimension;
 using S = Sign;
 
-constexpr KeyFormat kName = other("name", "identifier", "", "Name, unique within the model.");
+constexpr KeyFormat kName =
+    other("name", "identifier", "", "Name; no other element of the model may have it.");
 constexpr KeyFormat kBetween = other(
-    "between", "two names", "", "The bodies a and b at its ends; one of them may be \"ground\".");
+    "between", "two names", "", "The bodies a and b at its ends. One of them may be \"ground\".");
 constexpr KeyFormat kTouchStiffness =
-    needed("stiffness", D::stiffness, S::positive, "Stiffness where its ends touch.");
-constexpr KeyFormat kDamping =
-    number("damping", D::damping, S::not_negative, 0.0, "Viscous damping beside the stiffness.");
+    needed("stiffness", D::stiffness, S::positive, "Stiffness of the contact.");
+constexpr KeyFormat kDamping = number("damping", D::damping, S::not_negative, 0.0,
+                                      "Viscous damping, parallel to the stiffness.");
 constexpr KeyFormat kForceLimit = optional("force_limit", D::force, S::positive, "not limited",
-                                           "Largest force of the drive, in either direction.");
+                                           "Largest force of the drive in either direction.");
 
 constexpr KeyFormat kParameterKeys[] = {
     other("value", "number, quantity or product", "",
-          "Its value, in `unit` where it has none of its own; or a product or quotient of other "
-          "parameters and numbers, \"m / tau\", whose dimension is that of `unit`."),
-    other("unit", "unit", "", "One of the units of this page."),
-    other("source", "text", "none", "Where the value comes from."),
+          "Value of the parameter: a number in `unit`; a quantity such as \"12 mm\"; or a "
+          "product or quotient of other parameters and numbers, such as \"m / tau\", with the "
+          "dimension of `unit`."),
+    other("unit", "unit", "", "Unit of the parameter, one of the units of this page."),
+    other("source", "text", "none", "Source of the value."),
     other("documentation", "true or false", "false",
-          "Whether it is kept to be read: nothing needs to refer to it."),
+          "true: the parameter is for information only, and the model need not use it."),
 };
-constexpr TableFormat kParameter{"A parameter: a value that keys may name.", kParameterKeys};
+constexpr TableFormat kParameter{"A parameter: a named value to which keys may refer.",
+                                 kParameterKeys};
 
 constexpr TableFormat kParameters{
-    "Parameters by name; those of this file take precedence over parameters_file and must be used "
-    "by the model.",
+    "Parameters by name. A parameter of this file takes precedence over one of "
+    "parameters_file, and the model must use it.",
     {},
     true,
     {},
@@ -52,48 +55,51 @@ constexpr KeyFormat kBodyKeys[] = {
     number("velocity", D::velocity, S::any, 0.0, "Velocity at the start."),
 };
 constexpr TableFormat kBody{
-    "A rigid body that moves along the axis; 1 to 32 of them, each tied to ground through other "
-    "elements or the drive.",
+    "A rigid body that moves along the axis. A model has 1 to 32 bodies; other elements "
+    "or the drive must connect each of them to ground.",
     kBodyKeys};
 
 constexpr KeyFormat kSpringKeys[] = {
     kName,
     kBetween,
     numbers("stiffness", D::stiffness, S::not_negative, "",
-            "Stiffness; a list makes the spring piecewise linear, slope k between breaks[k-1] and "
-            "breaks[k]."),
+            "Stiffness. A list makes the spring piecewise linear, with stiffness k between "
+            "breaks[k-1] and breaks[k]."),
     numbers("loads", D::force, S::any, "none",
-            "Rising forces at which the stiffness changes, one fewer than stiffnesses, which are "
-            "then > 0; in place of `breaks`."),
+            "Forces at which the stiffness changes, in ascending order, in place of `breaks`. "
+            "The list has one value fewer than the list of stiffnesses, which must then be > 0."),
     numbers("breaks", D::length, S::any, "none",
-            "Rising deflections at which the stiffness changes, one fewer than stiffnesses."),
+            "Deflections at which the stiffness changes, in ascending order, one value fewer "
+            "than stiffnesses."),
     kDamping,
 };
 constexpr TableFormat kSpring{
-    "A spring with damping: the force stiffness * d + damping * d' pushes a back and b forward, "
-    "d = x_a - x_b.",
+    "A spring with damping. For d = x_a - x_b, the force stiffness * d + damping * d' "
+    "acts backwards on a and forwards on b.",
     kSpringKeys};
 
 constexpr KeyFormat kDamperKeys[] = {
     kName,
     kBetween,
     numbers("damping", D::damping, S::not_negative, "",
-            "Damping; a list makes the damper piecewise linear over the velocity."),
+            "Damping. A list makes the damper a piecewise-linear function of the velocity."),
     numbers("breaks", D::velocity, S::any, "none",
-            "Rising velocities at which the damping changes, one fewer than dampings."),
+            "Velocities at which the damping changes, in ascending order, one value fewer than "
+            "dampings."),
 };
-constexpr TableFormat kDamper{"A damper alone.", kDamperKeys};
+constexpr TableFormat kDamper{"A damper without stiffness.", kDamperKeys};
 
 constexpr KeyFormat kContactKeys[] = {
     kName,
     kBetween,
     kTouchStiffness,
     kDamping,
-    number("gap", D::length, S::any, 0.0, "Distance at x_a = x_b; it is overlap where negative."),
+    number("gap", D::length, S::any, 0.0,
+           "Distance of the two surfaces at x_a = x_b. A negative value is an overlap."),
 };
 constexpr TableFormat kContact{
-    "A contact that can be lost: stiffness * d + damping * d' while the overlap d = x_a - x_b - "
-    "gap and that sum are > 0, else no force.",
+    "A contact that can be lost. Its overlap is d = x_a - x_b - gap and its force is "
+    "stiffness * d + damping * d' while both are > 0; otherwise the force is 0.",
     kContactKeys};
 
 constexpr KeyFormat kBacklashKeys[] = {
@@ -101,179 +107,196 @@ constexpr KeyFormat kBacklashKeys[] = {
     kBetween,
     kTouchStiffness,
     kDamping,
-    needed("width", D::length, S::not_negative, "Free play: it touches at -width/2 and +width/2."),
+    needed("width", D::length, S::not_negative,
+           "Free travel. The ends are in contact below -width/2 and above +width/2."),
 };
-constexpr TableFormat kBacklash{"Free play between two bodies.", kBacklashKeys};
+constexpr TableFormat kBacklash{"A backlash between two bodies.", kBacklashKeys};
 
 constexpr KeyFormat kStopKeys[] = {
     kName,
     kBetween,
     kTouchStiffness,
     kDamping,
-    optional("low", D::length, S::any, "no stop on this side", "It touches below this x_a - x_b."),
-    optional("high", D::length, S::any, "no stop on this side",
-             "It touches beyond this x_a - x_b, which is more than `low`."),
+    optional("low", D::length, S::any, "no stop at this end",
+             "Value of x_a - x_b below which the stop is in contact."),
+    optional("high", D::length, S::any, "no stop at this end",
+             "Value of x_a - x_b above which the stop is in contact; greater than `low`."),
 };
 constexpr TableFormat kStop{
-    "End stops: free while low < x_a - x_b < high; at least one side is given.", kStopKeys};
+    "End stops. They have no force while low < x_a - x_b < high. At least one of `low` "
+    "and `high` must be given.",
+    kStopKeys};
 
 constexpr KeyFormat kFrictionKeys[] = {
     kName,
     kBetween,
-    needed("coulomb", D::force, S::not_negative, "Friction while it slides."),
+    needed("coulomb", D::force, S::not_negative, "Friction force while the ends slide."),
     optional("stiction", D::force, S::not_negative, "coulomb",
-             "Force at which sliding begins, at least `coulomb`."),
+             "Breakaway force, at which sliding begins; at least `coulomb`."),
 };
 constexpr TableFormat kFriction{
-    "Dry friction: it opposes sliding, and sticks at rest while no more than `stiction` is needed. "
-    "Frictions must not form a loop.",
+    "Dry friction. It opposes sliding. At standstill it sticks while the force that this "
+    "needs is at most `stiction`. Frictions must not form a loop.",
     kFrictionKeys};
 
 constexpr KeyFormat kBrakeKeys[] = {
     kName,
     kBetween,
-    needed("holding", D::force, S::positive, "Force that it holds, and with which it slides."),
+    needed("holding", D::force, S::positive,
+           "Friction force of the engaged brake while it sticks and while it slides."),
     number("release", D::time, S::not_negative, 0.0,
-           "From the firmware's output brake_release to where it lets go."),
+           "Delay from the firmware's output brake_release to the release of the brake."),
     number("engage", D::time, S::not_negative, 0.0,
-           "From the end of that output to where it holds again."),
+           "Delay from the end of the output brake_release to the engaged brake."),
 };
 constexpr TableFormat kBrake{
-    "A brake that the firmware's output brake_release opens; engaged at the start. While it is "
-    "engaged it is dry friction, while it is released it is not there. A friction between the same "
-    "ends adds to it.",
+    "A brake that the firmware's output brake_release releases. It is engaged at the "
+    "start. An engaged brake acts as dry friction, a released brake has no force. A "
+    "friction between the same ends acts in addition.",
     kBrakeKeys};
 
 constexpr KeyFormat kGravityKeys[] = {
     kName,
-    other("body", "body", "", "The body that it pulls."),
+    other("body", "body", "", "The body on which the force acts."),
     numbers("acceleration", D::acceleration, S::any, "",
-            "Acceleration, toward the workpiece where positive; a list gives one for each of "
+            "Acceleration, positive towards the workpiece. A list has one value for each of "
             "`positions`."),
     numbers("positions", D::length, S::any, "none",
-            "Rising positions of the body; between them the acceleration is interpolated, beyond "
-            "them constant."),
+            "Positions of the body in ascending order. The acceleration is interpolated between "
+            "them and constant outside their range."),
 };
 constexpr TableFormat kGravity{"A force on one body: its mass times an acceleration.",
                                kGravityKeys};
 
 constexpr KeyFormat kDcMotorKeys[] = {
     other("input", "command, tach", "command",
-          "Where the DAC's volts act: as velocity command u, or added to the tachometer's voltage "
-          "t."),
+          "Use of the DAC voltage: as velocity command u, or added to the tachometer voltage "
+          "as t."),
     needed("k_preamp_cmd", D::ratio, S::not_zero, "Gain of the preamplifier for the command."),
     needed("k_preamp_fdbk", D::ratio, S::not_negative,
            "Gain of the preamplifier for the tachometer."),
-    needed("a_preamp_fdbk", D::rate, S::positive, "Corner of the tachometer's filter."),
-    needed("k_tach", D::speed_constant, S::not_negative, "Constant of the tachometer."),
+    needed("a_preamp_fdbk", D::rate, S::positive, "Corner frequency of the tachometer filter."),
+    needed("k_tach", D::speed_constant, S::not_negative,
+           "Tachometer voltage at a motor speed of 1 rad/s."),
     needed("k_torque", D::torque_constant, S::positive, "Torque constant."),
     needed("k_back_emf", D::speed_constant, S::not_negative, "Constant of the back EMF."),
     needed("L", D::inductance, S::positive, "Inductance of the winding."),
     needed("R", D::resistance, S::not_negative, "Resistance of the winding."),
-    needed("r_trans", D::transmission, S::positive, "Travel for each radian of the motor."),
+    needed("r_trans", D::transmission, S::positive,
+           "Travel of the body for one radian of the motor."),
     number("b_m", D::rotary_damping, S::not_negative, 0.0, "Viscous friction of the motor."),
-    needed("k_current", D::volt_per_amp, S::not_negative, "Gain of the current's measurement."),
+    needed("k_current", D::volt_per_amp, S::not_negative, "Gain of the current measurement."),
     optional("current_feedback_limit", D::voltage, S::positive, "not limited",
-             "Where the current's measurement saturates."),
+             "Voltage at which the current measurement saturates."),
     optional("preamp_limit", D::voltage, S::positive, "not limited",
-             "Where the current command saturates."),
-    needed("k_amp", D::ratio, S::positive, "Gain of the power stage for the current's error."),
+             "Voltage at which the current command saturates."),
+    needed("k_amp", D::ratio, S::positive, "Gain of the power stage for the current error."),
     optional("amp_break", D::voltage, S::positive, "one slope",
-             "Error beyond which the power stage has the gain k_amp_outer."),
+             "Current error, as a voltage, above which the power stage has the gain k_amp_outer."),
     optional("k_amp_outer", D::ratio, S::not_negative, "k_amp",
-             "Gain beyond amp_break; required beside it."),
+             "Gain of the power stage above amp_break; required if amp_break is given."),
     optional("supply_limit", D::voltage, S::positive, "not limited",
              "Largest voltage at the motor."),
 };
 
 constexpr KeyFormat kFirstOrderKeys[] = {
-    needed("k_act", D::damping, S::positive, "Force for each unit of velocity error."),
-    needed("a_act", D::rate, S::positive, "Corner of the force's lag."),
+    needed("k_act", D::damping, S::positive, "Steady-state force divided by the velocity error."),
+    needed("a_act", D::rate, S::positive, "Corner frequency of the first-order lag of the force."),
     needed("velocity_per_volt", D::velocity_per_volt, S::not_zero,
-           "Commanded velocity for each volt of the DAC."),
+           "Commanded velocity at a DAC voltage of 1 V."),
     kForceLimit,
 };
 
 constexpr KeyFormat kPerfectKeys[] = {
-    needed("force_per_volt", D::force_per_volt, S::not_zero, "Force for each volt of the DAC."),
+    needed("force_per_volt", D::force_per_volt, S::not_zero, "Force at a DAC voltage of 1 V."),
     kForceLimit,
 };
 
 constexpr KeyFormat kDriveKeys[] = {
-    other("type", "dc_motor, first_order, perfect", "", "Kind of drive; it adds the keys below."),
-    other("body", "body", "", "The body that the drive pushes."),
-    other("reaction", "body or ground", "ground", "The body that the drive pushes against."),
+    other("type", "dc_motor, first_order, perfect", "",
+          "Type of the drive. It adds the keys below."),
+    other("body", "body", "", "The body on which the drive exerts its force."),
+    other("reaction", "body or ground", "ground", "The body on which the reaction force acts."),
 };
 
 constexpr KeyFormat kEncoderKeys[] = {
-    other("body", "body", "", "The body whose position is counted."),
-    other("reference", "body or ground", "ground", "The body that it is counted against."),
-    needed("scale", D::count_per_length, S::not_zero, "Encoder counts for each metre."),
+    other("body", "body", "", "The body whose position the encoder measures."),
+    other("reference", "body or ground", "ground",
+          "The body to which the measured position is relative."),
+    needed("scale", D::count_per_length, S::not_zero, "Encoder counts per metre."),
 };
-constexpr TableFormat kEncoder{"The position that the firmware reads.", kEncoderKeys};
+constexpr TableFormat kEncoder{"The encoder, whose position the firmware reads.", kEncoderKeys};
 
 constexpr KeyFormat kSwitchesKeys[] = {
-    optional("limit_neg", D::length, S::any, "no switch", "Limit switch: on at and below it."),
+    optional("limit_neg", D::length, S::any, "no switch",
+             "Limit switch that is active at this position and below it."),
     optional("limit_pos", D::length, S::any, "no switch",
-             "Limit switch: on at and beyond it, beyond limit_neg."),
-    optional("home_from", D::length, S::any, "from the negative end",
-             "Home switch: on at and beyond it."),
-    optional("home_to", D::length, S::any, "to the positive end",
-             "Home switch: on below it, beyond home_from."),
-    optional("index", D::length, S::any, "no pulse", "A pulse where the body passes it."),
+             "Limit switch that is active at this position and above it; above limit_neg."),
+    optional("home_from", D::length, S::any, "active from the negative end of the travel",
+             "Home switch that is active at this position and above it."),
+    optional("home_to", D::length, S::any, "active to the positive end of the travel",
+             "Home switch that is active below this position; above home_from."),
+    optional("index", D::length, S::any, "no pulse",
+             "Position at which the encoder gives an index pulse."),
     optional("index_every", D::length, S::positive, "one pulse",
-             "A pulse at every such distance from `index`, which is required beside it."),
+             "Distance between further index pulses, beginning at `index`, which must be given "
+             "too."),
 };
 constexpr TableFormat kSwitches{
-    "Places of switches on the way of the encoder's body; each key gives one switch.",
+    "Positions of switches along the travel of the encoder's body. A switch exists only "
+    "if its position is given.",
     kSwitchesKeys};
 
 constexpr KeyFormat kAdcKeys[] = {
-    integer("channel", 0, 1, std::nullopt, "0 is the force that the firmware controls."),
+    integer("channel", 0, 1, std::nullopt,
+            "Number of the converter; channel 0 measures the force that the firmware controls."),
     other("signal", "signal", "",
-          "The signal of the model that it converts; see the signals below."),
+          "The signal of the model that the converter measures; see the signals below."),
     other("sensor_limit", "number", "not limited",
-          "Where the sensor saturates, > 0, in the signal's unit."),
+          "Magnitude at which the sensor saturates, > 0, in the unit of the signal."),
     optional("filter", D::rate, S::positive, "no filter",
-             "Corner of a first-order low pass behind the sensor, at most 1e6 rad/s."),
+             "Corner frequency of a first-order low pass after the sensor, at most 1e6 rad/s."),
     other("conditioning_limit", "number", "not limited",
-          "Where the analog electronics saturate, > 0, in the signal's unit."),
-    other("noise", "number", "0", "Noise, rms, in the signal's unit."),
+          "Magnitude at which the analog electronics saturate, > 0, in the unit of the signal."),
+    other("noise", "number", "0", "Measurement noise (rms), in the unit of the signal."),
     other("per_count", "number", "",
-          "The signal for each ADC code, not 0; its unit is that of the signal per count."),
+          "Change of the signal for one ADC code, not 0, in the unit of the signal per count."),
     number("zero_code", D::count, S::any, 0.0,
-           "Code of the signal 0: a whole number, 0 to 2^bits - 1."),
-    integer("bits", 8, 16, 8.0, "Width of the converter."),
+           "ADC code at signal 0: an integer from 0 to 2^bits - 1."),
+    integer("bits", 8, 16, 8.0, "Resolution of the converter in bits."),
 };
 constexpr TableFormat kAdc{
-    "A converter of the firmware: signal, sensor's limit, low pass, limit of the electronics, "
-    "noise, code.",
+    "An ADC of the firmware. The signal passes the sensor limit, the low pass, the limit "
+    "of the electronics and the noise before its conversion to a code.",
     kAdcKeys};
 
 constexpr KeyFormat kDacKeys[] = {
-    integer("bits", 8, 16, 12.0, "Width of the converter; the firmware needs 12."),
-    number("range", D::voltage, S::positive, 10.0, "Volts at the lowest code, negated."),
-    number("offset", D::voltage, S::any, 0.0, "Volts at code 0."),
-    number("noise", D::voltage, S::not_negative, 0.0, "Noise, rms."),
+    integer("bits", 8, 16, 12.0, "Resolution of the converter in bits; the firmware needs 12."),
+    number("range", D::voltage, S::positive, 10.0,
+           "Range of the output voltage: the voltage at the lowest code is -range."),
+    number("offset", D::voltage, S::any, 0.0, "Output voltage at code 0."),
+    number("noise", D::voltage, S::not_negative, 0.0, "Noise of the output voltage (rms)."),
 };
 constexpr TableFormat kDac{
-    "The command's converter: code * 2 range / 2^bits + offset + noise, in V.", kDacKeys};
+    "The DAC of the command. Its output voltage is code * 2 range / 2^bits + offset + "
+    "noise.",
+    kDacKeys};
 
 constexpr const TableFormat *kDriveTypes[] = {&kDcMotorFormat, &kFirstOrderFormat, &kPerfectFormat};
-constexpr TableFormat kDrive{"The motor with its amplifier, driven by the DAC's volts u.",
+constexpr TableFormat kDrive{"The motor with its amplifier. The DAC voltage u is its input.",
                              kDriveKeys,
                              false,
                              {},
                              kDriveTypes};
 
-constexpr KeyFormat kTitle = other("title", "text", "empty", "What the file is.");
-constexpr KeyFormat kShows = other("shows", "text", "empty", "What to look at.");
+constexpr KeyFormat kTitle = other("title", "text", "empty", "Title of the file.");
+constexpr KeyFormat kShows = other("shows", "text", "empty", "What the file demonstrates.");
 
 constexpr KeyFormat kModelKeys[] = {
     kTitle,
     kShows,
     other("parameters_file", "file name", "none",
-          "A file beside this one that holds [parameters] for several models."),
+          "A file in the same folder that has the table [parameters] for several models."),
     table("parameters", kParameters),
     table("body", kBody, true),
     table("spring", kSpring, true),
@@ -296,8 +319,8 @@ constexpr KeyFormat kSharedKeys[] = {kTitle, kShows, table("parameters", kParame
 }  // namespace
 
 constexpr TableFormat kDcMotorFormat{
-    "A current-fed DC motor behind a preamplifier with tachometer feedback: see DcMotor in "
-    "sim/model/model.hpp for its equations.",
+    "A DC motor with a current amplifier, after a preamplifier with tachometer feedback. "
+    "DcMotor in sim/model/model.hpp has the equations.",
     kDcMotorKeys,
     false,
     "type = \"dc_motor\"",
@@ -312,7 +335,7 @@ constexpr TableFormat kPerfectFormat{
     "A force source: F = force_per_volt u.", kPerfectKeys, false, "type = \"perfect\"", {}};
 constexpr TableFormat kParameterFormat = kParameter;
 constexpr TableFormat kSharedParametersFormat{"Parameters of several models.", kSharedKeys};
-constexpr TableFormat kModelFormat{"A plant.", kModelKeys};
+constexpr TableFormat kModelFormat{"The model of a plant.", kModelKeys};
 
 std::string_view sign_text(Sign sign) {
   switch (sign) {

@@ -5,11 +5,11 @@
 namespace forceaxis::sim {
 
 extern const TableFormat kModelFormat;
-/// One entry of [parameters].
+/// The format of one entry of [parameters].
 extern const TableFormat kParameterFormat;
-/// The file of parameters_file.
+/// The format of the file that the key parameters_file names.
 extern const TableFormat kSharedParametersFormat;
-/// What the type of a [drive] adds to it.
+/// The keys that the type of a [drive] adds to its table.
 extern const TableFormat kDcMotorFormat;
 extern const TableFormat kFirstOrderFormat;
 extern const TableFormat kPerfectFormat;

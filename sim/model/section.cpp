@@ -26,7 +26,7 @@ bool sign_holds(Sign sign, double value) {
   }
 }
 
-// Beyond these a double product in the dynamics may overflow or vanish.
+// Outside this range, a product of doubles in the equations of motion could overflow or become 0.
 constexpr double kLargest = 1e30;
 constexpr double kSmallest = 1e-30;
 
@@ -47,8 +47,9 @@ bool stops(std::string_view text) {
   return false;
 }
 
-// The first line, counted from 1, up to whose end the parser has to read before it stops. It does
-// not tell where; it reads forward, so every longer piece of the text stops it too.
+// Returns the number of the first line, counted from 1, such that the parser stops on the text up
+// to the end of this line. The parser does not report the position. It reads forward, so it stops
+// on every longer part of the text too.
 std::size_t line_that_stops(std::string_view text) {
   std::size_t line = 1;
   for (std::size_t end = text.find('\n'); end != text.npos; end = text.find('\n', end + 1), ++line)
@@ -326,7 +327,7 @@ std::vector<double> Section::numbers(std::string_view key) {
   const KeyFormat &format = declared(key);
   std::vector<double> found = list(key, *format.dimension, format.sign);
   if (found.empty())
-    (void)value(key, *format.dimension, format.sign);  // reports that it is missing
+    (void)value(key, *format.dimension, format.sign);  // always throws, because the key is missing
   return found;
 }
 

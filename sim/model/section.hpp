@@ -1,11 +1,12 @@
 #pragma once
-// Reads a TOML file: a Section returns the typed values of one table.
+// Reads a TOML file. A Section returns the typed values of one table.
 //
-// The table's format (format.hpp) says which keys it has, their dimensions, ranges and defaults; a
-// key that is not declared cannot be read (std::logic_error). A text in place of a number is a
-// quantity (units.hpp) or the name of a parameter. A value that does not fit throws InputError: one
-// line with the whole path of the key. In the end finish() refuses keys that are not declared. A
-// section holds references: the table, the source and the lists passed to it must outlive it.
+// The format of the table (format.hpp) declares its keys with their dimensions, ranges and
+// defaults. A request for a key that is not declared throws std::logic_error. A text in place of a
+// number is a quantity (units.hpp) or the name of a parameter. An invalid value throws InputError,
+// whose message is one line with the complete path of the key. finish() refuses the keys of the
+// file that are not declared. A section contains references: the table, the source and the lists
+// passed to it must exist as long as the section.
 #include <functional>
 #include <optional>
 #include <string>
@@ -20,12 +21,12 @@
 
 namespace forceaxis::sim {
 
-/// A file and the parameters that its values may name.
+/// A file, and the parameters to which its values may refer.
 struct Source {
   std::string file;
   std::vector<Parameter> parameters;
 
-  /// The parameter of this name, or nullptr.
+  /// Returns the parameter with this name, or nullptr.
   Parameter *find(std::string_view name);
   std::vector<std::string> parameter_names() const;
   [[noreturn]] void fail(const std::string &key, const std::string &message) const {
@@ -44,56 +45,57 @@ class Section {
   /// Declares further keys of this table.
   void add(const TableFormat &format) { formats_.push_back(&format); }
 
-  /// The node of a key, or nullptr.
+  /// Returns the node of a key, or nullptr.
   const toml::node *find(std::string_view key) const;
   const toml::node &require(std::string_view key, std::string_view expected) const;
   bool has(std::string_view key) const { return find(key) != nullptr; }
 
   std::string text(std::string_view key, std::string_view expected);
   std::optional<std::string> optional_text(std::string_view key, std::string_view expected);
-  /// The element's own name, an identifier.
+  /// Returns the value of the key `name`, which must be an identifier.
   std::string name();
-  /// Index of a text in the list that the key's form declares; of an absent one its default's.
+  /// Returns the index of the text in the list of choices that the format of the key declares. If
+  /// the key is omitted, returns the index of its default.
   std::size_t choice(std::string_view key, std::string_view advice);
 
-  /// A number as its key is declared: SI, a quantity, a parameter, or a parameter negated.
+  /// Returns the number of a key: a number in SI units, a quantity, a parameter or "-PARAMETER".
   double number(std::string_view key);
   std::optional<double> optional_number(std::string_view key);
-  /// One such value, or a list of them that is not empty.
+  /// Returns one number, or the numbers of a list that must not be empty.
   std::vector<double> numbers(std::string_view key);
-  /// The same in rising order. Empty if the key is absent.
+  /// Returns numbers in ascending order. Returns an empty list if the key is omitted.
   std::vector<double> rising(std::string_view key);
-  /// true or false; of an absent key what its declaration says.
+  /// Returns true or false. If the key is omitted, returns the default that its format declares.
   bool flag(std::string_view key);
   int integer(std::string_view key);
 
-  /// A number whose dimension depends on another key.
+  /// Returns a number whose dimension depends on another key.
   double value(std::string_view key, Dimension dimension, Sign sign);
   std::optional<double> optional_value(std::string_view key, Dimension dimension, Sign sign);
   double value_or(std::string_view key, Dimension dimension, Sign sign, double fallback) {
     return optional_value(key, dimension, sign).value_or(fallback);
   }
-  /// A number whose limits depend on other keys.
+  /// Returns a number whose range depends on other keys.
   double within(std::string_view key, Dimension dimension, double low, double high);
 
-  /// Index of the body that is named, or kGround.
+  /// Returns the index of the body that the key names, or kGround.
   int body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
            std::optional<int> fallback);
   Ends between(const std::vector<Body> &bodies);
 
-  /// Visits and finishes the table of a key, if there is one.
+  /// Calls `visit` for the table of a key and then finish(), if the table exists.
   void one(std::string_view key, const std::function<void(Section &)> &visit);
-  /// Visits and finishes every table of a list, if there is one.
+  /// Calls `visit` and then finish() for every table of a list, if the list exists.
   void each(std::string_view key, const std::function<void(Section &)> &visit);
 
-  /// Refuses the keys that are not declared, all at once.
+  /// Throws InputError with all keys of the file that are not declared.
   void finish() const;
   [[noreturn]] void fail(std::string_view key, const std::string &message) const;
 
  private:
   struct Resolved {
     double value;
-    std::string origin;  // of the value: " (parameter m_r)", or empty
+    std::string origin;  // source of the value: " (parameter m_r)", or empty
   };
   std::string key_path(std::string_view key) const;
   const KeyFormat &declared(std::string_view key) const;
@@ -113,15 +115,15 @@ class Section {
   std::vector<const TableFormat *> formats_;
 };
 
-/// The file as TOML. Throws InputError.
+/// Parses a TOML file. Throws InputError.
 toml::table parse_toml(const std::string &file);
-/// The same for a text; messages name it `file`.
+/// Parses a TOML text. Messages name it `file`. Throws InputError.
 toml::table parse_toml_text(std::string_view text, const std::string &file);
 
-/// Index of a body by name, or kGround.
+/// Returns the index of a body, or kGround for an unknown name.
 int find_body(const std::vector<Body> &bodies, std::string_view name);
 
-/// The kind of a node in messages, such as "a table".
+/// Returns the kind of a node for messages, such as "a table".
 std::string kind_of(const toml::node &node);
 
 }  // namespace forceaxis::sim

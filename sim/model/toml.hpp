@@ -1,6 +1,6 @@
 #pragma once
 
-// toml++ whole, with the assertions of toml_forward.hpp.
+// The complete library toml++, with the assertions of toml_forward.hpp.
 
 #include "sim/model/toml_forward.hpp"
 

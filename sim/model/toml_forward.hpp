@@ -1,15 +1,16 @@
 #pragma once
 
-// The types of toml++ by name, as every file of this project includes them. The parser of toml++
-// asserts that a value begins where a value is expected; `a = [ } ]` breaks that, so a user's
-// typing error would abort the program. Here such an assertion throws TomlParserStopped, also in
-// builds with NDEBUG, in which toml++ would go on with undefined behaviour.
+// Forward declarations of the types of toml++. Every file of this project includes toml++ through
+// this header or through toml.hpp. The parser of toml++ asserts that a value begins at the position
+// of a value. The text `a = [ } ]` violates this assertion, so a typing error would abort the
+// program. Here the assertion throws TomlParserStopped, also in builds with NDEBUG, in which toml++
+// would continue with undefined behaviour.
 
 #include <stdexcept>
 
 namespace forceaxis::sim {
 
-// The parser of toml++ stopped at text that it neither accepts nor refuses.
+// The parser of toml++ stopped at a text that it can neither accept nor refuse.
 class TomlParserStopped : public std::logic_error {
  public:
   using std::logic_error::logic_error;

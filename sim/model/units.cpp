@@ -14,10 +14,11 @@ namespace {
 struct Spelling {
   Dimension dimension;
   std::string_view unit;
-  std::string_view name;  // of the dimension, at its first spelling
+  std::string_view name;  // name of the dimension, in its first spelling
 };
 
-// The first line of a dimension is its canonical spelling. The list in the header repeats this.
+// The first spelling of a dimension is the one that messages use. The list in the header repeats
+// this table.
 constexpr Spelling kSpellings[] = {
     {Dimension::ratio, "1", "a ratio"},
     {Dimension::ratio, "V/V", ""},
@@ -76,13 +77,13 @@ const Spelling &canonical(Dimension dimension) {
                        [=](const Spelling &s) { return s.dimension == dimension; });
 }
 
-// A symbol stands for factor * 10^exponent of the symbol that the spellings use.
+// A symbol means factor * 10^exponent of the symbol that the spellings use.
 struct Symbol {
   std::string_view text;
   std::string_view base;
   int exponent;
   double factor;
-  bool prefixed;  // takes prefixes
+  bool prefixed;  // prefixes are allowed
   Powers powers;
 };
 
@@ -127,7 +128,8 @@ std::optional<Symbol> find_symbol(std::string_view text) {
 
 bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
 
-// A unit in the symbols of the spellings, one way to write each product: "kN*s/mm" is 10^6 "N s/m".
+// A unit as a product of the symbols of the spellings. Each product has one form only: "kN*s/mm" is
+// 10^6 "N s/m".
 struct Unit {
   std::string spelling;
   int exponent = 0;
@@ -138,8 +140,8 @@ struct Unit {
 std::optional<Unit> parse_unit(std::string_view text) {
   Unit unit;
   bool divides = false;
-  bool group = false;  // within ( )
-  bool gap = false;    // a product's space, which counts between two symbols alone
+  bool group = false;  // inside parentheses
+  bool gap = false;    // after a blank, which means a product between two symbols
   for (std::size_t i = 0; i < text.size();) {
     const char c = text[i];
     if (!is_letter(c)) {
@@ -177,14 +179,14 @@ std::optional<Unit> parse_unit(std::string_view text) {
   return unit;
 }
 
-// The dimension of any way to write a spelling.
+// Returns the dimension of a unit, independent of the form in which its product is written.
 std::optional<Dimension> dimension_of_unit(const Unit &unit) {
   for (const Spelling &spelling : kSpellings)
     if (parse_unit(spelling.unit)->spelling == unit.spelling) return spelling.dimension;
   return std::nullopt;
 }
 
-// The number's decimal digits with a unit's exponent added: one rounding.
+// Returns the decimal number times a power of ten, with one rounding.
 double scaled_number(std::string number, int exponent) {
   if (const std::size_t at = number.find_first_of("eE"); at != std::string::npos) {
     int own = 0;
@@ -196,7 +198,8 @@ double scaled_number(std::string number, int exponent) {
     number.resize(at);
   }
   number.append(1, 'e').append(std::to_string(exponent));
-  double value = std::numeric_limits<double>::infinity();  // stays if there is no such double
+  double value = std::numeric_limits<double>::infinity();  // remains infinite if no double has this
+                                                           // value
   (void)std::from_chars(number.data(), number.data() + number.size(), value);
   return value;
 }

@@ -1,8 +1,8 @@
 #pragma once
-// Units: dimensions of values, spellings of their units, and quantities such as "12 mm/s".
+// Dimensions of values, spellings of their units, and quantities such as "12 mm/s".
 //
 // clang-format off
-// The spellings, by what they measure (each entry: spellings of one dimension):
+// The spellings of the units of each dimension:
 //   1, V/V                          ratio                count                       codes
 //   kg                              mass                 m                           length
 //   s                               time                 m/s                         velocity
@@ -23,10 +23,11 @@
 //   m/s^2/count  N/s/count
 // clang-format on
 //
-// A parameter's unit is one of these. A quantity is a number and one of these in which each symbol
-// may have a prefix, n u m c k M on N m s V A ohm H Hz g rad; besides, g is 0.001 kg, min 60 s, deg
-// and rev are angles in place of rad: "400 kN/m", "25 mm/rev". A rate may be given in Hz, each 2 pi
-// rad/s. Decimal prefixes are exact: "12.3 mm" is the double next to 0.0123.
+// The unit of a parameter is one of these spellings. A quantity is a number and one of these units,
+// in which each of the symbols m s N V A ohm H Hz g rad may have one of the prefixes n u m c k M.
+// Further symbols are g for 0.001 kg, min for 60 s, and deg and rev for angles: "400 kN/m",
+// "25 mm/rev". A rate may be given in Hz; 1 Hz is 2 pi rad/s. The conversion of a decimal prefix
+// has no rounding error of its own: "12.3 mm" is the double next to 0.0123.
 #include <array>
 #include <optional>
 #include <string>
@@ -35,7 +36,7 @@
 
 namespace forceaxis::sim {
 
-/// What a value measures.
+/// The physical quantity that a value measures.
 enum class Dimension {
   ratio,
   count,
@@ -77,38 +78,39 @@ enum class Dimension {
   force_rate_per_count,
 };
 
-/// Powers of kg, m, s, A, count and the cycle of a frequency; an angle is a number.
+/// Exponents of kg, m, s, A, count and cycle. An angle counts as a number.
 using Powers = std::array<int, 6>;
 Powers powers_of(Dimension dimension);
 
-/// The first of the accepted spellings, e.g. "N s/m".
+/// Returns the first accepted spelling of the unit, such as "N s/m".
 std::string_view unit_of(Dimension dimension);
-/// "a force in N"; of a ratio "a number without unit".
+/// Returns the dimension as a phrase, such as "a force in N" or "a number without unit".
 std::string phrase_of(Dimension dimension);
-/// The dimension of a spelling, or nothing if it is not in the list.
+/// Returns the dimension of a spelling, or nothing if the list has no such spelling.
 std::optional<Dimension> dimension_of(std::string_view unit);
-/// Every accepted spelling.
+/// Returns every accepted spelling.
 std::vector<std::string> unit_spellings();
 
-/// Whether a text is meant as a quantity: it begins with a digit, after a sign or point if any.
-/// A parameter's name never does.
+/// Returns whether a text has the form of a quantity: it begins with a digit after an optional sign
+/// or point. The name of a parameter never begins like this.
 bool is_quantity(std::string_view text);
 
-/// A quantity's number, without the unit's prefix, and the text of its unit.
+/// The number of a quantity, without the prefix of its unit, and the text of its unit.
 struct QuantityText {
-  double number = 0.0;  ///< infinite if there is no such double
+  double number = 0.0;  ///< infinite if no double has this value
   std::string_view digits;
   std::string_view unit;
 };
 QuantityText split_quantity(std::string_view text);
 
-/// A quantity in the first spelling's unit, or else a description of the text to follow "got ".
+/// The value of a quantity in the unit of the first spelling, or else a description of the text for
+/// a message, to follow the word "got".
 struct QuantityResult {
   std::optional<double> value;
   std::string obtained;
 };
 
-/// Reads a text for which is_quantity() holds. The value may be beyond any range, or infinite.
+/// Reads a text for which is_quantity() is true. The value may be outside any range, or infinite.
 QuantityResult read_quantity(std::string_view text, Dimension dimension);
 
 }  // namespace forceaxis::sim

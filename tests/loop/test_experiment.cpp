@@ -454,7 +454,7 @@ TEST_F(Files, EverySetThatNothingUsesIsReportedAtOnce) {
   } catch (const sim::InputError &error) {
     EXPECT_EQ(error.key + ": " + error.message,
               "set.k_b: expected parameters that the model or the experiment uses, got k_b, m_b, "
-              "which change nothing here; remove them");
+              "which have no effect here; remove them");
   }
 }
 

@@ -324,9 +324,9 @@ TEST(FirstMotion, StopsActAtOnce) {
          {FIRST_MOTION_STANDING, FIRST_MOTION_ZERO, FIRST_MOTION_OUT, FIRST_MOTION_BACK}) {
       Bench bench("laboratory.toml");
       bench.Enable();
-      while (bench.fw().drive.first_motion.phase != phase) bench.Tick();
+      while (bench.fw().drive.guards.first_motion.phase != phase) bench.Tick();
       bench.Tick(3);
-      ASSERT_EQ(bench.fw().drive.first_motion.phase, phase);
+      ASSERT_EQ(bench.fw().drive.guards.first_motion.phase, phase);
       stop.act(bench);
       bench.Tick();
       EXPECT_TRUE(bench.Off()) << stop.name << ", phase " << phase;
@@ -348,7 +348,7 @@ TEST(FirstMotion, AFaultFromOutsideHasNoRamp) {
   Bench bench("laboratory.toml");
   bench.Set(AXIS_OBJ_FAULT_REACTION_OPTION, 2);
   bench.Enable();
-  while (bench.fw().drive.first_motion.phase != FIRST_MOTION_OUT) bench.Tick();
+  while (bench.fw().drive.guards.first_motion.phase != FIRST_MOTION_OUT) bench.Tick();
   bench.Tick(20);
   cia402_owner_lost(&bench.fw().drive, &bench.fw().axis, AXIS_FAULT_SOURCE_LOST);
   bench.Tick();
@@ -446,7 +446,8 @@ TEST(FirstMotion, InContactTheForceSignIsJudgedAtOnce) {
       EXPECT_LT(bench.plant().signal("sensor.spring_force"), 60.0) << c.name;
       if (bench.Passed()) {
         EXPECT_LT(bench.Get(AXIS_OBJ_FIRST_MOTION_FORCE), -512) << "two counts less";
-        EXPECT_EQ(bench.fw().drive.first_motion.phase, FIRST_MOTION_DONE) << "no watch is needed";
+        EXPECT_EQ(bench.fw().drive.guards.first_motion.phase, FIRST_MOTION_DONE)
+            << "no watch is needed";
       }
     }
   }
@@ -465,7 +466,7 @@ TEST(FirstMotion, ASoftContactIsJudgedByItsLastCode) {
     const int change = -sign * bench.Get(AXIS_OBJ_FIRST_MOTION_FORCE);
     EXPECT_GE(change, 256);
     EXPECT_LE(change, 512);
-    EXPECT_EQ(bench.fw().drive.first_motion.phase,
+    EXPECT_EQ(bench.fw().drive.guards.first_motion.phase,
               sign > 0 ? FIRST_MOTION_WATCHING : FIRST_MOTION_OPEN);
   }
 }
@@ -479,19 +480,20 @@ TEST(FirstMotion, TheFirstTouchShowsAReversedForceSign) {
       bench.Enable(mode);
       bench.RunTest();
       ASSERT_TRUE(bench.Passed());
-      EXPECT_EQ(bench.fw().drive.first_motion.phase, FIRST_MOTION_WATCHING);
+      EXPECT_EQ(bench.fw().drive.guards.first_motion.phase, FIRST_MOTION_WATCHING);
       bench.Set(AXIS_OBJ_TARGET_VELOCITY, 2000);
       bench.Set(AXIS_OBJ_APPROACH_VELOCITY_MAX, 2000);
       bench.Set(AXIS_OBJ_TARGET_FORCE, 200);
       bench.Set(AXIS_OBJ_FORCE_SETPOINT, 10 * 256);
       bench.Set(AXIS_OBJ_FORCE_GAIN, 2 * 256);
       int reading = 0;
-      for (int i = 0; i < 6000 && bench.fw().drive.first_motion.phase == FIRST_MOTION_WATCHING;
-           ++i) {
+      for (int i = 0;
+           i < 6000 && bench.fw().drive.guards.first_motion.phase == FIRST_MOTION_WATCHING; ++i) {
         bench.Tick();
         reading = bench.Get(AXIS_OBJ_FORCE);
       }
-      ASSERT_NE(bench.fw().drive.first_motion.phase, FIRST_MOTION_WATCHING) << "mode " << mode;
+      ASSERT_NE(bench.fw().drive.guards.first_motion.phase, FIRST_MOTION_WATCHING)
+          << "mode " << mode;
       if (sign > 0) {
         EXPECT_EQ(bench.Get(AXIS_OBJ_FAULT), 0) << "mode " << mode;
         EXPECT_GT(reading, 512);
@@ -542,7 +544,7 @@ TEST(FirstMotion, ARunawayOnTheWayBackIsOffInItsTick) {
   for (const int jump : {20, -20}) {
     Bench bench("laboratory.toml");
     bench.Enable();
-    while (bench.fw().drive.first_motion.phase != FIRST_MOTION_BACK) bench.Tick();
+    while (bench.fw().drive.guards.first_motion.phase != FIRST_MOTION_BACK) bench.Tick();
     bench.Tick(2);
     ASSERT_EQ(bench.out().amp_enable, 1);
     bench.alter = [jump](SensorCodes &c) { c.encoder += jump; };
@@ -563,7 +565,7 @@ TEST(FirstMotion, PullingIsNoReversedForce) {
   bench.Tick(600);
   EXPECT_LT(bench.Get(AXIS_OBJ_VELOCITY_ACTUAL), -2500);
   EXPECT_EQ(bench.Get(AXIS_OBJ_FAULT), 0);
-  EXPECT_EQ(bench.fw().drive.first_motion.phase, FIRST_MOTION_WATCHING);
+  EXPECT_EQ(bench.fw().drive.guards.first_motion.phase, FIRST_MOTION_WATCHING);
 }
 
 // Modes that move by the position law are refused without its gain, others are not.

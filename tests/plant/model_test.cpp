@@ -292,10 +292,11 @@ TEST(ModelRefuses, MissingAndUnused) {
                  {"spring[0].between",
                   "expected two different names out of robot, ground, got "
                   "nothing; add this key"});
-  expect_refusal(with(kAxis, "k = { value", "spare = { value = 1, unit = \"V\" }\nk = { value"),
-                 {"parameters.spare",
-                  "expected a parameter that this model uses, got one nothing "
-                  "refers to; remove it, use its name, or mark it with documentation = true"});
+  expect_refusal(
+      with(kAxis, "k = { value", "spare = { value = 1, unit = \"V\" }\nk = { value"),
+      {"parameters.spare",
+       "expected a parameter that this model uses, but nothing "
+       "refers to this one; remove it, use its name, or mark it with documentation = true"});
   std::string motor = motor_drive("robot");
   expect_refusal(kAxis + with(motor, "k_torque = 0.5\n", ""),
                  {"drive.k_torque",
@@ -312,7 +313,7 @@ TEST(ModelRefuses, MissingAndUnused) {
   expect_refusal(kAxis + with(motor, "[drive]\n", "[drive]\nreaction = \"robot\"\n"),
                  {"drive.reaction",
                   "expected another body than drive.body or ground, got "
-                  "\"robot\"; choose what the drive pushes against"});
+                  "\"robot\"; choose the body on which the reaction force acts"});
 }
 
 TEST(ModelRefuses, BrokenFiles) {

@@ -48,7 +48,7 @@ def replayed(journal):
 
 def missed(pattern, text):
     """Of the line: seconds, ticks and the tick at which it goes on."""
-    found = re.search(pattern + r" (\d+\.\d+) s, (\d+) ticks; goes on at tick (\d+)", text)
+    found = re.search(pattern + r" (\d+\.\d+) s, (\d+) ticks; continues at tick (\d+)", text)
     assert found, text
     seconds, ticks, tick = float(found[1]), int(found[2]), int(found[3])
     assert abs(ticks - 1500 * seconds) <= 2
@@ -69,7 +69,7 @@ def test_a_stopped_node_says_what_it_missed_and_the_axis_moves_again(sessions, k
     assert stopped["after"]["state"] == endless_session.OPERATION_ENABLED
     assert stopped["after"]["way"] < -300
     reports = seen["reports"]
-    own, tick = missed("_node: stopped for", reports[node]["stderr"])
+    own, tick = missed("_node: suspended for", reports[node]["stderr"])
     assert own >= endless_session.STOPPED_S - 0.01
     other = "axis" if node == "plant" else "plant"
     line = rf"{other}_node: {node}_node (?:\(axis 1\) )?was silent for"

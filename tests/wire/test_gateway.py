@@ -65,7 +65,7 @@ def test_state_is_published_steadily_whole_and_in_firmware_time(of):
 def test_the_lock_of_the_firmware_holds_for_lcm_and_modbus(of):
     got = of("lock")
     assert got["before"] == [
-        "force_gain: the axis belongs to canopen, take it first (abort 08000021h)", LOCKED
+        "force_gain: the axis belongs to canopen; acquire it first (abort 08000021h)", LOCKED
     ]  # fmt: skip
     assert got["lock_event"] == [2, "the axis belongs to lcm"]
     # Written through one, read through the other: 7 code/count is 1792.
@@ -73,7 +73,7 @@ def test_the_lock_of_the_firmware_holds_for_lcm_and_modbus(of):
     assert got["modbus_write"] == 4
     assert got["modbus_takes"] is False  # no error
     assert got["after"] == [
-        "force_gain: the axis belongs to modbus, take it first (abort 08000021h)", LOCKED
+        "force_gain: the axis belongs to modbus; acquire it first (abort 08000021h)", LOCKED
     ]  # fmt: skip
     assert got["modbus_writes"] is False
     assert got["lcm_reads"] == 5.0
@@ -82,12 +82,13 @@ def test_the_lock_of_the_firmware_holds_for_lcm_and_modbus(of):
 def test_a_refused_write_says_why_and_those_before_it_stay(of):
     got = of("refusals")
     assert got["range"] == [
-        "latency_ticks: value too high (abort 06090031h), raw values go from 0 to 1", 0x06090031
-    ]  # fmt: skip
+        "latency_ticks: value too high (abort 06090031h), expected a raw value from 0 to 1",
+        0x06090031,
+    ]
     assert got["read_only"] == ["0x6041: read-only (abort 06010002h)", 0x06010002]
     assert got["write_only"] == ["recorder_arm: write-only (abort 06010001h)", 0x06010001]
     assert got["no_object"] == ["0x5000: no such object", 0]
-    assert got["type"] == ["0x2019: 70000 is no value of type u8", 0]
+    assert got["type"] == ["0x2019: 70000 is not a value of type u8", 0]
     assert got["items"] == [["output_limit", 1000], ["latency_ticks", 3]]
     assert got["stays_done"] == [2048, 1000]
 
@@ -105,7 +106,7 @@ def test_commands_that_are_doubled_late_or_of_another_table(of):
     assert got["patient"] == [[DONE, [44]]]
     # 2100 commands later its answer is forgotten, and it is not carried out again.
     [[kind, text]] = got["forgotten"]
-    assert kind == REFUSED and "command 5 may have been carried out already" in text
+    assert kind == REFUSED and "command 5 may have been executed before" in text
     assert got["unchanged"] == [2100, 55]
 
 
@@ -274,7 +275,7 @@ def test_a_lost_axis_is_named_on_both_sides(of):
     got = of("lost_axis")
     ms, text = got["event"]
     assert 3 * HEARTBEAT_MS <= ms <= 10_000
-    assert text == f"heartbeat lost: nothing heard of the node for {ms} ms"
+    assert text == f"heartbeat lost: no message from the node for {ms} ms"
     assert got["stale"] and got["age_grows"]
     assert got["modbus"] == "840b"  # the target does not respond
     assert got["command"] == "the axis is silent"
@@ -285,7 +286,7 @@ def test_another_object_table_is_named_and_nothing_is_written(of):
     ours = objects.OBJECTS_HASH[:8]
     assert got["said"] == (
         f"gateway: axis 2: expected object table {ours}, the axis has object table 12345678: "
-        "writes are refused; build gateway and firmware from one table\n"
+        "writes are refused; build gateway and firmware from one object table\n"
     )
     assert got["hash"] == 0x12345678
     assert "12345678" in got["write"] and ours in got["write"]
@@ -363,7 +364,7 @@ def gateway(*args):
         ),
         (
             ["--axes", "3,4", "--node-id", "4"],
-            "--node-id 4: expected another than that of an axis, --axes 3,4",
+            "--node-id 4: expected a node id that no axis has, --axes 3,4",
         ),
         (["--set", "force_gain"], "--set force_gain: expected NAME=VALUE or N:NAME=VALUE"),
         (["--set", "force=1"], "--set force=1: expected a parameter, it is a signal"),

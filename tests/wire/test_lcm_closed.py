@@ -90,7 +90,7 @@ def test_this_machines_own_addresses_as_a_source_do_not_help(of, ran):
 
 def test_every_refused_command_is_counted_and_the_last_sender_named(ran):
     assert (
-        "19 commands from elsewhere than this machine refused (the last one from 127.0.0.1:40000, "
+        "19 commands from other machines refused (the last one from 127.0.0.1:40000, "
         "see --lcm-remote)"
     ) in ran["said"].splitlines()[-1]
 
@@ -155,7 +155,7 @@ def test_a_flood_of_noise_and_broken_traffic_moves_nothing_and_costs_no_memory()
         ("10.0.0.0/255.0.255.0", "expected ADDRESS/MASK such as"),
         ("10.0.0.0/", "expected ADDRESS/MASK such as"),
         ("fe80::1/64", "expected ADDRESS/MASK such as"),
-        ("10.0.0.7/24", "expected an address without bits outside its mask, here 10.0.0.0/24"),
+        ("10.0.0.7/24", "expected an address without bits outside its mask, such as 10.0.0.0/24"),
     ],
 )
 def test_a_network_that_is_none_is_one_line_and_status_2(network, said):

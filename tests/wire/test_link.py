@@ -251,7 +251,7 @@ def test_what_the_firmware_refuses_is_told_by_the_other_process(tmp_path):
         "run", EXPERIMENT, "--link", "lcm", "--set", "firmware.position_max=-300",
         "--set", "firmware.position_min=-200", status=2,
     )  # fmt: skip
-    assert "firmware.position_min: expected a value that the firmware takes" in done.stderr
+    assert "firmware.position_min: expected a value that the firmware accepts" in done.stderr
 
 
 # A silent partner is named.
@@ -304,7 +304,7 @@ def test_a_partner_that_never_comes_is_named():
         told = end(node)
         assert told["status"] == 1
         assert f"{name}: {partner}" in told["stderr"] and "silent for" in told["stderr"]
-        assert "is it running, on this link and with this run id?" in told["stderr"]
+        assert "does it run on this link and with this run id?" in told["stderr"]
 
 
 # Late ticks.
@@ -483,7 +483,7 @@ def test_a_journal_that_cannot_be_written_is_told_and_the_run_goes_on():
     told = end(axis)
     assert told["status"] == 1 and hashes(told) == [in_process(SHORT)]
     assert told["stderr"] == (
-        "axis_node: /dev/full: expected to be able to write the journal, it is not whole\n"
+        "axis_node: /dev/full: cannot write the journal, so it is incomplete\n"
     )
 
 
@@ -606,7 +606,10 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["--node-id", "127", "--axes", "2"], "--node-id 127: expected ids up to 127, the last"),
+        (
+            ["--node-id", "127", "--axes", "2"],
+            "--node-id 127: expected ids up to 127, but the last",
+        ),
         (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, several would"),
         (["--node-id", "128"], "--node-id"),
         (["--serial", "-1"], "--serial"),

@@ -17,7 +17,7 @@ const fw_config_t *port_config(void) {
   static const fw_config_t config = {
       .recorder_buffer = recorder_buffer,
       .recorder_bytes = sizeof(recorder_buffer),
-      .memory = NULL, /* two sectors of flash, see firmware/app/store.h */
+      .memory = NULL, /* two sectors of flash, see firmware/storage/store.h */
       .hardware = "blank",
       .software = identity_software,
       .serial_number = 0,

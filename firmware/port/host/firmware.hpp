@@ -9,7 +9,6 @@
 
 extern "C" {
 #include "firmware/app/fw.h"
-#include "firmware/app/store.h"
 #include "firmware/canopen/can.h"
 #include "firmware/canopen/lss.h"
 #include "firmware/canopen/node.h"
@@ -28,6 +27,7 @@ extern "C" {
 #include "firmware/objects/generated/axis_objects.h"
 #include "firmware/objects/value.h"
 #include "firmware/port/host/axis_host.h"
+#include "firmware/storage/store.h"
 }
 
 #endif

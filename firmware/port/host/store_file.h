@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-#include "firmware/app/store.h"
+#include "firmware/storage/store.h"
 
 enum {
   STORE_FILE_SECTOR_BYTES = 16384,  /* as the small sectors of an STM32F4 */

@@ -9,8 +9,8 @@
 #include <stdint.h>
 
 #include "firmware/app/fw.h"
-#include "firmware/app/store.h"
 #include "firmware/port/stm32f4/registers.h"
+#include "firmware/storage/store.h"
 
 /* Priorities of interrupts; a lower number goes first. The tick may be interrupted by those that
  * only move a byte or a frame, and all by the one that switches off because the supply falls. */

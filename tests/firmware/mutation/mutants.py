@@ -3,8 +3,9 @@
 usage: .venv/bin/python tests/firmware/mutation/mutants.py [--commit COMMIT] FILE:LINE...
        .venv/bin/python tests/firmware/mutation/mutants.py --campaign
 
-FILE is a C file below firmware/ (drive/touch.c). LINE counts in the tree as it is, or with --commit
-in that commit; it is then looked for in the tree. --campaign runs the lines of campaign.toml.
+FILE is a C file below firmware/ (guard/contact_guard.c). LINE counts in the tree as it is, or with
+--commit in that commit; it is then looked for in the tree. --campaign runs the lines of
+campaign.toml.
 
 The mutants of a line: every relation made another one, && made || and back, each condition negated,
 each number and named constant one more and one less, a copied value one more and one less, true
@@ -38,9 +39,8 @@ BUILD = ROOT / "build/release"
 CAMPAIGN = Path(__file__).with_name("campaign.toml")
 # By the beginning of the file's name, those that are likely to kill first.
 PROGRAMS = {
-    "app/store": ("store_unit", "fw_unit"),
-    "app/entries": ("store_unit", "fw_unit"),
-    "app/record.": ("store_unit", "fw_unit"),
+    "storage/archive": ("fw_unit", "store_unit"),
+    "storage/": ("store_unit", "fw_unit"),
     "app/": ("fw_unit", "firmware_unit"),
     "canopen/": ("fw_unit", "canopen_unit"),
     "modbus/": ("modbus_unit", "fw_unit"),
@@ -375,7 +375,7 @@ def try_source(file: str, text: str, tests: str) -> Outcome:
 def read(file: str) -> str:
     path = ROOT / "firmware" / file
     if path.suffix != ".c" or not path.is_file():
-        raise Unfit(f"{file}: expected a C file below firmware/, as drive/touch.c")
+        raise Unfit(f"{file}: expected a C file below firmware/, as guard/contact_guard.c")
     return path.read_text()
 
 

@@ -65,7 +65,14 @@ def test_every_line_of_the_campaign_is_in_the_tree_and_has_mutants():
 
 
 @pytest.mark.parametrize(
-    "text", ["drive/touch.c", "drive/touch.c:0", "drive/none.c:1", "drive/touch.h:1", "touch.c:1"]
+    "text",
+    [
+        "guard/contact_guard.c",
+        "guard/contact_guard.c:0",
+        "drive/none.c:1",
+        "guard/contact_guard.h:1",
+        "touch.c:1",
+    ],
 )
 def test_a_place_that_is_none_is_refused(text):
     with pytest.raises(mutants.Unfit):

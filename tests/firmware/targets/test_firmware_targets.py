@@ -101,7 +101,7 @@ EMULATED = [CORTEX_M4, RV32]
 AVR = ["avr-gcc", "-mmcu=atmega2560"]
 LAWS_ROUNDS = 20_000
 
-FOLDERS = ("fx", "objects", "core", "drive", "canopen", "modbus", "app")
+FOLDERS = ("fx", "objects", "core", "guard", "drive", "canopen", "modbus", "storage", "app")
 SOURCES = [s for f in FOLDERS for s in sorted((ROOT / "firmware" / f).rglob("*.c"))]
 LAWS = [ROOT / "tests/firmware/targets/laws_probe.c", ROOT / "firmware/fx/fx.c"]
 

@@ -429,10 +429,10 @@ def test_the_firmware_needs_no_more_stack_than_reported(tmp_path):
     indirect = tomllib.loads((ROOT / "firmware/port/stm32f4/board.toml").read_text())["stack"][
         "indirect"
     ] | {
-        "firmware/app/archive.c": ["flash_read", "flash_program", "flash_erase"],
-        "firmware/app/entries.c": ["flash_read"],
-        "firmware/app/record.c": ["flash_read"],
-        "firmware/app/store.c": ["flash_read", "flash_program", "flash_erase"],
+        "firmware/storage/archive.c": ["flash_read", "flash_program", "flash_erase"],
+        "firmware/storage/entries.c": ["flash_read"],
+        "firmware/storage/record.c": ["flash_read"],
+        "firmware/storage/store.c": ["flash_read", "flash_program", "flash_erase"],
     }
     del indirect["firmware/port/stm32f4/flash.c"]
     lines = "\n".join(f'"{file}" = {json.dumps(names)}' for file, names in indirect.items())

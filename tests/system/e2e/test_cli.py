@@ -211,7 +211,7 @@ WHOLE_LINES = [
     (
         ["m_b=1", "k_b=1"],
         f"{CONTACT}: set.k_b: expected parameters that the model or the experiment uses, got k_b, "
-        "m_b, which change nothing here; remove them",
+        "m_b, which have no effect here; remove them",
     ),
     (
         ["verdict.windw_s=1"],

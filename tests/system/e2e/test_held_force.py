@@ -129,7 +129,7 @@ def test_another_limit_judges_finished_runs_anew():
 
 def test_a_limit_of_force_needs_an_experiment_that_controls_it(tmp_path):
     limit = ("[verdict]\n", "[verdict]\nheld_force_error_max_percent = 1\n")
-    with pytest.raises(InputError, match="expected an experiment whose last set-point of force"):
+    with pytest.raises(InputError, match="expected an experiment whose last force set-point"):
         runs.run(variant(tmp_path, "position_step", limit))
 
 

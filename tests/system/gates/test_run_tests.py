@@ -86,6 +86,21 @@ def test_a_run_that_does_not_end_as_pytest_does_is_a_failure(gate, tmp_path):
     assert tally.failed == 1
 
 
+def test_promises_are_checked_against_the_stages_of_the_run(gate, tmp_path, monkeypatch, capfd):
+    promise = {"part": "", "text": "", "tests": ["test_bus.py::test_passes"]}
+    monkeypatch.setattr(gate.promises, "known", lambda: {"test_bus.py::test_passes": ""})
+    monkeypatch.setattr(gate.promises, "load", lambda: {"P": promise})
+    tally = run(gate, tmp_path, ONCE, twice=False)
+    before = tally.failed
+    gate.check_promises(tally)
+    assert tally.failed == before
+    promise["tests"] = ["test_bus.py::test_fails_at_its_first_try"]
+    monkeypatch.setattr(gate.promises, "known", lambda: {promise["tests"][0]: ""})
+    gate.check_promises(tally)
+    assert tally.failed == before + 1
+    assert "P: test_bus.py::test_fails_at_its_first_try: failed" in capfd.readouterr().out
+
+
 @pytest.mark.parametrize("file", [".pre-commit-config.yaml", ".github/workflows/ci.yml"])
 def test_hooks_and_ci_call_the_quick_tests_and_no_other_host(file):
     text = (ROOT / file).read_text()

@@ -16,6 +16,7 @@ from click.shell_completion import CompletionItem
 
 from forceaxis import paths, progress
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.words import printable, suggestion
 
 SENTENCE = 300  # characters; click ends a longer one in dots
@@ -58,8 +59,44 @@ def printed_streams():
                 stream.detach()  # the descriptor belongs to the stream of before
 
 
+# {parameter of the library: the option that sets it}, where neither the option nor the parameter of
+# the click command has the same name.
+OTHER_NAMES = {"states": "--mode", "overrides": "--set"}
+
+
+def option_of(command: click.Command, parameter: str) -> str | None:
+    """Return the option of `command` that sets a parameter of the library, or the metavar of the
+    argument that sets it. Return None if the command has neither."""
+    wanted = OTHER_NAMES.get(parameter, "--" + parameter.lower().replace("_", "-"))
+    for known in command.params:
+        if wanted in known.opts:
+            return wanted
+    for known in command.params:
+        if known.name == parameter.lower():
+            is_argument = isinstance(known, click.Argument)
+            return (
+                known.make_metavar(click.Context(command))
+                if is_argument
+                else max(known.opts, key=len)
+            )
+    return None
+
+
+def with_options(command: click.Command, error: ParameterError) -> str:
+    """Return the message of `error` with the options of `command` instead of the names of
+    parameters: the parameter of the error, and each name that is between backticks."""
+    text = re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], error.text)
+    return f"{option_of(command, error.parameter) or error.parameter}: {text}"
+
+
 class Verb(click.Command):
-    """A verb whose help keeps the line breaks of its example."""
+    """A verb whose help keeps the line breaks of its example. Its errors name options."""
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except ParameterError as error:
+            raise InputError(with_options(self, error)) from error
 
     def format_epilog(self, ctx, formatter):
         if self.epilog:

@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_CALIBRATION_H_
-#define FIRMWARE_DRIVE_CALIBRATION_H_
+#ifndef FIRMWARE_GUARD_CALIBRATION_H_
+#define FIRMWARE_GUARD_CALIBRATION_H_
 
 /* Calibration of the force sensor at two to eight points: readings beside the forces that a
  * reference showed. The straight line through them, by least squares, gives force_scale; the

@@ -1,4 +1,4 @@
-#include "firmware/app/store.h"
+#include "firmware/storage/store.h"
 
 #include <stddef.h>
 

@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_APP_RECORD_H_
-#define FIRMWARE_APP_RECORD_H_
+#ifndef FIRMWARE_STORAGE_RECORD_H_
+#define FIRMWARE_STORAGE_RECORD_H_
 
 /* Records in a flash-like memory of two sectors: their places and integrity. The store interprets
  * their entries.

@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_CONTACT_H_
-#define FIRMWARE_DRIVE_CONTACT_H_
+#ifndef FIRMWARE_GUARD_CONTACT_H_
+#define FIRMWARE_GUARD_CONTACT_H_
 
 /* Monitors the contact: its presence, the number of losses, the largest force. */
 
@@ -17,7 +17,7 @@ typedef struct {
   uint8_t losses[CONTACT_SLOTS]; /* at most one in two ticks */
   uint8_t slot;
   uint8_t slot_tick;
-  uint8_t rippling; /* 1: the force swings too much, which is a limit cycle too (touch.h) */
+  uint8_t rippling; /* 1: the force swings too much, which is a limit cycle too (contact_guard.h) */
 } contact_t;
 
 /* Force control begins: losses and peak start again. */

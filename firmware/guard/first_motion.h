@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_FIRST_MOTION_H_
-#define FIRMWARE_DRIVE_FIRST_MOTION_H_
+#ifndef FIRMWARE_GUARD_FIRST_MOTION_H_
+#define FIRMWARE_GUARD_FIRST_MOTION_H_
 
 /* The test before the first motion (first_motion_test): sensors, amplifier and signs are checked by
  * a small motion in open loop before a law is closed over them, at the first enabling since

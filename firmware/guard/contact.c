@@ -1,7 +1,7 @@
-#include "firmware/drive/contact.h"
+#include "firmware/guard/contact.h"
 
-#include "firmware/drive/sensor.h"
 #include "firmware/fx/fx.h"
+#include "firmware/guard/sensor.h"
 
 void contact_forget_losses(contact_t *contact) { *contact = (contact_t){0}; }
 

@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_TOUCH_H_
-#define FIRMWARE_DRIVE_TOUCH_H_
+#ifndef FIRMWARE_GUARD_CONTACT_GUARD_H_
+#define FIRMWARE_GUARD_CONTACT_GUARD_H_
 
 /* Protections of motion around the contact, while a mode controls force. Each is off at its
  * default.
@@ -18,12 +18,12 @@
  *   approach_travel_max  is a target, in the others a set-point that would be contact: fault
  *                        no_contact. They start again at each contact, without a demand and
  *                        when its sign changes.
- *   force_ripple_max     The largest less the smallest reading in TOUCH_SLOT_TICKS. More than
- *   force_ripple_time    this, for so long, in slots of one demand and without excitation, is a
+ *   force_ripple_max     The largest less the smallest reading in CONTACT_GUARD_SLOT_TICKS. More
+ * than force_ripple_time    this, for so long, in slots of one demand and without excitation, is a
  *                        limit cycle as lost contacts are (contact.h).
  *   contact_unstable_option  What a limit cycle leads to. Half the gain is taken over without a
- *                        bump and given TOUCH_SETTLING_TICKS to settle; the gain is whole again
- *                        once the axis was disabled. After TOUCH_HALVINGS: contact_unstable.
+ *                        bump and given CONTACT_GUARD_SETTLING_TICKS to settle; the gain is whole
+ * again once the axis was disabled. After TOUCH_HALVINGS: contact_unstable.
  *
  * A fault follows fault_reaction_option. Every fourth tick judges travel and approach, another one
  * the limit cycle; the answer is the tick after it. */
@@ -32,9 +32,9 @@
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
-#include "firmware/drive/contact.h"
+#include "firmware/guard/contact.h"
 
-enum { TOUCH_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, TOUCH_SETTLING_TICKS = 1500 };
+enum { CONTACT_GUARD_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, CONTACT_GUARD_SETTLING_TICKS = 1500 };
 
 typedef struct {
   int32_t speed_q8;       /* touch_velocity_max, count in two ticks */
@@ -58,38 +58,38 @@ typedef struct {
   int8_t pressing;    /* sign of the reading at the first contact, 0 before it */
   uint8_t begun;      /* 1: the force law has these codes */
   uint8_t finding;    /* AXIS_FAULT_ to be answered */
-} touch_t;
+} contact_guard_t;
 
 /* Force control begins. */
-void touch_start(touch_t *touch);
+void contact_guard_start(contact_guard_t *guard);
 
-/* A parameter of touch_t was written. */
-void touch_derive(touch_t *touch, const drive_params_t *params);
+/* A parameter of contact_guard_t was written. */
+void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params);
 
 /* What a mode with an approach of its own asks for in the coming tick: any target moves it. */
-static inline void touch_approach(touch_t *touch, int32_t target, int32_t demand) {
-  touch->setpoint = (target > 0) ? INT32_MAX : (target < 0) ? -INT32_MAX : 0;
-  touch->demand = demand;
+static inline void contact_guard_approach(contact_guard_t *guard, int32_t target, int32_t demand) {
+  guard->setpoint = (target > 0) ? INT32_MAX : (target < 0) ? -INT32_MAX : 0;
+  guard->demand = demand;
 }
 
 /* The force law acts on axis->params.force_setpoint in the coming tick, without an approach of its
  * own: bounds its speed, by parameters of the axis that the caller overrides for the tick. */
-void touch_bound(touch_t *touch, const drive_signals_t *signals, axis_t *axis);
-static inline void touch_press(touch_t *touch, const drive_signals_t *signals, axis_t *axis,
-                               int32_t demand) {
-  touch->setpoint = axis->params.force_setpoint;
-  touch->demand = demand;
-  if (touch->speed_q8 != 0) {
-    touch_bound(touch, signals, axis);
+void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals, axis_t *axis);
+static inline void contact_guard_press(contact_guard_t *guard, const drive_signals_t *signals,
+                                       axis_t *axis, int32_t demand) {
+  guard->setpoint = axis->params.force_setpoint;
+  guard->demand = demand;
+  if (guard->speed_q8 != 0) {
+    contact_guard_bound(guard, signals, axis);
   }
 }
 
 /* After every second tick of force control. */
-void touch_judge(touch_t *touch, contact_t *contact, const drive_params_t *params,
-                 drive_signals_t *signals, const axis_t *axis);
+void contact_guard_judge(contact_guard_t *guard, contact_t *contact, const drive_params_t *params,
+                         drive_signals_t *signals, const axis_t *axis);
 
 /* Answers a finding: halves the gain, or gives the fault to be raised, else AXIS_FAULT_NONE. */
-uint8_t touch_answer(touch_t *touch, contact_t *contact, const drive_params_t *params,
-                     drive_signals_t *signals, axis_t *axis);
+uint8_t contact_guard_answer(contact_guard_t *guard, contact_t *contact,
+                             const drive_params_t *params, drive_signals_t *signals, axis_t *axis);
 
 #endif

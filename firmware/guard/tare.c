@@ -1,7 +1,7 @@
-#include "firmware/drive/tare.h"
+#include "firmware/guard/tare.h"
 
-#include "firmware/drive/sensor.h"
 #include "firmware/fx/fx.h"
+#include "firmware/guard/sensor.h"
 
 /* Range of force_tare. */
 #define TARE_MAX_Q8 INT32_C(65536)

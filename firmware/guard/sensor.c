@@ -1,4 +1,4 @@
-#include "firmware/drive/sensor.h"
+#include "firmware/guard/sensor.h"
 
 void sensor_derive(sensor_t *sensor, const drive_params_t *params) {
   sensor->enabled =

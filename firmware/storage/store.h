@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_APP_STORE_H_
-#define FIRMWARE_APP_STORE_H_
+#ifndef FIRMWARE_STORAGE_STORE_H_
+#define FIRMWARE_STORAGE_STORE_H_
 
 /* The parameter store: parameters kept over a power cut, in two sectors of a flash-like memory.
  *
@@ -35,9 +35,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/entries.h"
-#include "firmware/app/record.h"
 #include "firmware/objects/dictionary.h"
+#include "firmware/storage/entries.h"
+#include "firmware/storage/record.h"
 
 enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,

@@ -1,4 +1,4 @@
-#include "firmware/drive/calibration.h"
+#include "firmware/guard/calibration.h"
 
 #include "firmware/fx/fx.h"
 

@@ -1,4 +1,4 @@
-#include "firmware/app/entries.h"
+#include "firmware/storage/entries.h"
 
 #include <stddef.h>
 

@@ -1,4 +1,4 @@
-#include "firmware/app/record.h"
+#include "firmware/storage/record.h"
 
 #include "firmware/fx/bytes.h"
 

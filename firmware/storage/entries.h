@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_APP_ENTRIES_H_
-#define FIRMWARE_APP_ENTRIES_H_
+#ifndef FIRMWARE_STORAGE_ENTRIES_H_
+#define FIRMWARE_STORAGE_ENTRIES_H_
 
 /* The entries of a stored set (record.h), as they apply to the present object table; store.h says
  * what they consist of. */
@@ -7,8 +7,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/record.h"
 #include "firmware/objects/dictionary.h"
+#include "firmware/storage/record.h"
 
 enum { ENTRY_BYTES = 12 };
 

@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_TARE_H_
-#define FIRMWARE_DRIVE_TARE_H_
+#ifndef FIRMWARE_GUARD_TARE_H_
+#define FIRMWARE_GUARD_TARE_H_
 
 /* Taking the tare: force_tare becomes the mean of 2^tare_averaging readings, without the tare of
  * before, half up. Begun by the command `tare`, which is refused while the axis is enabled; from

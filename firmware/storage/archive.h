@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_APP_ARCHIVE_H_
-#define FIRMWARE_APP_ARCHIVE_H_
+#ifndef FIRMWARE_STORAGE_ARCHIVE_H_
+#define FIRMWARE_STORAGE_ARCHIVE_H_
 
 /* The archive: incidents of the black box (core/blackbox.h) over a power cut, in a flash-like
  * memory of two sectors of its own.
@@ -17,8 +17,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/app/record.h"
 #include "firmware/core/blackbox.h"
+#include "firmware/storage/record.h"
 
 enum {
   ARCHIVE_DAY_TICKS = 129600000,

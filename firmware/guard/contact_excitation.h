@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_CONTACT_EXCITATION_H_
-#define FIRMWARE_DRIVE_CONTACT_EXCITATION_H_
+#ifndef FIRMWARE_GUARD_CONTACT_EXCITATION_H_
+#define FIRMWARE_GUARD_CONTACT_EXCITATION_H_
 
 /* Excitation inside a closed force mode, for measuring an axis in contact: the waveform of
  * excitation.h, added at the output of the force law or at its set-point.

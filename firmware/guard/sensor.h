@@ -1,5 +1,5 @@
-#ifndef FIRMWARE_DRIVE_SENSOR_H_
-#define FIRMWARE_DRIVE_SENSOR_H_
+#ifndef FIRMWARE_GUARD_SENSOR_H_
+#define FIRMWARE_GUARD_SENSOR_H_
 
 /* Supervision of the force sensor while its reading guides the axis: in the force modes, guarded
  * moves and homing, their approaches included. Each finding disables the axis in its own tick, as a

@@ -1,7 +1,7 @@
-#include "firmware/drive/first_motion.h"
+#include "firmware/guard/first_motion.h"
 
-#include "firmware/drive/sensor.h"
 #include "firmware/fx/fx.h"
+#include "firmware/guard/sensor.h"
 
 /* Faults of the test are results of the same order. */
 enum {

@@ -1,4 +1,4 @@
-#include "firmware/app/archive.h"
+#include "firmware/storage/archive.h"
 
 #include <stddef.h>
 

@@ -1,4 +1,4 @@
-#include "firmware/drive/contact_excitation.h"
+#include "firmware/guard/contact_excitation.h"
 
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
