@@ -123,7 +123,7 @@ def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, coherence, na
     found = fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
     assert found.rejected == name, found.text
     summary = found.summary()
-    assert (summary["set"] is None) == (summary["intervals"] is None) == (name is not None)
+    assert (summary.set is None) == (summary.intervals is None) == (name is not None)
 
 
 def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):

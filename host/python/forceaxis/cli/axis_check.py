@@ -7,7 +7,8 @@ import click
 
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import as_json, fitted
-from forceaxis.cli.live_options import live, owned
+from forceaxis.cli.live_options import Way, live, owned
+from forceaxis.results import to_json
 
 
 @axis.command(
@@ -25,7 +26,7 @@ from forceaxis.cli.live_options import live, owned
 )  # fmt: skip
 @live
 @as_json
-def check(yes, travel, output, way, as_json):
+def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
     """Guide the first motion of an axis at low output: checks at rest, a test, a small move.
 
     At rest the verb checks connection, object table, faults, enable chain, limit switches, position
@@ -38,20 +39,20 @@ def check(yes, travel, output, way, as_json):
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |
     "failed", "text", "value", "limit"}]}.
     """
-    from forceaxis.commission.check import Check
+    from forceaxis.commission.check import CheckStep, MotionCheck
 
-    def show(step):
+    def show(step: CheckStep) -> None:
         if not as_json:
             click.echo(fitted(f"{step.verdict:<8}{step.step:<17}{step.text}", 25))
 
-    def consent(text):
+    def consent(text: str) -> bool:
         if yes or not sys.stdin.isatty():
             return yes
         return click.confirm(fitted(f"{text} Nothing stands in its way?"), err=True)
 
     with owned(way) as found:
-        run = Check(found, travel, output, show)
+        run = MotionCheck(found, travel, output, show)
         run.run(consent)
     if as_json:
-        click.echo(json.dumps(run.result()))
+        click.echo(json.dumps(to_json(run.result())))
     sys.exit(0 if run.passed else 1)

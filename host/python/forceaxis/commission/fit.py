@@ -93,7 +93,7 @@ class JointFit:
     chi2: float
     dof: int
     levels: list[ResponseScore]  #: per response
-    problem: "_Responses"  #: of which `best` is the best, at the logarithms `at`
+    problem: "Responses"  #: of which `best` is the best, at the logarithms `at`
     at: Samples
     rejected: str | None = None  #: one word: prior, chi2 or coherence
     text: str = ""  #: why, for people
@@ -138,7 +138,7 @@ class JointFit:
 
 
 @dataclass
-class _Responses:
+class Responses:
     """The responses of one axis as residuals of the logarithms of its parameters."""
 
     model: str
@@ -269,22 +269,23 @@ class _Responses:
                 found.append((float(size), x))
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES]]
 
-    def _bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
+    def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
+        """(lowest, highest) logarithms that are searched, `inside` standard deviations within."""
         reach = (EDGE - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
     def near(self, begin: Samples, evaluations: int) -> Any:
         """Searched by the logarithm from `begin`: what least_squares gives."""
         return optimize.least_squares(
-            self.coarse, begin, loss="soft_l1", bounds=self._bounds(), x_scale=self.spread,
+            self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
             max_nfev=evaluations,
         )  # fmt: skip
 
     def search(self, begin: Samples) -> Any:
         """First by the logarithm, then by the likelihood: what least_squares gives."""
-        near = np.clip(self.near(begin, 20).x, *self._bounds(1e-3))
+        near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
         return optimize.least_squares(
-            self.fine, near, bounds=self._bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
+            self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
             ftol=1e-7,
         )  # fmt: skip
 
@@ -318,7 +319,7 @@ def joint(
     states = dict(states or {})
     without = known.states_apart(model, states)
     begin = [without if m.free else states for m in measured]
-    problem = _in_modes(_Responses(model, every, measured, begin, mine, list(errors), states))
+    problem = _in_modes(Responses(model, every, measured, begin, mine, list(errors), states))
     best = _searched(problem)
     found = _evaluated(problem, best, over)
     if found.rejected == "chi2":
@@ -328,7 +329,7 @@ def joint(
     return found
 
 
-def _in_modes(problem: _Responses) -> _Responses:
+def _in_modes(problem: Responses) -> Responses:
     """The problem in the modes of the amplifier whose best start explains the responses best, among
     those that have its states."""
     states = problem.states
@@ -349,7 +350,7 @@ def _in_modes(problem: _Responses) -> _Responses:
     return min(tried, key=lambda pair: pair[0])[1]
 
 
-def _searched(problem: _Responses) -> Samples:
+def _searched(problem: Responses) -> Samples:
     """The best parameters, x."""
     best: Any = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
@@ -361,7 +362,7 @@ def _searched(problem: _Responses) -> Samples:
     return np.asarray(best.x)
 
 
-def _by_level(problem: _Responses, best: Samples) -> Samples | None:
+def _by_level(problem: Responses, best: Samples) -> Samples | None:
     """The best parameters of each level in contact without the others, (levels, p); None where
     one is not explained so either, or the levels are too far apart to be one plant."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
@@ -387,7 +388,7 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
 
 
 def _evaluated(
-    problem: _Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
+    problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
 ) -> JointFit:
     """The JointFit of the best parameters; apart: those of each level, where levels differ."""
     levels = []
@@ -441,7 +442,7 @@ def _evaluated(
     return found
 
 
-def _shown(problem: _Responses, lines: Samples, ranges: Mapping[str, Any]) -> Samples:
+def _shown(problem: Responses, lines: Samples, ranges: Mapping[str, Any]) -> Samples:
     """Standard errors of the logarithms as the lines alone show them. What the freedom of all the
     others adds does not show in a response, so no law meets it."""
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
@@ -452,7 +453,7 @@ def _shown(problem: _Responses, lines: Samples, ranges: Mapping[str, Any]) -> Sa
     return shown
 
 
-def _reject(found: JointFit, problem: _Responses, away: Samples) -> None:
+def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
     """Says why a fit is rejected, if it is. away: from the priors, in standard deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
     misfits = [level for level in found.levels if level.p < MISFIT / len(found.levels)]

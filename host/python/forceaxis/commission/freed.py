@@ -231,7 +231,7 @@ def _refused(p: float, model: str, about: Record) -> Refusal:
         "friction", f"expected a model that explains the response, p = {p:.2g}, and "
         f"friction that a damper stands for, got {_words(about)}: {hidden if about.table_N else ''}"
         "add the friction to the model, free what else may be wrong, or measure with a larger "
-        "--force or --level", lines,
+        "force or level", lines,
     )  # fmt: skip
 
 

@@ -1,11 +1,17 @@
 """`forceaxis measure` on a live axis: responses free and at several forces, and their files."""
 
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from forceaxis import _core, objects
 from forceaxis.axis import actions, bounds
+from forceaxis.axis.axis import Axis
 from forceaxis.commission import sought
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
+from forceaxis.commission.level import Level, MeasuringOrder, Rest
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
 from forceaxis.results import to_json
@@ -14,8 +20,10 @@ FREE = "free"
 
 
 def measure(
-    axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None, look=True
-):
+    axis: Axis, order: MeasuringOrder, forces: Sequence[float] = (), free: bool = False,
+    model: str | Path = "", overrides: Mapping[str, float] | None = None,
+    say: Callable[[str], None] = lambda text: None, look: bool = True,
+) -> dict[str, result.Result]:  # fmt: skip
     """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
@@ -23,7 +31,7 @@ def measure(
     whose response is that of a noise that slides. Raises InputError before anything moves for what
     the axis would clip; Refusal, NoAnswer, Refused.
     """
-    done = {}
+    done: dict[str, result.Result] = {}
     actions.expect_position_gain(axis)
     for force in forces:
         bounds.expect_force(axis, force, SWING)
@@ -31,7 +39,7 @@ def measure(
         bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
-        looks = sought.Look(analyzer, model, overrides) if look else None
+        looks = sought.Look(analyzer, str(model), dict(overrides or {})) if look else None
         if free:
             say("apart, commands to the encoder")
             if looks:
@@ -49,7 +57,9 @@ def measure(
     return done
 
 
-def _taken(axis, analyzer, level, rest, looks):
+def _taken(
+    axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
+) -> result.Result:
     """The Result of a Level, with what `looks` found of friction."""
     if looks:
         looks.expect_sliding(level)
@@ -58,7 +68,7 @@ def _taken(axis, analyzer, level, rest, looks):
     return done
 
 
-def hints(level, rest):
+def hints(level: Level, rest: Rest) -> list[str]:
     """What makes the response less certain than its band says: [text]."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
@@ -76,7 +86,8 @@ def hints(level, rest):
     return texts
 
 
-def result_of(axis, order, level, rest):
+def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> result.Result:
+    """The Result of a Level, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     compared = None if model is None else measured.compare(model)
@@ -116,7 +127,7 @@ def result_of(axis, order, level, rest):
     return result.Result(None, measured, model, summary)
 
 
-def describe(summary):
+def describe(summary: dict[str, Any]) -> list[tuple[str, str]]:
     """Rows (key, text) of one response for a terminal."""
     readings, compared = summary["readings"], summary["comparison"]
     low, high = summary["band_hz"]

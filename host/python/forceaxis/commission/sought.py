@@ -7,6 +7,7 @@ the codes that differ between rising and falling force at the same reading say t
 
 import math
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,9 @@ class FoundFriction:
 class Look:
     """Looks for friction with an Analyzer. model: a path or "", which knows newtons of a code."""
 
-    def __init__(self, analyzer: Analyzer, model: str = "", overrides: dict | None = None) -> None:
+    def __init__(
+        self, analyzer: Analyzer, model: str = "", overrides: dict[str, float] | None = None
+    ) -> None:
         self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
         self.order: MeasuringOrder = analyzer.order
         self.found = FoundFriction()
@@ -83,7 +86,7 @@ class Look:
         except Refusal as refusal:
             if refusal.name != "friction" or not own:
                 raise
-            raise Refusal(refusal.name, f"{refusal.text}, or give more --level") from None
+            raise Refusal(refusal.name, f"{refusal.text}, or give a larger level") from None
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
@@ -153,8 +156,8 @@ class Look:
             return
         newtons = f", {self.found.moving_N:.3g} N of dry friction" if self.newton else ""
         where = "apart" if level.bias_N is None else f"with {level.bias_N:.3g} N"
-        bounds = "more --travel" if level.bias_N is None else "a larger --force and --force-max"
-        bounds = "more --level" if self.order.amplitude else bounds
+        bounds = "a larger travel" if level.bias_N is None else "larger forces and force_max_N"
+        bounds = "a larger level" if self.order.amplitude else bounds
         raise Refusal(
             "friction", f"expected noise that slides, {level.amplitude} codes {where} are no more "
             f"than the {dead_zone:.3g} that guide and gear take{newtons}: the response is that of "
@@ -163,7 +166,7 @@ class Look:
         )  # fmt: skip
 
 
-def summary(found: FoundFriction, level: Level) -> dict:
+def summary(found: FoundFriction, level: Level) -> dict[str, Any]:
     """What the file of a response says of friction."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
@@ -184,7 +187,7 @@ def summary(found: FoundFriction, level: Level) -> dict:
     }  # fmt: skip
 
 
-def describe(about: dict) -> list[tuple[str, str]]:
+def describe(about: dict[str, Any]) -> list[tuple[str, str]]:
     """Rows (key, text) for people; none where no friction shows."""
     if not about["rubs"]:
         return []
@@ -203,7 +206,7 @@ def describe(about: dict) -> list[tuple[str, str]]:
             f"{least}{about['workpiece_N']:.3g} N under the workpiece, which {where} in this swing"
         )
         if not about["workpiece_slides"]:
-            text += "; a larger --force or more --level makes it slide"
+            text += "; a larger force or a larger level makes it slide"
         parts.append(text)
     if about["left_N"] is not None and round(about["left_N"], 1):
         parts.append(f"with a target of 0 N the reading stays at {about['left_N']:.2g} N")

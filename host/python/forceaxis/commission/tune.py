@@ -26,7 +26,7 @@ from forceaxis.commission.tune_results import (
     Designed,
     Fitted,
     FreeResponse,
-    Measured,
+    MeasuredResponses,
     PressedResponse,
     Simulated,
     SlowChange,
@@ -40,7 +40,7 @@ from forceaxis.results import from_json, to_json
 
 
 @dataclass(frozen=True)
-class Step:
+class TuningStep:
     """A step of a tuning. function(folder, *results of the steps in `takes`) gives a `result`;
     line(folder, result): what is said of it."""
 
@@ -54,18 +54,18 @@ class Step:
 STEP_TABLE = {
     step.name: step
     for step in (
-        Step("check", tune_steps.check, Checked, (), tune_steps.check_line),
-        Step("free", tune_measure.free, FreeResponse, ("check",), tune_measure.free_line),
-        Step("measure", tune_measure.measure, Measured, ("check", "free"),
+        TuningStep("check", tune_steps.check, Checked, (), tune_steps.check_line),
+        TuningStep("free", tune_measure.free, FreeResponse, ("check",), tune_measure.free_line),
+        TuningStep("measure", tune_measure.measure, MeasuredResponses, ("check", "free"),
              tune_measure.measure_line),
-        Step("fit", tune_fit.fit, Fitted, ("free", "measure"), tune_fit.fit_line),
-        Step("design", tune_steps.design, Designed, ("fit", "check"), tune_steps.design_line),
-        Step("simulate", tune_steps.simulate, Simulated, ("design", "check", "fit"),
+        TuningStep("fit", tune_fit.fit, Fitted, ("free", "measure"), tune_fit.fit_line),
+        TuningStep("design", tune_steps.design, Designed, ("fit", "check"), tune_steps.design_line),
+        TuningStep("simulate", tune_steps.simulate, Simulated, ("design", "check", "fit"),
              tune_steps.simulate_line),
-        Step("write", tune_steps.write, Written, ("design",), tune_steps.write_line),
-        Step("verify", tune_steps.verify, Verified,
+        TuningStep("write", tune_steps.write, Written, ("design",), tune_steps.write_line),
+        TuningStep("verify", tune_steps.verify, Verified,
              ("write", "design", "measure", "check", "fit"), tune_steps.verify_line),
-        Step("store", tune_steps.store, Stored, ("verify", "design"), tune_steps.store_line),
+        TuningStep("store", tune_steps.store, Stored, ("verify", "design"), tune_steps.store_line),
     )
 }  # fmt: skip
 STEPS = tuple(STEP_TABLE)
@@ -169,7 +169,7 @@ class Tuning(TuningFolder):
         if between is None:
             raise InputError(f"{self.folder / tune_files.BETWEEN}: expected that file")
         shaken = self.read(tune_files.SHAKEN, Shaken)
-        return held._replace(result=Measured(held.result, between, shaken))
+        return held._replace(result=MeasuredResponses(held.result, between, shaken))
 
     def result(self, step: str) -> Any:
         """The result of a step that is done, of its type in STEP_TABLE. Raises Refusal for a step
@@ -181,7 +181,7 @@ class Tuning(TuningFolder):
 
     def _keep(self, step: str, done: StepFile) -> None:
         """Writes the files of a step, the one that says that it is done as the last."""
-        if isinstance(done.result, Measured):
+        if isinstance(done.result, MeasuredResponses):
             self.write(tune_files.BETWEEN, done.result.between)
             self.write(tune_files.SHAKEN, done.result.shaken)
             done = done._replace(result=done.result.levels)
@@ -210,7 +210,7 @@ class Tuning(TuningFolder):
             raise refusal from None
         return self.summary()
 
-    def _do(self, step: Step, again: bool) -> None:
+    def _do(self, step: TuningStep, again: bool) -> None:
         index = STEPS.index(step.name)
         place = f"{index + 1}/{len(STEPS)} {step.name}"
         if not again and self.done(step.name) is not None:

@@ -17,7 +17,7 @@ from forceaxis.commission.tune_folder import FITTED_MODEL, RESPONSES_MODEL, Tuni
 from forceaxis.commission.tune_results import (
     Fitted,
     FreeResponse,
-    Measured,
+    MeasuredResponses,
     ParameterRow,
     ResponseFigures,
     Values,
@@ -45,7 +45,7 @@ RELIED, UNWEIGHED = 1.0, 3.0
 DIFFER = 1e-4  # probability below which two amplitudes have two responses
 
 
-def fit(tuning: TuningFolder, free: FreeResponse, measured: Measured) -> Fitted:
+def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
     """The model's parameters from all responses and what was known before."""
     order, given = tuning.order, tuning.given
     every = ["free", *(f"{force:g}N" for force in order.forces)]
@@ -117,7 +117,7 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
     return text, residual.lines_of(tried)
 
 
-def _rubs(tuning: TuningFolder, free: FreeResponse, measured: Measured) -> Rubs:
+def _rubs(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Rubs:
     """The friction that was found, and that the model has."""
     moving_N = tune_measure.moving_N(tuning, free)
     return rubbing.rubs(tuning.given, moving_N, measured.between.friction_N)
@@ -139,7 +139,9 @@ def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
     return lines
 
 
-def _closed(tuning: TuningFolder, names: list[str], rubs: Rubs, measured: Measured) -> list[str]:
+def _closed(
+    tuning: TuningFolder, names: list[str], rubs: Rubs, measured: MeasuredResponses
+) -> list[str]:
     """The responses in which the play of the gear stays taken up: where what moves the load back
     is less than its friction the motor goes to and fro in the play, and no linear model is its.
     Raises Refusal where none in contact is left."""
@@ -161,7 +163,7 @@ def _closed(tuning: TuningFolder, names: list[str], rubs: Rubs, measured: Measur
 
 
 def _own(
-    tuning: TuningFolder, name: str, rubs: Rubs, free: FreeResponse, measured: Measured
+    tuning: TuningFolder, name: str, rubs: Rubs, free: FreeResponse, measured: MeasuredResponses
 ) -> dict[str, Prior]:
     """{parameter: Prior} of the dampers that stand for friction in a response."""
     facts = linear.facts(tuning.given)
@@ -201,7 +203,7 @@ def _rate(free: FreeResponse, apart: Measurement) -> Measurement:
 
 
 def _workpiece(
-    tuning: TuningFolder, rubs: Rubs, measured: Measured, best: Values | None = None
+    tuning: TuningFolder, rubs: Rubs, measured: MeasuredResponses, best: Values | None = None
 ) -> dict[str, Prior]:
     """Priors of a workpiece that rubs on its table, by the way between the forces and by sines;
     best: {parameter: value} of a fit, if there was one."""
@@ -246,7 +248,11 @@ def _mass_shows(shaken: shake.Shaken | None) -> bool:
 
 
 def _relied(
-    tuning: TuningFolder, plants: PlantSet, sheet: dict[str, Prior], rubs: Rubs, measured: Measured
+    tuning: TuningFolder,
+    plants: PlantSet,
+    sheet: dict[str, Prior],
+    rubs: Rubs,
+    measured: MeasuredResponses,
 ) -> tuple[dict[str, float], PlantSet, list[str]]:
     """What a design may rely on of an axis that rubs: (values, PlantSet, a line for each parameter
     that is not as fitted). plants: about the fitted values; sheet: what was known before.
@@ -307,7 +313,9 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
     )  # fmt: skip
 
 
-def _differing(tuning: TuningFolder, measured: Measured, names: list[str], model: str) -> list[str]:
+def _differing(
+    tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
+) -> list[str]:
     """Folders of the smaller amplitude whose response is another than that of the larger one; the
     result of `measure` says so from then on."""
     found, levels = [], dict(measured.levels)
@@ -336,7 +344,7 @@ def _probability(one: Measurement, other: Measurement) -> float:
     return float(stats.chi2.sf(size, 2 * len(ratio)))
 
 
-def holds(measured: Measured, fitted: Fitted | None) -> list[str]:
+def holds(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
     """Over which forces and amplitudes what is promised was seen to hold, and what was not visited;
     a line each. fitted: None before the fit."""
     between, rubs = measured.between, fitted.friction if fitted else ()

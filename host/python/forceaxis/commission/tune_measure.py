@@ -21,7 +21,7 @@ from forceaxis.commission.tune_results import (
     Checked,
     FreeResponse,
     GlideFigures,
-    Measured,
+    MeasuredResponses,
     PressedResponse,
     ResponseFigures,
     Settings,
@@ -89,7 +89,7 @@ def newton_per_code(tuning: TuningFolder) -> float:
     return known.newton_per_code(tuning.model)
 
 
-def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measured:
+def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
     """What is between the forces, then the responses of codes to the reading at each of them, with
     two amplitudes."""
     levels: dict[str, PressedResponse] = {}
@@ -122,10 +122,10 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
         levels[name] = PressedResponse(**vars(figures), small=smaller)
         first = next_amplitude(figures.amplitude, force, order.forces)
     _go_home(tuning, checked)
-    return Measured(levels, between, shaken)
+    return MeasuredResponses(levels, between, shaken)
 
 
-def measure_line(tuning: TuningFolder, done: Measured) -> str:
+def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
     """What `measure` says when it ends."""
     return "; ".join(line_of(name, level) for name, level in done.levels.items())
 

@@ -134,7 +134,7 @@ class SlowChange:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredResponses:
     """Result of `measure`. levels: {folder of the response: figures}; shaken: None where no sine
     made the workpiece slide. It has three files."""
 

@@ -32,7 +32,7 @@ from forceaxis.commission.tune_results import (
     Designed,
     Fitted,
     LawKeys,
-    Measured,
+    MeasuredResponses,
     Settings,
     Simulated,
     Stored,
@@ -393,7 +393,7 @@ def put_back(tuning: TuningFolder) -> None:
 
 
 def verify(
-    tuning: TuningFolder, written: Written, designed: Designed, measured: Measured,
+    tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
     checked: Checked, fitted: Fitted,
 ) -> Verified:  # fmt: skip
     """The responses once more, with the bank in force, and Ms of its loop as measured."""
