@@ -183,7 +183,7 @@ def test_priors_follow_the_part_that_a_parameter_plays(model):
 
 @pytest.mark.parametrize("text", ["m_w", "m_w=0", "m_w=4+-0%", "m_w=4+-x%", "nobody=1"])
 def test_a_wrong_prior_is_one_line(model, text):
-    with pytest.raises(InputError, match=r"--prior: .*expected NAME=VALUE") as error:
+    with pytest.raises(InputError, match=r"^priors: .*expected NAME=VALUE") as error:
         known.priors(model, OVER, (text,))
     assert "\n" not in str(error.value)
 

@@ -167,7 +167,7 @@ def test_a_soft_window_between_the_forces_is_refused_by_name(press, tmp_path):
     (hidden / "model.toml").write_text(text.replace(old, new))
     with Axis(link(hidden)) as axis:
         work = tuning(press, axis, tmp_path / "out", travel_mm=2.0)
-        with pytest.raises(Refusal, match=r"measure there too, --force 30,[56]") as refused:
+        with pytest.raises(Refusal, match=r"measure there too, with forces 30,[56]") as refused:
             work.run()
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
     assert refused.value.name == "soft"
@@ -181,14 +181,14 @@ def test_friction_is_freed_in_the_fit_and_the_way_between_the_forces_is_told(pre
         for step in STEPS:
             work.run(step)
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
-    found = {rub["name"]: rub["newton"] for rub in work.result("fit")["friction"]}
+    found = {rub.name: rub.newton for rub in work.result("fit").friction}
     assert found == pytest.approx({rubbing.MOVING: 12.0, rubbing.TABLE: 5.0}, rel=0.3)
-    values = work.result("fit")["values"]
+    values = work.result("fit").values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.2)
     assert work.model == tmp_path / "out/model.toml"
     summary = work.summary()
-    assert tomlkit.parse(summary["friction_lines"])["friction"][0]["name"] == rubbing.MOVING
-    text = " ".join(summary["holds"])
+    assert tomlkit.parse(summary.friction_lines)["friction"][0]["name"] == rubbing.MOVING
+    text = " ".join(summary.holds)
     for part in ("N from peak to peak", "not visited", "made the workpiece slide", "sticks"):
         assert part in text, part
     assert "add to your model:" in " ".join(said)
@@ -216,11 +216,11 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
         for step in ("check", "fit"):
             work.run(step)
         assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
-        assert work.result("fit")["friction"][0]["declared"]
+        assert work.result("fit").friction[0].declared
         # The mass does not show: a third to three times the model's, unless it is given.
         lows, highs = mass_of(work)
         assert lows < 6.0 * 0.7 / 2.9 and highs > 6.0 * 1.3 * 2.9
-        assert any("so its mass does not show" in line for line in work.summary()["holds"])
+        assert any("so its mass does not show" in line for line in work.summary().holds)
         work = tuning(known, axis, tmp_path / "out", priors=("m_w=6",))
         for step in ("check", "fit"):
             work.run(step)
@@ -233,8 +233,8 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
     with Axis(link(press)) as axis:
         work = tuning(press, axis, tmp_path / "out")
         work.run("check")
-        start = work.result("check")["rest"]["position"]
-        axis.set(position_gain=work.result("check")["settings"]["position_gain"])
+        start = work.result("check").rest.position
+        axis.set(position_gain=work.result("check").settings["position_gain"])
         axis.enable("profile position")
         axis.move(start + 780)
         axis.disable()
@@ -252,7 +252,7 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
 
 def mass_of(work):
     """(kg, kg): the range that a law is designed for."""
-    over = next(text for text in work.result("fit")["over"] if text.startswith("m_w="))
+    over = next(text for text in work.result("fit").over if text.startswith("m_w="))
     return tuple(map(float, over.removeprefix("m_w=").split("..")))
 
 
@@ -414,7 +414,7 @@ def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press
 @pytest.mark.parametrize("words", [("free",), (60.0,)])
 def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)
-    with pytest.raises(Refusal, match="more --level") as refused:
+    with pytest.raises(Refusal, match="a larger level") as refused:
         measured(hidden, press / "model.toml", *words, amplitude=3)
     assert refused.value.name == "friction" and " N" in refused.value.text
     if words != ("free",):
@@ -589,17 +589,17 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         for step in STEPS:
             work.run(step)
     assert "left out, since the play of the gear opens there: free, 30N" in said
-    assert any("play of the gear opens at free, 30N" in line for line in work.summary()["holds"])
-    values = work.result("fit")["values"]
+    assert any("play of the gear opens at free, 30N" in line for line in work.summary().holds)
+    values = work.result("fit").values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
-    (rub,) = work.result("fit")["friction"]
-    assert (rub["name"], rub["declared"]) == ("seals", True)
-    assert rub["newton"] == pytest.approx(40.0, rel=0.05)
+    (rub,) = work.result("fit").friction
+    assert (rub.name, rub.declared) == ("seals", True)
+    assert rub.newton == pytest.approx(40.0, rel=0.05)
     # Dampings, which a response cannot tell from friction: half to twice what the model has.
     given = linear.facts(worn / "model.toml").parameters
-    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit")["together"])
+    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit").together)
     assert low <= 0.5 and high == pytest.approx(2.0)
-    assert work.result("fit")["values"]["b_s"] == low * given["b_s"][0]
+    assert work.result("fit").values["b_s"] == low * given["b_s"][0]
     assert any(line.startswith("designed for b_s from") for line in said)
     measured = json.loads((tmp_path / "out/measure.json").read_text())
     for level in measured["result"].values():
