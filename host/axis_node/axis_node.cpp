@@ -188,37 +188,134 @@ class Session {
   Clock::time_point silent_since_{}, due_{};
 };
 
+using Axes = std::vector<std::unique_ptr<Axis>>;
+
+// Text after the name of a file of one axis: empty if the run has one axis only.
+std::string suffix_of(std::size_t axes, int number) {
+  return axes > 1 ? "." + std::to_string(number) : std::string();
+}
+
+Axes make_axes(const nodes::NodeOptions &options, const AxisOptions &own,
+               const std::vector<host::Experiment> &experiments) {
+  Axes axes;
+  for (std::size_t i = 0; i < experiments.size(); ++i) {
+    const int number = options.first_axis + static_cast<int>(i);
+    axes.push_back(std::make_unique<Axis>(number, options.first_axis, experiments[i],
+                                          nodes::overrides_of(options, number), own,
+                                          suffix_of(experiments.size(), number)));
+  }
+  return axes;
+}
+
+// Disables an axis whose plant is silent, and sends the plant its outputs.
+void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport) {
+  const host::LinkOutputs out = axis.lose_sensors(modbus);
+  transport.send({&out, 1});
+  axis.lost = nodes::JsonObject()
+                  .add("tick", out.tick)
+                  .add("dac_code", out.dac_code)
+                  .add("amp_enable", (out.out & 1) != 0)
+                  .add("brake_release", (out.out & 2) != 0)
+                  .add("fault", host::enum_text(AXIS_OBJ_FAULT, out.fault))
+                  .text();
+}
+
+// What a run without a session has seen of its plants.
+struct Served {
+  unsigned silent = 0;  // bits axis - 1 for each axis with a silent plant
+  std::uint64_t lost_records = 0;
+};
+
+// Serves a run that is no session, from its first tick to the last one or to a signal.
+Served serve_run(Axes &axes, nodes::ModbusPort *modbus, host::AxisTransport &transport,
+                 host::AxisExchange &exchange) {
+  Served served;
+  while (!exchange.finished() && stopped == 0) {
+    const unsigned now_silent = exchange.serve(kServe);
+    served.silent |= now_silent;
+    for (const auto &axis : axes) {
+      if ((now_silent >> (axis->number() - 1) & 1U) == 0) continue;
+      lose(*axis, modbus, transport);
+      ++served.lost_records;
+    }
+  }
+  return served;
+}
+
+// Answers repeated inputs after the last tick.
+void linger(const AxisOptions &own, host::AxisExchange &exchange) {
+  while (stopped == 0 && exchange.quiet() < kLinger && !(own.serve && asked_on_input())) {
+    exchange.serve(own.serve ? milliseconds{2} : milliseconds{50});
+  }
+}
+
+// Why a run failed, and what to do; empty if it did not fail. `ticks`: whether one ever came.
+std::string failure_of(const host::LinkTimeouts &timeouts, unsigned silent, bool ticks,
+                       bool ended_early) {
+  if (ended_early) {
+    return std::string("ended by ") + (stopped == SIGINT ? "SIGINT" : "SIGTERM") +
+           " before the end of the run";
+  }
+  if (silent == 0) return {};
+  return "plant_node silent for " +
+         std::to_string((ticks ? timeouts.running : timeouts.start).count()) + " ms (" +
+         host::axes_text(silent) + "): " +
+         (ticks ? "it has ended or does not respond; the axis is disabled, DAC code 0"
+                : "it never sent a tick; does it run on this link and with this run id?");
+}
+
+// Prints the report of a run. Returns the exit status of the program.
+int report(const nodes::NodeOptions &options, const AxisOptions &own, const Axes &axes,
+           const Session *session, const host::AxisExchange &exchange, const Served &served,
+           const host::InjectionCounts &injected) {
+  std::string list;
+  for (const auto &axis : axes) nodes::append(list, axis->json());
+  host::LinkStatistics statistics = exchange.statistics();
+  statistics.sent += served.lost_records;
+  const bool ended_early = session == nullptr && stopped != 0 && !exchange.finished();
+  const std::string failure =
+      failure_of(options.link.timeouts, served.silent, axes[0]->coming() > 0, ended_early);
+  nodes::JsonObject o;
+  o.add("node", "axis")
+      .add("pid", getpid())
+      .add("link", options.link.kind)
+      .add("run_id", options.link.run_id)
+      .raw("axes", "[" + list + "]")
+      .raw("statistics", nodes::statistics_json(statistics, injected));
+  if (session != nullptr) {
+    if (!session->ended.empty()) std::cerr << "axis_node: " << session->ended << '\n';
+    o.raw("session", nodes::session_json(session->interruptions, session->ended));
+  }
+  if (!failure.empty()) o.add("error", failure);
+  std::cout << o.text() << std::endl;
+  const bool broken =
+      std::ranges::any_of(axes, [](const auto &axis) { return axis->journal_broken(); });
+  if (failure.empty()) return broken ? 1 : 0;
+  if (!own.serve) std::cerr << "axis_node: " << failure << '\n';
+  return stopped != 0 && session == nullptr ? 128 + stopped : 1;
+}
+
 // Executes one run, from the line "ready" to the report.
 int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   expect_node_ids(options, own);
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
-  std::vector<std::unique_ptr<Axis>> axes;
   std::vector<std::uint8_t> numbers;
   std::vector<std::int64_t> last_ticks;
   std::vector<std::unique_ptr<host::LinkClaim>> claims;
-  for (std::size_t i = 0; i < experiments.size(); ++i) {
-    claims.push_back(host::claim_axis(options.link, options.first_axis + static_cast<int>(i)));
+  for (const host::Experiment &experiment : experiments) {
+    const int number = options.first_axis + static_cast<int>(numbers.size());
+    claims.push_back(host::claim_axis(options.link, number));
+    numbers.push_back(static_cast<std::uint8_t>(number));
+    last_ticks.push_back(experiment.ticks);
   }
-  const auto suffix = [&experiments](int number) {
-    return experiments.size() > 1 ? "." + std::to_string(number) : std::string();
-  };
-  for (std::size_t i = 0; i < experiments.size(); ++i) {
-    expect_files(own, suffix(options.first_axis + static_cast<int>(i)));
-  }
+  for (const int number : numbers) expect_files(own, suffix_of(experiments.size(), number));
   std::unique_ptr<nodes::ModbusPort> modbus;
   if (!own.modbus.empty()) {
     modbus = std::make_unique<nodes::ModbusPort>(own.modbus, own.modbus_baud);
   }
   host::InjectionCounts injected;
   const auto transport = host::open_axis_transport(options.link, injected);
-  for (std::size_t i = 0; i < experiments.size(); ++i) {
-    const int number = options.first_axis + static_cast<int>(i);
-    axes.push_back(std::make_unique<Axis>(number, options.first_axis, experiments[i],
-                                          nodes::overrides_of(options, number), own,
-                                          suffix(number)));
-    numbers.push_back(static_cast<std::uint8_t>(number));
-    last_ticks.push_back(experiments[i].ticks);
-  }
+  Axes axes = make_axes(options, own, experiments);
   std::optional<Session> session;
   if (options.endless) session.emplace(options, axes, modbus.get());
   const auto compute = [&](const host::LinkInputs &in) {
@@ -230,65 +327,14 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   std::cout << "axis_node ready pid " << getpid() << ", " << host::link_text(options.link)
             << ", axes " << nodes::axes_range(options) << std::endl;
 
-  unsigned silent = session ? session->serve(exchange) : 0;
-  std::uint64_t lost_records = 0;
-  while (!session && !exchange.finished() && stopped == 0) {
-    const unsigned now_silent = exchange.serve(kServe);
-    silent |= now_silent;
-    for (const auto &axis : axes) {
-      if ((now_silent >> (axis->number() - 1) & 1U) == 0) continue;
-      const host::LinkOutputs out = axis->lose_sensors(modbus.get());
-      transport->send({&out, 1});
-      ++lost_records;
-      axis->lost = nodes::JsonObject()
-                       .add("tick", out.tick)
-                       .add("dac_code", out.dac_code)
-                       .add("amp_enable", (out.out & 1) != 0)
-                       .add("brake_release", (out.out & 2) != 0)
-                       .add("fault", host::enum_text(AXIS_OBJ_FAULT, out.fault))
-                       .text();
-    }
+  const Served served = session ? Served{session->serve(exchange), 0}
+                                : serve_run(axes, modbus.get(), *transport, exchange);
+  if (served.silent != 0) {
+    hold(axes, modbus.get(), own.hold_s);
+  } else if (!session) {
+    linger(own, exchange);
   }
-  if (silent != 0) hold(axes, modbus.get(), own.hold_s);
-  while (!session && silent == 0 && stopped == 0 && exchange.quiet() < kLinger &&
-         !(own.serve && asked_on_input())) {
-    exchange.serve(own.serve ? milliseconds{2} : milliseconds{50});
-  }
-
-  std::string list;
-  for (const auto &axis : axes) nodes::append(list, axis->json());
-  host::LinkStatistics statistics = exchange.statistics();
-  statistics.sent += lost_records;
-  std::string failure;
-  if (silent != 0) {
-    const auto &timeouts = options.link.timeouts;
-    const bool ever = axes[0]->coming() > 0;
-    failure = "plant_node silent for " +
-              std::to_string((ever ? timeouts.running : timeouts.start).count()) + " ms (" +
-              host::axes_text(silent) + "): " +
-              (ever ? "it has ended or does not respond; the axis is disabled, DAC code 0"
-                    : "it never sent a tick; does it run on this link and with this run id?");
-  }
-  if (session && !session->ended.empty()) std::cerr << "axis_node: " << session->ended << '\n';
-  if (!session && stopped != 0 && !exchange.finished()) {
-    failure = std::string("ended by ") + (stopped == SIGINT ? "SIGINT" : "SIGTERM") +
-              " before the end of the run";
-  }
-  nodes::JsonObject o;
-  o.add("node", "axis")
-      .add("pid", getpid())
-      .add("link", options.link.kind)
-      .add("run_id", options.link.run_id)
-      .raw("axes", "[" + list + "]")
-      .raw("statistics", nodes::statistics_json(statistics, injected));
-  if (session) o.raw("session", nodes::session_json(session->interruptions, session->ended));
-  if (!failure.empty()) o.add("error", failure);
-  std::cout << o.text() << std::endl;
-  const bool broken =
-      std::ranges::any_of(axes, [](const auto &axis) { return axis->journal_broken(); });
-  if (failure.empty()) return broken ? 1 : 0;
-  if (!own.serve) std::cerr << "axis_node: " << failure << '\n';
-  return stopped != 0 && !session ? 128 + stopped : 1;
+  return report(options, own, axes, session ? &*session : nullptr, exchange, served, injected);
 }
 
 // Executes the runs that are requested on standard input. Each line has the run number, the

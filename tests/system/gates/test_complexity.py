@@ -61,7 +61,6 @@ EXCEPTIONS = {
     "a conversation with another program, step by step with the end of each step that fails": {
         "axis: GatewayAxis::set_up_pdo": 20,
         "axis: GatewayAxis::shut_down": 19,
-        "axis_node: run": 40,
         "commands: GatewayCommands::capture": 14,
         "commands: GatewayCommands::publish_capture": 13,
         "commands: GatewayCommands::target_of": 14,
