@@ -61,6 +61,29 @@ class CheckStep:
 
 
 @dataclass(frozen=True)
+class CheckedObjects:
+    """Objects of an axis, in engineering values, that the steps compare with what they see."""
+
+    adc_bits: int
+    force_zero_code: int
+    contact_force: float
+    force_max: float
+    position_min: int
+    position_max: int
+    position_gain: float
+    output_limit: int
+    following_error_max: int
+    speed_max: float
+    inputs_fitted: int
+    tare_band: float
+    first_motion_counts: int
+    first_motion_code: int
+    first_motion_speed: float
+    force_scale: float
+    calibration_date: int
+
+
+@dataclass(frozen=True)
 class MotionCheckResult:
     """The steps of a guided first motion; passed: none failed."""
 
@@ -96,12 +119,7 @@ class MotionCheck:
         self._connection()
         if not self._table():
             return
-        self.known = self.axis.get(
-            "adc_bits", "force_zero_code", "contact_force", "force_max", "position_min",
-            "position_max", "position_gain", "output_limit", "following_error_max", "speed_max",
-            "inputs_fitted", "tare_band", "first_motion_counts", "first_motion_code",
-            "first_motion_speed", "force_scale", "calibration_date",
-        )  # fmt: skip
+        self.known = CheckedObjects(**self.axis.get(*CheckedObjects.__dataclass_fields__))
         for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
             step()
         if not self.passed:
@@ -114,7 +132,7 @@ class MotionCheck:
 
     def asked(self) -> str:
         """What a person has to know before the axis moves."""
-        counts, code = (self.known[f"first_motion_{n}"] for n in ("counts", "code"))
+        counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
             f"It moves {counts} encoder counts in open loop, at most {REACH * counts} with {code} "
@@ -168,7 +186,7 @@ class MotionCheck:
 
     def _inputs(self) -> None:
         bits = self.axis.read("digital_inputs")
-        fitted = self.known["inputs_fitted"]
+        fitted = self.known.inputs_fitted
         self.switches = bits & fitted & (LIMIT_POS | LIMIT_NEG)
         on = [text for bit, text in ((LIMIT_NEG, "negative"), (LIMIT_POS, "positive"))
               if self.switches & bit]  # fmt: skip
@@ -181,15 +199,15 @@ class MotionCheck:
                     ": close the chain; two limit switches at once are a broken cable")  # fmt: skip
 
     def _gains(self) -> None:
-        gain = self.known["position_gain"]
+        gain = self.known.position_gain
         self._evaluate("position gain", gain > 0 and self._output() > 0,
                     f"{gain:g} code/count, output limited to {self._output()} codes", gain,
                     "above 0", ": set them, the axis would not move")  # fmt: skip
 
     def _scale(self) -> None:
-        scale = self.known["force_scale"]
+        scale = self.known.force_scale
         self.newton = scale * 1e-6
-        unset = quantity.never_set(scale, self.known["calibration_date"])
+        unset = quantity.never_set(scale, self.known.calibration_date)
         text = f"{self.newton:.6g} N a force count"
         self._done("force scale", "noted" if unset else "passed",
                    text + (", as delivered: set force_scale, or calibrate; all newtons follow it"
@@ -206,13 +224,13 @@ class MotionCheck:
                 rows.append([self.axis.read(name) for name in names])
                 self.axis.link.wait(READING_PERIOD_S)
             raw, force, current, place = np.array(rows).T
-        top, zero = 2 ** self.known["adc_bits"] - 1, self.known["force_zero_code"]
+        top, zero = 2**self.known.adc_bits - 1, self.known.force_zero_code
         railed = raw.max() >= top or (raw.min() <= 0 and zero != 0)
         code = float(np.mean(raw))
         self._evaluate("force sensor", not railed, f"code {code:.5g} of 0 to {top}", code, top,
                     ": at an end of its range; check cable, supply, force_zero_code")  # fmt: skip
         self._scale()
-        swing, band = float(np.ptp(force)), self.known["contact_force"]
+        swing, band = float(np.ptp(force)), self.known.contact_force
         noise = noise_of(raw)
         text = f"{noise:.3g} LSB rms, {swing:.3g} force counts from peak to peak"
         if swing > band:
@@ -239,7 +257,7 @@ class MotionCheck:
 
     def _limits(self) -> None:
         """Where the limits leave room; away from the workpiece is preferred."""
-        low, high = self.known["position_min"], self.known["position_max"]
+        low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
                 if room[way] >= self._span() and not self.switches & switch]  # fmt: skip
@@ -252,28 +270,26 @@ class MotionCheck:
 
     def _span(self) -> int:
         """How far the axis may be from its start, whatever happens."""
-        return max(self.travel, REACH * self.known["first_motion_counts"]) + ARRIVED_CNT
+        return max(self.travel, REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:
         """Of the move, counts a tick."""
         return min(self.travel / MOVE_TICKS, MOVE_SPEED)
 
     def _output(self) -> int:
-        return min(self.output, self.known["output_limit"])
+        return min(self.output, self.known.output_limit)
 
     def _motion(self) -> None:
         """First motion and move, with limits of their own meanwhile."""
         known = self.known
-        force = abs(self.reading) + 4 * known["contact_force"]
+        force = abs(self.reading) + 4 * known.contact_force
         bounds = {
-            "position_min": max(known["position_min"], self.start - self._span()),
-            "position_max": min(known["position_max"], self.start + self._span()),
-            "output_limit": min(
-                known["output_limit"], max(self.output, known["first_motion_code"])
-            ),
-            "following_error_max": _least(known["following_error_max"], self.travel),
-            "speed_max": _least(known["speed_max"], 2 * known["first_motion_speed"]),
-            "force_max": _least(known["force_max"], force),
+            "position_min": max(known.position_min, self.start - self._span()),
+            "position_max": min(known.position_max, self.start + self._span()),
+            "output_limit": min(known.output_limit, max(self.output, known.first_motion_code)),
+            "following_error_max": _least(known.following_error_max, self.travel),
+            "speed_max": _least(known.speed_max, 2 * known.first_motion_speed),
+            "force_max": _least(known.force_max, force),
             "profile_enable": "trapezoid",
             "profile_velocity_max": self._speed(),
             "profile_acceleration_max": self._speed() / 100,
@@ -286,7 +302,7 @@ class MotionCheck:
             if not self._first_motion():
                 self._skip("what failed comes first", "move")
                 return
-            slow = _least(known["speed_max"], MOVE_SPEED_MAX)
+            slow = _least(known.speed_max, MOVE_SPEED_MAX)
             self.axis.set(output_limit=self._output(), speed_max=slow)
             self._move()
         finally:
@@ -305,7 +321,7 @@ class MotionCheck:
                 f"{found['first_motion_code_reached']}, force changed by "
                 f"{found['first_motion_force']:.3g} force counts")  # fmt: skip
         if result == "passed" and not error:
-            seen = abs(found["first_motion_force"]) > self.known["contact_force"]
+            seen = abs(found["first_motion_force"]) > self.known.contact_force
             sign = "" if seen else "; the sign of the force shows at the first contact"
             return self._done("first motion", "passed", text + sign, result, "passed")
         name = found["fault"] if result in ("passed", "running", "not_run") else result
@@ -372,12 +388,12 @@ class MotionCheck:
             raise interrupt
 
     def _tare(self) -> None:
-        band = self.known["tare_band"] or self.known["contact_force"]
+        band = self.known.tare_band or self.known.contact_force
         if not self.passed:
             self._skip("what failed comes first", "tare")
         elif abs(self.reading) > band:
             self._done("tare", "skipped", f"{self.reading:.4g} force counts at rest: beyond "
-                       f"{'tare_band' if self.known['tare_band'] else 'contact_force'}",
+                       f"{'tare_band' if self.known.tare_band else 'contact_force'}",
                        self.reading, band)  # fmt: skip
         else:
             try:

@@ -30,6 +30,7 @@ class MeasuringOrder:
     first: int = 1
     most: int = MOST_CODES  #: codes that are searched up to
     seed: int = 1
+    finds_friction: bool = True  #: dry friction, whose response is that of a noise that slides
     rubs: bool = False  #: with dry friction, of which less amplitude shows more
     swing: float = 0.4  #: of the bias force, from peak to peak
     within: float = 0.05  #: of the force asked for, in which the reading stands

@@ -22,13 +22,12 @@ FREE = "free"
 def measure(
     axis: Axis, order: MeasuringOrder, forces: Sequence[float] = (), free: bool = False,
     model: str | Path = "", overrides: Mapping[str, float] | None = None,
-    say: Callable[[str], None] = lambda text: None, look: bool = True,
+    say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, result.Result]:  # fmt: skip
     """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
-    model: a path; the response is compared with its linear model then. look: for dry friction,
-    whose response is that of a noise that slides. Raises InputError before anything moves for what
+    model: a path; the response is compared with its linear model then. Raises InputError before anything moves for what
     the axis would clip; Refusal, NoAnswer, Refused.
     """
     done: dict[str, result.Result] = {}
@@ -39,7 +38,11 @@ def measure(
         bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
-        looks = sought.Look(analyzer, str(model), dict(overrides or {})) if look else None
+        looks = (
+            sought.Look(analyzer, str(model), dict(overrides or {}))
+            if order.finds_friction
+            else None
+        )
         if free:
             say("apart, commands to the encoder")
             if looks:

@@ -1,5 +1,6 @@
 """What led to an incident, in words: rules on its recorded signals, the decisive ones first."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,25 @@ FOUND = {
     256: "tick beside the second clock",
 }
 CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
+
+
+@dataclass(frozen=True)
+class IncidentStory:
+    """An incident in words; tick: of the error; later: errors since; kept: from before a restart;
+    story: what led to it, the decisive lines first."""
+
+    fault: str
+    error_code: str
+    tick: int
+    later: int
+    kept: bool
+    story: tuple[str, ...]
+
+    @classmethod
+    def of(cls, incident: Incident, lines: tuple[str, ...]) -> "IncidentStory":
+        return cls(
+            incident.fault, incident.error_code, incident.tick, incident.later, incident.kept, lines
+        )
 
 
 def tell(incident: Incident, counts_per_mm: float | None = None) -> list[str]:
