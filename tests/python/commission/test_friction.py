@@ -13,6 +13,7 @@ from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import design
+from forceaxis.cli.response_text import describe_response
 from forceaxis.commission import (
     friction,
     known,
@@ -301,7 +302,7 @@ def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_bo
         table.write_text(model.read_text() + "\n" + found["lines"])
         assert known.newton_per_code(table) > 0  # it is TOML that a model takes
         assert one.summary["amplitude"] > 2 * found["dead_zone_codes"]
-        rows = dict(measuring.describe(one.summary))
+        rows = dict(describe_response(one.summary))
         assert "12 N" in rows["friction"] and "[[friction]]" in rows["model lacks"]
     assert done["30N"].summary["friction"]["workpiece_N"] == pytest.approx(5.0, rel=0.2)
     assert "sticks in this swing" in rows["friction"]  # of a drive that is linear up to 7 codes
@@ -339,7 +340,7 @@ def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(pres
     ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
     assert ends[1] - ends[0] < 2 * 400 + 40
     assert not done["free"].summary["friction"]["rubs"]
-    assert "friction" not in dict(measuring.describe(done["free"].summary))
+    assert "friction" not in dict(describe_response(done["free"].summary))
 
 
 @pytest.mark.parametrize("newton, force", [(12.0, 30.0), (25.0, 100.0)])
@@ -374,7 +375,7 @@ def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
     assert 0.5 * codes <= found["dead_zone_codes"] <= 1.05 * codes
     if newton:
         assert done["60N"].summary["swing"] > 0.3 * 60.0
-        assert "at least" in dict(measuring.describe(done["60N"].summary))["friction"]
+        assert "at least" in dict(describe_response(done["60N"].summary))["friction"]
 
 
 @pytest.mark.parametrize(
@@ -401,7 +402,7 @@ def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, see
 def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press, tmp_path):
     hidden = rubbing_press(press, tmp_path / "hidden", table=60.0)
     done, _ = measured(hidden, press / "model.toml", 30.0)
-    rows = dict(measuring.describe(done["30N"].summary))
+    rows = dict(describe_response(done["30N"].summary))
     assert "at least" in rows["friction"] and "which sticks" in rows["friction"]
     found = done["30N"].summary["friction"]
     assert 7.0 < found["workpiece_N"] < 60.0  # the force was changed by 18 N

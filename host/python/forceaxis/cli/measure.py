@@ -48,6 +48,7 @@ def newtons(context, option, text):
 def measure_axis(way, out, as_json, live, options):
     """Run `forceaxis measure` on a live axis."""
     from forceaxis import linear
+    from forceaxis.cli.response_text import describe_response
     from forceaxis.commission import analyzer, as_found, measuring
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import result
@@ -84,7 +85,7 @@ def measure_axis(way, out, as_json, live, options):
         if out:
             result.write(one, out / name)
         if not as_json:
-            rows = [("measurement", name), *measuring.describe(one.summary)]
+            rows = [("measurement", name), *describe_response(one.summary)]
             rows += [("files", paths.quoted(out / name))] if out else []
             show(rows)
     if as_json:

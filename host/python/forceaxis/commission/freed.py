@@ -270,20 +270,3 @@ def joint(
         if not slides.rejected:
             return slides
     raise _refused(found.p, str(model), worst)
-
-
-def describe(summary: dict[str, Any]) -> list[str]:
-    """Lines for people on what was freed; none where nothing was."""
-    about = summary["friction"]
-    if about is None:
-        return []
-    lines = []
-    for one in about["freed"]:
-        damper = "stuck" if one["damping"] is None else f"{one['damping']:.4g} N s/m"
-        newton = "" if one["newton"] is None else f", dry friction of {one['newton']:.3g} N"
-        lines.append(
-            f"friction     {damper} between {' and '.join(one['between'])} in this response{newton}"
-        )
-    for number, line in enumerate(filter(None, about["lines"].splitlines())):
-        lines.append(f"{'model lacks' if number == 0 else '':12} {line}")
-    return lines

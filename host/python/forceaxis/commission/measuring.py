@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,8 +26,8 @@ def measure(
     """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
-    model: a path; the response is compared with its linear model then. Raises InputError before anything moves for what
-    the axis would clip; Refusal, NoAnswer, Refused.
+    model: a path; the response is compared with its linear model then. Raises InputError before
+    anything moves for what the axis would clip; Refusal, NoAnswer, Refused.
     """
     done: dict[str, result.Result] = {}
     actions.expect_position_gain(axis)
@@ -128,45 +127,3 @@ def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> re
         "objects_hash": objects.OBJECTS_HASH,
     }
     return result.Result(None, measured, model, summary)
-
-
-def describe(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows (key, text) of one response for a terminal."""
-    readings, compared = summary["readings"], summary["comparison"]
-    low, high = summary["band_hz"]
-    rows = [
-        ("response", f"{summary['input']} to {summary['output']}, {summary['unit']}"),
-        (
-            "excitation",
-            f"noise of {summary['amplitude']} codes, {low:.4g} to {high:.4g} Hz, "
-            f"{summary['averages']} averages",
-        ),
-    ]
-    if summary["bias_N"] is not None:
-        rows.append(
-            ("force", f"{summary['bias_N']:.4g} N, while excited {summary['force_min_N']:.4g} to "
-             f"{summary['force_max_N']:.4g} N")
-        )  # fmt: skip
-    found = summary.get("friction")
-    less = "less was taken" if found and found["rubs"] else "halved"
-    for abort in summary["aborts"]:
-        rows.append(("ended", f"{abort['why']} at {abort['amplitude']} codes: {less}"))
-    rows += sought.describe(found) if found else []
-    rows += [
-        ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
-        (
-            "coherence",
-            f"median {summary['coherence_median']:.5g}, above {COHERENT} at "
-            f"{summary['coherent']} of {summary['points']} points",
-        ),
-        ("error", f"{100 * summary['random_error_median']:.2g} % random error, median"),
-    ]
-    if compared:
-        inside = compared["inside"]
-        rows.append(
-            ("inside", "no coherent point" if inside is None else
-             f"{100 * inside:.1f} % of the coherent points within the 95 % band of the model")
-        )  # fmt: skip
-        fits = "the model fits" if compared["fits"] else "the model is rejected at 5 %"
-        rows.append(("verdict", f"{fits} (p = {compared['p_value']:.3g})"))
-    return rows + [("hint", text) for text in summary["hints"]]

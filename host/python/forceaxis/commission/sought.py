@@ -185,34 +185,3 @@ def summary(found: FoundFriction, level: Level) -> dict[str, Any]:
         "why": found.why,
         "lines": found.lines,
     }  # fmt: skip
-
-
-def describe(about: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows (key, text) for people; none where no friction shows."""
-    if not about["rubs"]:
-        return []
-    rows, parts = [], []
-    if about["dead_zone_codes"]:
-        newtons = "" if about["moving_N"] is None else f", {about['moving_N']:.3g} N"
-        least = "at least " if about["glide"] is None and about["directions"]["least"] else ""
-        text = f"guide and gear take {least}{about['dead_zone_codes']:.3g} codes{newtons}"
-        if about["glide"] and abs(about["glide"]["difference"]) > friction.FELT_CODES:
-            text += f", {about['glide']['difference']:+.2g} codes more forward than backward"
-        parts.append(text)
-    if about["workpiece_N"]:
-        slow, where = about["slow"], "slides" if about["workpiece_slides"] else "sticks"
-        least = "at least " if slow["sticks"] else ""
-        text = (
-            f"{least}{about['workpiece_N']:.3g} N under the workpiece, which {where} in this swing"
-        )
-        if not about["workpiece_slides"]:
-            text += "; a larger force or a larger level makes it slide"
-        parts.append(text)
-    if about["left_N"] is not None and round(about["left_N"], 1):
-        parts.append(f"with a target of 0 N the reading stays at {about['left_N']:.2g} N")
-    rows.append(("friction", "; ".join(parts)))
-    if about["moving_N"] is None and about["dead_zone_codes"]:
-        rows.append(("hint", "--model says how many newtons a code is"))
-    for number, line in enumerate(filter(None, about["lines"].splitlines())):
-        rows.append(("model lacks" if number == 0 else "", line))
-    return rows
