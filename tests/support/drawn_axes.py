@@ -21,6 +21,7 @@ from forceaxis.design import data_sheet, files, new, sets, simulate
 from forceaxis.design.changes import Design
 from forceaxis.linear import over as margins
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 
 OVER = ("k_w=30%,m_w=30%",)
@@ -211,7 +212,7 @@ def judged(model, truth, folder, forces, moving=None):
     bank = Bank(held["force_gain"], held["integral_rad_per_s"], held["velocity_gain"], sections)
     modes = tuple(designed["modes"]) if moving is None else moving
     plants = PlantSet(str(model), truth, ranges_of(model, OVER, truth), modes)
-    worst = margins.worst(plants, ("zoh",), law="bank", bank=bank)
+    worst = margins.worst(plants, ("zoh",), LoopSpec("bank", bank=bank))
     rows = contacts(model, truth, forces, bank, designed)
     return {
         "Ms": worst.Ms,

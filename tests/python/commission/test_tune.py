@@ -35,6 +35,7 @@ from forceaxis.design.changes import Design
 from forceaxis.design.search import Goal
 from forceaxis.linear import over, plant_set
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.objects import OBJECTS
 
 pytestmark = pytest.mark.beside
@@ -243,7 +244,7 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
     bank = Bank(held["force_gain"], held["integral_rad_per_s"], 0.0, sections)
     true = str(plants / "true/model.toml")
     about = plant_set.PlantSet(true, {}, plant_set.ranges_of(true, OVER))
-    worst = over.worst(about, ("zoh",), law="bank", bank=bank)
+    worst = over.worst(about, ("zoh",), LoopSpec("bank", bank=bank))
     assert worst.stable
     assert abs(worst.Ms - summary["Ms_predicted"]) < 0.3
     page = (designed / "index.html").read_text()

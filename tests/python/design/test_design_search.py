@@ -10,6 +10,7 @@ from forceaxis.design import certificate, search, structures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,7 +34,7 @@ def laboratory():
 
 
 def exact(plants, member, timing, numbers, gain):
-    loop = plants.loop(member, timing, "bank", bank=structures.bank(numbers, gain))
+    loop = plants.loop(member, timing, LoopSpec("bank", bank=structures.bank(numbers, gain)))
     return over.figures(loop, loop.gain_of(gain))
 
 
@@ -86,7 +87,9 @@ def test_the_largest_gain_is_where_its_bound_is_reached(laboratory, name, bounds
         assert abs(true.phase_margin_deg) == pytest.approx(45.0, abs=0.5)
     else:
         loop = plants.loop(
-            grid.members[member], BOTH[timing], "bank", bank=structures.bank(NUMBERS, gain)
+            grid.members[member],
+            BOTH[timing],
+            LoopSpec("bank", bank=structures.bank(NUMBERS, gain)),
         )
         size = abs(loop.closed(loop.gain_of(gain)).response(np.geomspace(1, 700, 20000))).max()
         assert size == pytest.approx(1.3, rel=3e-3)
@@ -123,7 +126,7 @@ def test_a_ramp_is_followed_as_the_loop_follows_it(laboratory):
     ramp = Ramp([plants.loop(member)], [0], 0.1)
     for rate in (7.0, 25.0):
         numbers = np.log([rate, *np.exp(NUMBERS[1:])])
-        loop = plants.loop(member, "zoh", "bank", bank=structures.bank(numbers, 4.5))
+        loop = plants.loop(member, "zoh", LoopSpec("bank", bank=structures.bank(numbers, 4.5)))
         closed = loop.closed(loop.gain_of(4.5))
         state, response = np.zeros(len(closed.A)), []
         for setpoint in np.clip(np.arange(1500) / 150, 0, 1):
@@ -148,7 +151,7 @@ def fast(monkeypatch):
 def held(plants, found, goal):
     """The worst of the set keeps the goal, by figures that the search did not compute."""
     for timing in goal.timings:
-        worst = over.worst(plants, (timing,), law="bank", bank=found.bank)
+        worst = over.worst(plants, (timing,), LoopSpec("bank", bank=found.bank))
         assert worst.stable and not worst.sag
         assert worst.Ms <= goal.ms_of(timing)
         assert worst.gain_margin >= goal.gain_margin
@@ -202,7 +205,7 @@ def test_a_gain_that_breaks_the_set_is_lowered(laboratory):
     _, grid = laboratory
     bank = structures.bank(NUMBERS, 7.0).quantised()
     goal = search.Goal(timings=("zoh+1",))
-    assert over.worst(plants, goal.timings, law="bank", bank=bank).gain_margin < 2
+    assert over.worst(plants, goal.timings, LoopSpec("bank", bank=bank)).gain_margin < 2
     lowered, figures = certificate.exact(plants, [grid], bank, goal)
     assert 3.0 < lowered.force_gain < 7.0
     assert 2.3 <= figures["gain_margin"] < 2.5 or 2.1 < figures["Ms_late"] <= 2.2

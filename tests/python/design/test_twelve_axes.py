@@ -9,6 +9,7 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.search import Goal
 from forceaxis.linear import over
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 
 BETTER = 1.5
 ALL = list(twelve_axes.AXES)
@@ -35,7 +36,7 @@ def test_the_bank_is_half_as_fast_again_as_p_or_the_sentence_says_why_not(tmp_pa
     bank, worst = problem.exact(found["bank"])
     # Exact figures, not those of the grid, at the worst of the set.
     for timing, most in (("zoh", goal.ms), ("zoh+1", goal.ms_late)):
-        exact = over.worst(plants, (timing,), law="bank", bank=bank)
+        exact = over.worst(plants, (timing,), LoopSpec("bank", bank=bank))
         assert exact.stable and exact.Ms < 1.0001 * most
         assert exact.gain_margin is None or exact.gain_margin > 0.9999 * goal.gain_margin
         assert exact.fS_Hz > 0.9999 * worst["fS_Hz"] and not exact.sag

@@ -9,6 +9,7 @@ import verbs
 from forceaxis import linear
 from forceaxis.linear import loops, over, plant_set
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 
 OVER = "k_w=30%,m_w=30%"
 
@@ -51,7 +52,7 @@ def test_its_figures_are_those_of_the_worst_member(soft):
             keys["gain"], keys.get("integral_rad_per_s", 0.0), 0.0,
             tuple(map(tuple, keys.get("sections", ()))),
         )  # fmt: skip
-        exact = [over.worst(plants, (t,), law="bank", bank=bank) for t in ("zoh", "zoh+1")]
+        exact = [over.worst(plants, (t,), LoopSpec("bank", bank=bank)) for t in ("zoh", "zoh+1")]
         assert row[prefix + "fS_Hz"] == pytest.approx(min(w.fS_Hz for w in exact), rel=0.02)
         assert exact[0].Ms < 1.04 * 2.0 and exact[1].Ms < 1.04 * 2.2  # of corners, on a grid
     # The static error of P is that of its loop at rest, at its worst member.

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from forceaxis import paths
 from forceaxis.cli import main as cli
 from forceaxis.design import advise, advise_text, new
-from forceaxis.linear import curves, locus, loops, over, plant_set, plots, stability
+from forceaxis.linear import locus, loops, over, plant_set, plots, request, stability
 from forceaxis.report import axes
 
 MODEL = "fig4_19"
@@ -77,4 +77,4 @@ def test_pictures_and_pages_say_so():
 def test_first_gains_stay_below_what_is_known():
     """A sixth of it, in DAC codes per unit of the signal."""
     assert new.highest_gain(loops.force_loop(MODEL), 0.05) == pytest.approx(KNOWN_TO / 0.05)
-    assert curves.shown_gain(loops.force_loop(MODEL), None, None) == 1.0
+    assert request.drawn_gain(loops.force_loop(MODEL), None, None) == 1.0

@@ -63,8 +63,8 @@ def has_its_digits(model, timing, law, overrides=None, modes=None):
     """Every crossing, and the figures at two gains, to 1e-9."""
     plant = linear.linearise(model, overrides=overrides, modes=modes)
     true = exact(plant, timing, law)
-    more = {"bank": BANK} if law == "bank" else {}
-    loop = loops.force_loop(model, law, timing, overrides, modes, **more)
+    spec = loops.LoopSpec(law, timing, bank=BANK if law == "bank" else None)
+    loop = spec.around(model, overrides, modes)
     limit = loop.limit()
     assert limit.known_to is None
     ends = (0, None, 0.5 / loop.dt if loop.dt else None)

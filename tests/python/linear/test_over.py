@@ -11,7 +11,9 @@ import verbs
 from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
 from forceaxis.linear import bank as banks
-from forceaxis.linear import limits, loops, over, plant_set, sets, settings
+from forceaxis.linear import loops, over, plant_set, sets, settings
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.request import LoopRequest
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import System
 from scipy import optimize
@@ -66,8 +68,8 @@ def by_control(case):
 
 def loop_of(case):
     (model, given, modes), law, timing = case
-    more = {"pi": {"integral_rad_per_s": 8.0}, "bank": {"bank": BANK.quantised()}}.get(law, {})
-    return loops.force_loop(model, law, timing, given, modes, **more)
+    more = {"pi": {"parameters": {"integral_rad_per_s": 8.0}}, "bank": {"bank": BANK.quantised()}}
+    return LoopSpec(law, timing, **more.get(law, {})).around(model, given, modes)
 
 
 def swept(system, gain):
@@ -189,11 +191,11 @@ def plants_of(modes=({}, OUTER)):
     return plant_set.PlantSet("laboratory", {}, plant_set.ranges_of("laboratory", RANGES), modes)
 
 
-def not_better(worst, plants, timings, members, arguments):
+def not_better(worst, plants, timings, members, spec):
     """The worst found is at least as bad as each of some members."""
     for member in members:
         for timing in timings:
-            loop = plants.loop(member, timing, **arguments)
+            loop = plants.loop(member, timing, spec)
             one = over.figures(loop, loop.gain_of(BANK.quantised().force_gain))
             assert one.stable
             for name, largest in over.FIGURES.items():
@@ -203,11 +205,11 @@ def not_better(worst, plants, timings, members, arguments):
                     assert apart <= 1e-9 * abs(ours), (name, ours, theirs, member)
 
 
-def named(worst, plants, arguments):
+def named(worst, plants, spec):
     """Each worst figure is that of the member that it names."""
     for name in over.FIGURES:
         member, timing = worst.member[name]
-        loop = plants.loop(member, timing, **arguments)
+        loop = plants.loop(member, timing, spec)
         one = over.figures(loop, loop.gain_of(BANK.quantised().force_gain))
         assert getattr(one, name) == getattr(worst, name)
         for parameter, (_, low, high) in plants.ranges.items():
@@ -215,20 +217,20 @@ def named(worst, plants, arguments):
 
 
 def test_the_worst_is_worse_than_random_members():
-    plants, arguments = plants_of(), {"law": "bank", "bank": BANK.quantised()}
-    worst = over.worst(plants, ("zoh",), **arguments)
+    plants, spec = plants_of(), LoopSpec("bank", bank=BANK.quantised())
+    worst = over.worst(plants, ("zoh",), spec)
     assert worst.stable
-    not_better(worst, plants, ("zoh",), plants.random(40, seed=7), arguments)
-    named(worst, plants, arguments)
+    not_better(worst, plants, ("zoh",), plants.random(40, seed=7), spec)
+    named(worst, plants, spec)
 
 
 @pytest.mark.long
 def test_the_worst_is_worse_than_a_thousand_random_members():
-    plants, arguments = plants_of(), {"law": "bank", "bank": BANK.quantised()}
+    plants, spec = plants_of(), LoopSpec("bank", bank=BANK.quantised())
     timings = ("zoh", "zoh+1")
-    worst = over.worst(plants, timings, **arguments)
-    not_better(worst, plants, timings, plants.random(1000, seed=7), arguments)
-    assert over.worst(plants, timings, **arguments) == worst  # by seed
+    worst = over.worst(plants, timings, spec)
+    not_better(worst, plants, timings, plants.random(1000, seed=7), spec)
+    assert over.worst(plants, timings, spec) == worst  # by seed
 
 
 def test_the_largest_gain_that_all_bear():
@@ -318,8 +320,7 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
     for name, value in own.parameters.items():
         assert value == pytest.approx(wanted[name], rel=1e-9)
     assert len(own.parameters) == len(loops.LAWS[law])
-    texts = linear.override_texts(given)
-    loop = limits.from_options("hold_p", texts, (), None, None, "reading")
+    loop = LoopRequest("hold_p", given).loop()
     assert loop.own_gain == pytest.approx(loop.gain_of(4.5))
     plant = linear.linearise("laboratory", outputs=("reading", "robot.position")).sampled()
     for hz in (0.7, 6.0, 44.0, 300.0):
@@ -419,9 +420,7 @@ def test_the_stiffness_mode_loses_stability_where_the_analysis_says():
         "encoder_scale": 64e6 / 6.35,
         "approach": 0.0002,
     }
-    loop = limits.from_options(
-        "hold_biquad_12bit", linear.override_texts(values), (), None, None, "reading"
-    )
+    loop = LoopRequest("hold_biquad_12bit", values).loop()
     limit = loop.limit()
 
     def ripple(share):

@@ -82,11 +82,13 @@ def option_of(command: click.Command, parameter: str) -> str | None:
     return None
 
 
-def with_options(command: click.Command, error: ParameterError) -> str:
+def with_options(command: click.Command, error: InputError) -> str:
     """Return the message of `error` with the options of `command` instead of the names of
     parameters: the parameter of the error, and each name that is between backticks."""
-    text = re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], error.text)
-    return f"{option_of(command, error.parameter) or error.parameter}: {text}"
+    text = str(error)
+    if isinstance(error, ParameterError):
+        text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
+    return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 
 class Verb(click.Command):
@@ -95,7 +97,7 @@ class Verb(click.Command):
     def invoke(self, ctx):
         try:
             return super().invoke(ctx)
-        except ParameterError as error:
+        except InputError as error:
             raise InputError(with_options(self, error)) from error
 
     def format_epilog(self, ctx, formatter):

@@ -10,6 +10,7 @@ from forceaxis.cli.models import (
     free,
     law_options,
     loop_output,
+    loop_request,
     loop_timing,
     over_options,
     present,
@@ -33,7 +34,7 @@ from forceaxis.cli.models import (
     "--output", default="reading", help="Feed back this signal. Default: the input of ADC 0."
 )
 @as_json
-def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
+def limit(as_json, ranges, visit, **given):
     """Compute the critical gain of a force loop around MODEL|EXPERIMENT.
 
     With an EXPERIMENT (a path or a name in sim/experiments) the verb takes the control law or the
@@ -51,14 +52,13 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
     """
     from forceaxis.linear import limits, sets
 
-    if sets.wanted(ranges, visit, given["timing"]):
-        found = sets.subject(
-            model, ranges=ranges, visit=visit, gain=gain, firmware_gain=firmware_gain, **given
-        )
+    request = loop_request(given)
+    if sets.wanted(request, ranges, visit):
+        found = sets.loop_set(request, ranges, visit)
         present(sets.limit_summary(found), as_json, sets.describe)
         return
-    loop = limits.from_options(model, **given)
-    summary = limits.limit_summary(loop, limits.one_gain(loop, gain, firmware_gain))
+    loop = request.loop()
+    summary = limits.limit_summary(loop, request.gain_of(loop))
     present(summary, as_json, limits.describe_limit)
 
 
@@ -80,7 +80,7 @@ def limit(model, as_json, gain, firmware_gain, ranges, visit, **given):
 )
 @drawn
 @as_json
-def rlocus(model, out, as_json, **given):
+def rlocus(vary, span_hz, out, as_json, **given):
     """Draw the root locus of a force loop around MODEL|EXPERIMENT, with its critical gain.
 
     The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
@@ -91,7 +91,7 @@ def rlocus(model, out, as_json, **given):
     from forceaxis.linear import locus
 
     check_drawing(out)
-    loci, summary = locus.loci_of(model, **given)
+    loci, summary = locus.loci_of(loop_request(given), vary, span_hz)
     draw(out, lambda plots: plots.rlocus_figure(loci, summary))
     present(summary, as_json, locus.describe, out)
 
@@ -108,7 +108,7 @@ def rlocus(model, out, as_json, **given):
 @loop_output
 @drawn
 @as_json
-def nyquist(model, out, as_json, ranges, visit, **given):
+def nyquist(out, as_json, ranges, visit, **given):
     """Draw the Nyquist plot of a force loop around MODEL|EXPERIMENT.
 
     The gain is that of the options, of the experiment, or half the critical gain. JSON: as
@@ -119,12 +119,13 @@ def nyquist(model, out, as_json, ranges, visit, **given):
     from forceaxis.linear import curves, limits, sets
 
     check_drawing(out)
-    if sets.wanted(ranges, visit, given["timing"]):
-        found, summary = sets.nyquist_of(sets.subject(model, ranges=ranges, visit=visit, **given))
+    request = loop_request(given)
+    if sets.wanted(request, ranges, visit):
+        found, summary = sets.nyquist_of(sets.loop_set(request, ranges, visit))
         draw(out, lambda plots: plots.nyquist_set_figure(found, summary))
         present(summary, as_json, sets.describe, out)
         return
-    summary = curves.nyquist_of(model, **given)
+    summary = curves.nyquist_of(request)
     draw(out, lambda plots: plots.nyquist_figure(summary))
     present(summary, as_json, limits.describe_limit, out)
 
@@ -141,7 +142,7 @@ def nyquist(model, out, as_json, ranges, visit, **given):
 @click.option("--duration-s", type=float, default=1.0, show_default=True)
 @drawn
 @as_json
-def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **given):
+def step(duration_s, out, as_json, ranges, visit, **given):
     """Compute the step response of the closed loop around MODEL|EXPERIMENT, linear, in contact.
 
     The gain is that of the options, of the experiment, or half the critical gain. At time 0 the
@@ -150,20 +151,17 @@ def step(model, gain, firmware_gain, duration_s, out, as_json, ranges, visit, **
     the final value is 0, or the response takes longer than --duration-s. For a set of plants:
     `members`, the nominal plant first, each with these keys, and the worst values.
     """
-    from forceaxis.linear import curves, limits, sets
+    from forceaxis.linear import limits, sets
 
     check_drawing(out)
-    if sets.wanted(ranges, visit, given["timing"]):
-        found = sets.subject(
-            model, ranges=ranges, visit=visit, gain=gain, firmware_gain=firmware_gain, **given
-        )
-        result = sets.step_of(found, duration_s)
+    request = loop_request(given)
+    if sets.wanted(request, ranges, visit):
+        result = sets.step_of(sets.loop_set(request, ranges, visit), duration_s)
         draw(out, lambda plots: plots.step_set_figure(result))
         present(result, as_json, sets.describe_step, out)
         return
-    loop = limits.from_options(model, **given)
-    gain = curves.shown_gain(loop, gain, firmware_gain)
-    result = limits.step_summary(loop, gain, duration_s)
+    loop = request.loop()
+    result = limits.step_summary(loop, request.drawn_gain(loop), duration_s)
     draw(out, lambda plots: plots.step_response(result))
     present(result, as_json, limits.describe_step, out)
 

@@ -99,6 +99,36 @@ def law_options(verb):
     )(verb)
 
 
+# Parameters of the laws: click writes the names of options in lower case.
+LAW_PARAMETERS = {
+    name.lower(): name
+    for name in (
+        "integral_rad_per_s",
+        "derivative_s",
+        "lead_zero_hz",
+        "lead_pole_hz",
+        "stiffness_N_per_m",
+        "damping_Ns_per_m",
+        "velocity_gain_Vs_per_m",
+    )
+}
+
+
+def loop_request(given):
+    """Return the LoopRequest of a verb's arguments `given`, those that describe a force loop."""
+    from forceaxis import linear
+    from forceaxis.linear.request import LoopRequest
+
+    own = dict(given)
+    parameters = {name: own.pop(option) for option, name in LAW_PARAMETERS.items()}
+    return LoopRequest(
+        overrides=linear.overrides(own.pop("overrides")),
+        states=linear.states(own.pop("modes")),
+        parameters={name: value for name, value in parameters.items() if value is not None},
+        **own,
+    )
+
+
 vary = click.option(
     "--vary",
     multiple=True,
@@ -244,7 +274,7 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
 @click.option("--span-hz", type=Positive(), help="Half-width of the figure, Hz.")
 @drawn
 @as_json
-def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
+def poles(as_json, input_, output, out, span_hz, **given):
     """Compute poles, zeros and transfer function of MODEL, or of a loop closed around it.
 
     Without a gain the transfer function is from --input (default drive.command, V) to --output.
@@ -255,7 +285,7 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
     from forceaxis.linear import limits
 
     check_drawing(out)
-    summary = limits.poles_of(model, gain, firmware_gain, input_, **given)
+    summary = limits.poles_of(loop_request(given), input_, output)
     draw(out, lambda plots: plots.poles_figure(summary, span_hz))
     present(summary, as_json, limits.describe_poles, out)
 
@@ -296,7 +326,10 @@ def poles(model, as_json, gain, firmware_gain, input_, out, span_hz, **given):
 @drawn
 @as_json
 @click.pass_context
-def bode(context, model, out, as_json, measured, **given):
+def bode(
+    context, out, as_json, measured, vary, ranges, visit, part, input_, outputs, from_hz, to_hz,
+    **given,
+):  # fmt: skip
     """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of its force loop.
 
     The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
@@ -310,9 +343,10 @@ def bode(context, model, out, as_json, measured, **given):
 
     check_drawing(out)
     if measured:
-        _overlay(context, model, out, as_json, measured)
+        _overlay(context, given["model"], out, as_json, measured)
         return
-    found, summary = sets.bode(model, **given)
+    view = curves.BodeView(part, input_, outputs, (from_hz, to_hz), vary)
+    found, summary = sets.bode(loop_request(given), view, ranges, visit)
     draw(out, lambda plots: plots.bode_figure(found, summary))
     present(summary, as_json, sets.describe if "over" in summary else curves.describe_bode, out)
 
@@ -375,8 +409,8 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     from forceaxis.linear import working
 
     linear.check_export(out)
-    linear.once("--input", ["drive.force" if load and i == "drive.command" else i for i in inputs])
-    linear.once("--output", outputs)
+    linear.once("input", ["drive.force" if load and i == "drive.command" else i for i in inputs])
+    linear.once("output", outputs)
     values, states = linear.overrides(overrides), linear.states(modes)
     mode = working.working(linear.find_model(model), values, states, free)
     system = linear.linearise(model, inputs, outputs, values, mode.modes, free, not load)

@@ -51,10 +51,9 @@ def _loop(
     tuning: TuningFolder, fitted: Fitted, bank: Bank, late: int, modes: Mapping[str, str]
 ) -> tuple[Loop, float]:
     """(loop of a Bank on the fitted plant, its gain)."""
-    loop = loops.force_loop(
-        str(tuning.model), "bank", ("zoh", "zoh+1")[late], fitted.values, modes, bank=bank
-    )
-    return loop, over.gain_at(loop, None, None, {"bank": bank})
+    spec = loops.LoopSpec("bank", ("zoh", "zoh+1")[late], bank=bank)
+    loop = spec.around(str(tuning.model), fitted.values, modes)
+    return loop, over.gain_at(loop, None, None)
 
 
 def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:

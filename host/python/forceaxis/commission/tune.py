@@ -183,7 +183,10 @@ class Tuning(TuningFolder):
         """Writes the files of a step, the one that says that it is done as the last."""
         if isinstance(done.result, MeasuredResponses):
             self.write(tune_files.BETWEEN, done.result.between)
-            self.write(tune_files.SHAKEN, done.result.shaken)
+            if done.result.between.friction_N > 0:
+                self.write(tune_files.SHAKEN, done.result.shaken)
+            else:  # of a measurement that is replaced
+                (self.folder / tune_files.SHAKEN).unlink(missing_ok=True)
             done = done._replace(result=done.result.levels)
         tune_files.write_step(self.folder, step, done)
 

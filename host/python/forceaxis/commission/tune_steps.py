@@ -224,8 +224,9 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     best: tuple[float, Bank, float] | None = None
     for rate in RATES_RAD_PER_S:
         bank, gains, highest, slowest = Bank(1.0, rate), [256.0], 0.0, math.inf
+        spec = loops.LoopSpec("bank", "zoh+1", bank=bank)
         for changed in members:
-            loop = loops.force_loop(model, "bank", "zoh+1", changed, tuning.states, bank=bank)
+            loop = spec.around(model, changed, tuning.states)
             limit = loop.limit()
             if limit.stable_to is not None:
                 gains.append(loop.firmware_gain(limit.stable_to))

@@ -12,6 +12,7 @@ import numpy as np
 from forceaxis.design.grid import DELAYS
 from forceaxis.linear import over
 from forceaxis.linear.bank import GAIN_STEP
+from forceaxis.linear.loops import LoopSpec
 
 ATTEMPTS = 12
 FIRST = 0.995  # of the gain: the worst member is seldom among those of the grid
@@ -69,7 +70,7 @@ def exact(plants, grids, bank, goal):
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
-        found = {t: over.worst(plants, (t,), law="bank", bank=bank) for t in goal.timings}
+        found = {t: over.worst(plants, (t,), LoopSpec("bank", bank=bank)) for t in goal.timings}
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grids, bank)

@@ -42,7 +42,8 @@ class Change:
     kind: str  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
     overrides: dict = field(default_factory=dict)  # model parameters
     edit: object = None  # a function that changes the parsed model file in place
-    loop: dict = field(default_factory=dict)  # arguments of loops.force_loop
+    loop: dict = field(default_factory=dict)  # fields of loops.LoopSpec
+    states: dict = field(default_factory=dict)  # {element: state}
     firmware: dict = field(default_factory=dict)  # objects that the simulation needs
     simulated: bool = True  # False: not run by `advise --simulate`
     in_firmware: bool = True  # False: firmware and simulator lack it
@@ -121,10 +122,10 @@ class Design:
     def loop(self, change=None):
         """The force loop, changed or not."""
         change = change or Change("", "")
-        arguments = {"law": "p", "timing": self.timing} | change.loop
-        arguments["modes"] = self.states | change.loop.get("modes", {})
+        spec = loops.LoopSpec(**{"timing": self.timing} | change.loop)
         overrides = self.overrides | change.overrides
-        return loops.force_loop(self.changed_model(change), overrides=overrides, **arguments)
+        states = self.states | change.states
+        return spec.around(self.changed_model(change), overrides, states)
 
     def working(self):
         """The working.Working mode of the unchanged plant."""
@@ -381,7 +382,7 @@ def amplifier(design):
     return [
         Change(
             f"amplifier on its outer slope ({inner:g} -> {gain:g} V/V)", "amplifier",
-            loop={"modes": {"drive.amplifier": "high outer"}}, simulated=False,
+            states={"drive.amplifier": "high outer"}, simulated=False,
         )
     ]  # fmt: skip
 
@@ -413,7 +414,7 @@ def control(frequency_hz, sensor_rate):
         rows.append(
             Change(
                 f"derivative from a velocity-sensing sensor, T_d {derivative * 1e3:.3g} ms",
-                "control", loop={"law": "derivative", "derivative_s": derivative},
+                "control", loop={"law": "derivative", "parameters": {"derivative_s": derivative}},
                 in_firmware=False, thesis="6.2.1",
             )
         )  # fmt: skip

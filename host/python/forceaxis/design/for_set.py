@@ -20,6 +20,7 @@ from forceaxis.design.sets import slopes
 from forceaxis.linear import over as sets
 from forceaxis.linear import settings
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # of P's limit; integral of the first law
@@ -279,7 +280,7 @@ def random_members(plants, count, seed=1988):
 def reassessed(outcome, bank):
     """`worst` of a bank whose gain was reduced, over the same set."""
     found = {
-        timing: sets.worst(outcome.plants, (timing,), law="bank", bank=bank)
+        timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))
         for timing in (TIMINGS[t] for t in LATENCIES[outcome.order.latency])
     }
     worst = dict(outcome.worst)

@@ -13,6 +13,7 @@ from forceaxis.design import files, simulate
 from forceaxis.design import outcome as outcomes
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
 from forceaxis.experiments import run as runs
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.system import TICK_S
 from forceaxis.words import plain
 
@@ -38,7 +39,7 @@ def responses(outcome, bank, frequency_hz):
     found = []
     for latency in outcomes.LATENCIES[outcome.order.latency]:
         for member, nominal in members:
-            loop = plants.loop(member, outcomes.TIMINGS[latency], law="bank", bank=bank)
+            loop = plants.loop(member, outcomes.TIMINGS[latency], LoopSpec("bank", bank=bank))
             gain = loop.gain_of(bank.force_gain)
             kind = "members" if not nominal else "late" if latency else "nominal"
             found.append((gain * loop.open.response(frequency_hz), kind))

@@ -8,9 +8,12 @@ error in it. Analysis takes the coefficients as the firmware holds them: `quanti
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import _core
 
@@ -21,8 +24,11 @@ SECTIONS_MAX = 3
 HF_CODES_MAX = 15  # LAW_BANK_HF_CODES_MAX
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
+# (A, B, C, D) of a linear system; of float or np.longdouble.
+StateSpace = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
-def _rounded(value, step):
+
+def _rounded(value: float, step: float) -> float:
     return math.floor(value / step + 0.5) * step
 
 
@@ -34,9 +40,9 @@ class Bank:
     force_gain: float
     integral_rad_per_s: float = 0.0
     velocity_gain: float = 0.0
-    sections: tuple = ()
+    sections: tuple[tuple[float, ...], ...] = ()
 
-    def quantised(self):
+    def quantised(self) -> "Bank":
         """The bank of the values that the firmware's objects hold."""
         return replace(
             self,
@@ -49,16 +55,16 @@ class Bank:
             ),
         )
 
-    def response(self, z):
+    def response(self, z: ArrayLike) -> NDArray[Any]:
         """I H_1 .. H_n at points z: the law without its gain g. Like z in shape."""
         z = np.asarray(z, complex)
         back = 1 / z
-        value = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
+        value: NDArray[Any] = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
         for b0, b1, b2, a1, a2 in self.sections:
             value = value * (b0 + back * (b1 + back * b2)) / (1 + back * (a1 + back * a2))
         return value
 
-    def compensator(self):
+    def compensator(self) -> StateSpace:
         """The same as (A, B, C, D), states: two of each section, the integral."""
         system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for b0, b1, b2, a1, a2 in self.sections:
@@ -71,15 +77,15 @@ class Bank:
             system = series(system, integral)
         return system
 
-    def hf_gain(self):
+    def hf_gain(self) -> float:
         """DAC codes for one 8-bit count at high frequency, as law_bank_state() takes it."""
         direct = math.prod(section[0] for section in self.sections)
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
 
-    def keys(self):
+    def keys(self) -> dict[str, Any]:
         """The keys of [firmware.bank_N] in an experiment."""
-        keys = {"gain": self.force_gain}
+        keys: dict[str, Any] = {"gain": self.force_gain}
         if self.integral_rad_per_s:
             keys["integral_rad_per_s"] = self.integral_rad_per_s
         if self.velocity_gain:
@@ -89,14 +95,14 @@ class Bank:
         return keys
 
 
-def series(front, back):
+def series(front: StateSpace, back: StateSpace) -> StateSpace:
     """`back` fed by `front`, both (A, B, C, D) with one input."""
     (A1, B1, C1, D1), (A2, B2, C2, D2) = front, back
     A = np.block([[A1, np.zeros((len(A1), len(A2)))], [B2 @ C1, A2]])
     return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
 
 
-def of_settings(settings):
+def of_settings(settings: Mapping[str, Any]) -> Bank | None:
     """The bank that an experiment's firmware settings (`_core.inputs(...)["firmware"]`) select, or
     None: the laws of the thesis."""
     number = int(settings.get("force_bank", 0))

@@ -1,30 +1,42 @@
 """Frequency responses of models as curves, and what `forceaxis bode` and `nyquist` print."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis._core import InputError
-from forceaxis.linear import limits, loops, settings, working
+from forceaxis.errors import ParameterError
+from forceaxis.linear import limits, loops, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.request import LoopRequest, varied
+from forceaxis.linear.stability import Loop
+from forceaxis.linear.system import System
+from forceaxis.linear.working import States
+
+Numbers = NDArray[np.float64]
 
 NYQUIST_HZ = (0.05, 2000.0)
 
 
-def _loop_gain(loop, gain):
+def _loop_gain(loop: Loop, gain: float) -> System:
     open_loop = loop.open
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
 # What of a loop at a gain is drawn -> the System.
-PARTS = {
+PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
     "sensitivity": lambda loop, gain: loop.sensitivity(gain),
 }
 
 
-def phase_deg(frequency_hz, response):
+def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
     """Phase in degrees without jumps of 360, starting at the value of the low-frequency slope.
 
     A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
@@ -39,7 +51,9 @@ def phase_deg(frequency_hz, response):
     return phase + 360 * np.ceil(turns - 0.55)  # a negative gain, nearly a tie, counts as lag
 
 
-def grid_hz(low_hz, high_hz, roots=(), points=400):
+def grid_hz(
+    low_hz: float, high_hz: float, roots: Iterable[complex] = (), points: int = 400
+) -> Numbers:
     """Frequencies, Hz: evenly in the logarithm, and closer together beside lightly damped roots.
 
     roots: poles and zeros in 1/s. The refinement is in units of each root's own width, so that
@@ -61,21 +75,21 @@ class Curve:
     """A frequency response: complex `response` at `frequency_hz`."""
 
     label: str
-    frequency_hz: np.ndarray
-    response: np.ndarray
+    frequency_hz: Numbers
+    response: NDArray[np.complex128]
     unit: str = ""  # of the response
 
     @property
-    def magnitude(self):
+    def magnitude(self) -> Numbers:
         """Amplitude ratio, in `unit`."""
         return np.abs(self.response)
 
     @property
-    def phase_deg(self):
+    def phase_deg(self) -> Numbers:
         """Unwrapped phase; see `phase_deg`."""
         return phase_deg(self.frequency_hz, self.response)
 
-    def summary(self):
+    def summary(self) -> dict[str, Any]:
         """What --json prints."""
         return {
             "label": self.label,
@@ -86,7 +100,9 @@ class Curve:
         }
 
 
-def curve(system, label, span_hz, unit="", points=400):
+def curve(
+    system: System, label: str, span_hz: tuple[float, float], unit: str = "", points: int = 400
+) -> Curve:
     """The response of a one-input, one-output System over span_hz = (low, high)."""
     low, high = span_hz
     if system.dt is not None:
@@ -99,28 +115,55 @@ def curve(system, label, span_hz, unit="", points=400):
     return Curve(label, frequency, system.response(frequency), unit)
 
 
+@dataclass(frozen=True)
+class Channel:
+    """From which input to which output of a model, at which parameter values, in which mode.
+
+    input, output, overrides, modes, free, drive: as in `linear.linearise`. timing: "continuous", or
+    as in LoopSpec.
+    """
+
+    input: str = "drive.command"
+    output: str = "reading"
+    overrides: Overrides = field(default_factory=dict)
+    modes: States = field(default_factory=dict)
+    free: bool = False
+    drive: bool = True
+    timing: str = "continuous"
+
+
 def model_curve(
-    model, label, output="reading", input="drive.command", span_hz=(0.5, 500.0), settings=None,
-    timing="continuous", drive=True, free=False, modes=None,
-):  # fmt: skip
-    """A model's open-loop response from an input to an output, in SI units, as a Curve."""
-    input = "drive.force" if not drive and input == "drive.command" else input
+    model: str | Path,
+    label: str,
+    channel: Channel | None = None,
+    span_hz: tuple[float, float] = (0.5, 500.0),
+) -> Curve:
+    """A model's open-loop response over a channel (None: command to reading), in SI units.
+
+    Raises InputError where the input does not act on the output.
+    """
+    own = channel or Channel()
+    input = "drive.force" if not own.drive and own.input == "drive.command" else own.input
     path = linear.find_model(model)
-    taken = working.working(path, settings, modes, free).modes
+    states = working.working(path, own.overrides, own.modes, own.free).modes
 
-    def plant(states):
-        return linear.linearise(model, (input,), (output,), settings, states, free, drive)
+    def plant(states: dict[str, str]) -> System:
+        return linear.linearise(
+            path, (input,), (own.output,), own.overrides, states, own.free, own.drive
+        )
 
-    system = plant(taken)
+    system = plant(states)
     if not system.has_path():
-        cut = working.cut_by(path, settings, taken, lambda states: plant(states).has_path())
-        raise InputError(f"{path}: expected a path from {input} to {output}; there is none{cut}")
-    if timing != "continuous":
-        system = system.sampled(loops.TIMINGS.index(timing) - 1)
-    return curve(system, label, span_hz, unit_of(model, input, output, settings))
+        cut = working.cut_by(path, own.overrides, states, lambda other: plant(other).has_path())
+        raise InputError(
+            f"{path}: expected a path from {input} to {own.output}; there is none{cut}"
+        )
+    if own.timing != "continuous":
+        system = system.sampled(loops.TIMINGS.index(own.timing) - 1)
+    return curve(system, label, span_hz, unit_of(model, input, own.output, own.overrides))
 
 
-def unit_of(model, input, output, settings=None):
+def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
     """Unit of output over input, "N/V"."""
     facts = linear.facts(model, settings)
     if output == "reading":
@@ -130,63 +173,73 @@ def unit_of(model, input, output, settings=None):
     return "" if above == below else f"{above}/{below}"
 
 
-def check_span(low_hz, high_hz, timing):
-    """Refuse frequencies that a response has not."""
+def check_span(span_hz: tuple[float, float], timing: str) -> None:
+    """Refuse frequencies at which there is no response."""
+    low_hz, high_hz = span_hz
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
-        raise InputError(
-            f"--from-hz: expected FROM < TO, from 1e-6 to {highest:g} Hz, got {low_hz:g} and "
-            f"{high_hz:g}"
+        raise ParameterError(
+            "from_hz",
+            f"expected FROM < TO, from 1e-6 to {highest:g} Hz, got {low_hz:g} and {high_hz:g}",
         )
 
 
-def loop_bode_of(
-    model, overrides, vary, modes, free, output, timing, low_hz, high_hz, gain, firmware_gain, part,
-    law, **given
-):  # fmt: skip
-    """(Curves, summary) of `forceaxis bode --of loop` and the like: one curve a value of --vary."""
+@dataclass(frozen=True)
+class BodeView:
+    """What of a plant or loop a Bode plot shows.
+
+    part: "plant", or a name of PARTS; None: the plant of a model, the loop of an experiment.
+    input, outputs: of the plant. span_hz: lowest and highest frequency, Hz. vary: texts
+    NAME=VALUE,VALUE, one curve for each combination of values.
+    """
+
+    part: str | None = None
+    input: str = "drive.command"
+    outputs: tuple[str, ...] = ("reading",)
+    span_hz: tuple[float, float] = (0.5, 500.0)
+    vary: tuple[str, ...] = ()
+
+
+def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], Any]:
+    """(Curves, summary) of a loop's part: one curve for each combination of `vary`."""
     curves, details = [], []
-    for label, values in limits.varied(overrides, vary):
-        loop = limits.loop_of(model, values, modes, law, timing, output, free, given)
-        k = shown_gain(loop, gain, firmware_gain)
-        check_span(low_hz, high_hz, loop.timing)
-        one = curve(PARTS[part](loop, k), label, (low_hz, high_hz))
+    for label, values in varied(request.overrides, view.vary):
+        loop = replace(request, overrides=values).loop()
+        k = request.drawn_gain(loop)
+        check_span(view.span_hz, loop.timing)
+        one = curve(PARTS[part](loop, k), label, view.span_hz)
         curves.append(one)
         detail = {"output": part} | one.summary()
         details.append(detail | {"loop": limits.limit_summary(loop, k)})
     return curves, limits.describe_loop(loop) | {"of": part, "input": "error", "curves": details}
 
 
-def bode_of(
-    model, overrides, vary, modes, free, input, outputs, timing, low_hz, high_hz, gain,
-    firmware_gain,
-):  # fmt: skip
-    """(Curves, summary) of `forceaxis bode` of a plant, from its options."""
-    asked = gain is not None or firmware_gain is not None
-    if asked and input != "drive.command":
-        raise InputError("--gain: expected with --input drive.command, a loop acts there")
-    check_span(low_hz, high_hz, timing)
-    linear.once("--output", outputs)
-    states = linear.states(modes)
+def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
+    """(Curves, summary) of a plant: one curve for each combination of `vary` and each output."""
+    timing = request.timing or "continuous"
+    if request.has_gain and view.input != "drive.command":
+        raise ParameterError("gain", "expected with `input` drive.command, a loop acts there")
+    check_span(view.span_hz, timing)
+    linear.once("output", view.outputs)
     curves, details = [], []
-    for label, given in limits.varied(overrides, vary):
-        own = settings.of(model, given, plant=True)
-        values = own.overrides
-        for output in outputs:
-            name = ", ".join(filter(None, [label, output if len(outputs) > 1 else ""]))
-            span_hz = low_hz, high_hz
-            one = model_curve(
-                own.model, name, output, input, span_hz, values, timing, free=free, modes=states
+    for label, given in varied(request.overrides, view.vary):
+        own = replace(request, overrides=given).settings(plant=True)
+        for output in view.outputs:
+            name = ", ".join(filter(None, [label, output if len(view.outputs) > 1 else ""]))
+            channel = Channel(
+                view.input, output, own.overrides, request.states, request.free, timing=timing
             )
+            one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             detail = {"output": output} | one.summary()
-            if input == "drive.command":  # where a force loop would act
-                loop = loops.force_loop(own.model, "p", timing, values, states, output, free)
-                k = limits.one_gain(loop, gain, firmware_gain)
-                detail["loop"] = limits.limit_summary(loop, k)
+            if view.input == "drive.command":  # where a force loop would act
+                spec = loops.LoopSpec("p", timing, output, request.free)
+                loop = spec.around(own.model, own.overrides, request.states)
+                detail["loop"] = limits.limit_summary(loop, request.gain_of(loop))
             details.append(detail)
-    mode = working.working(linear.find_model(own.model), own.overrides, states, free)
-    about = {"model": own.model, "of": "plant", "input": input, "timing": timing}
+    path = linear.find_model(own.model)
+    mode = working.working(path, own.overrides, request.states, request.free)
+    about = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
     about |= working.summary(mode)
     return curves, about | {"curves": details}
 
@@ -217,18 +270,10 @@ def describe_bode(summary):
     return "\n".join(lines)
 
 
-def shown_gain(loop, gain, firmware_gain):
-    """The gain of a loop that is drawn; without one half the critical one, or 1."""
-    gain = limits.one_gain(loop, gain, firmware_gain)
-    return (loop.limit().gain or 2.0) / 2 if gain is None else gain
-
-
-def nyquist_of(model, overrides, modes, free, law, timing, output, gain, firmware_gain, **given):
+def nyquist_of(request: LoopRequest) -> dict[str, Any]:
     """What `forceaxis nyquist` prints; without a gain at half the critical one, or 1."""
-    loop = limits.loop_of(
-        model, linear.overrides(overrides), modes, law, timing, output, free, given
-    )
-    gain = shown_gain(loop, gain, firmware_gain)
+    loop = request.loop()
+    gain = request.drawn_gain(loop)
     c = curve(loop.open, "", NYQUIST_HZ, points=1200)
     return limits.limit_summary(loop, gain) | {
         "frequency_hz_of_curve": c.frequency_hz.tolist(),

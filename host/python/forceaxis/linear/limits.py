@@ -1,68 +1,19 @@
-"""Loops from command-line options, and the results of `forceaxis limit`, `poles` and `step`."""
+"""The results of `forceaxis limit`, `poles` and `step`, and their texts."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
 from forceaxis import _core, paths
-from forceaxis.linear import loops, over, settings, working
+from forceaxis.errors import ParameterError
+from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.request import LoopRequest
+from forceaxis.linear.settings import Settings
 from forceaxis.linear.stability import known_text
 from forceaxis.words import counted
-
-# The command line's options, {option: parameter}: click writes names in lower case.
-OPTIONS = {
-    name.lower(): name
-    for name in (*dict.fromkeys(n for law in loops.LAWS.values() for n in law), loops.INNER)
-}
-
-
-def _law_parameters(given):
-    return {OPTIONS[name]: value for name, value in given.items() if value is not None}
-
-
-def from_options(model, overrides, modes, law, timing, output, free=False, **given):
-    """The loop that the options of `forceaxis limit` describe; what they leave None is the
-    experiment's."""
-    own = settings.of(model, linear.overrides(overrides))
-    arguments = loop_arguments(own, law, given)
-    loop = loops.force_loop(
-        own.model, timing=timing or own.timing, overrides=own.overrides,
-        modes=linear.states(modes), output=output, free=free, **arguments,
-    )  # fmt: skip
-    if loop.codes_per_gain and own.firmware_gain:
-        codes = own.force_gain if loop.bank is None else own.bank.force_gain
-        loop.own_gain = codes and loop.gain_of(codes)
-    return loop
-
-
-def loop_arguments(own, law, given):
-    """law, bank and parameters of loops.force_loop: the experiment's (`own`, a Settings) where no
-    option says otherwise."""
-    law = law or own.law
-    parameters = (own.parameters if law == own.law else {}) | _law_parameters(given)
-    bank = own.bank if law in ("bank", *loops.MOTION) else None
-    late = own.experiment is not None
-    return {"law": law, "bank": bank, "late_motion": late} | parameters
-
-
-def one_gain(loop, gain, firmware_gain):
-    """k of --gain or --firmware-gain, or the experiment's; None if there is none."""
-    if gain is not None and firmware_gain is not None:
-        raise _core.InputError("--gain: expected either --gain or --firmware-gain, got both")
-    if firmware_gain is not None:
-        if not 0 < firmware_gain <= loops.FIRMWARE_HIGHEST:
-            raise _core.InputError(
-                f"--firmware-gain: expected a number > 0 and up to {loops.FIRMWARE_HIGHEST:.3f}, "
-                f"got {firmware_gain:g}"
-            )
-        gain = loop.gain_of(firmware_gain)
-    if gain is None:
-        gain = loop.own_gain
-    if gain is not None and not 1e-15 <= gain <= 1e15:
-        raise _core.InputError(f"--gain: expected a number from 1e-15 to 1e15, got {gain:g}")
-    return gain
 
 
 def largest_firmware_gain(loop, limit):
@@ -240,7 +191,7 @@ def _figures(time_s, value, final, duration_s):
 def step_summary(loop, gain, duration_s):
     """What `forceaxis step` prints as JSON. Raises InputError."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
-        raise _core.InputError(f"--duration-s: expected two ticks to 600 s, got {duration_s:g}")
+        raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)
     # Twice as long shows whether what is within 2 % stays there.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
@@ -253,9 +204,10 @@ def step_summary(loop, gain, duration_s):
         figures = _figures(time_s, value, final, time_s[within][-1])
     time_s, value = time_s[within], value[within]
     if not np.isfinite(value).all():
-        raise _core.InputError(
-            f"--duration-s: expected a response that stays finite, it grows out of range within "
-            f"{duration_s:g} s; shorten it or lower the gain"
+        raise ParameterError(
+            "duration_s",
+            f"expected a response that stays finite, it grows out of range within "
+            f"{duration_s:g} s; shorten it or lower the gain",
         )
     return {
         **describe_loop(loop),
@@ -330,48 +282,48 @@ def poles_summary(system, described):
     }
 
 
-def poles_of(
-    model, gain, firmware_gain, input_, overrides, modes, law, timing, free, output, **given
-):
-    """What `forceaxis poles` shows, from its options."""
-    own = settings.of(model, linear.overrides(overrides), plant=input_ is not None)
-    if gain is None and firmware_gain is None and (input_ is not None or own.firmware_gain is None):
-        if law not in (None, "p") or _law_parameters(given):
-            raise _core.InputError("--law: expected with --gain or --firmware-gain, which close it")
-        model, overrides, modes = own.model, own.overrides, linear.states(modes)
-        output = output or "reading"
-        if output == "reading" and linear.facts(model, overrides).reading is None:
-            raise loops.no_reading(linear.find_model(model))
-        input_ = input_ or "drive.command"
-        path = linear.find_model(model)
-        mode = working.working(path, overrides, modes, free)
-
-        def plant_in(states):
-            return linear.linearise(model, (input_,), (output,), overrides, states, free)
-
-        plant = plant_in(mode.modes)
-        if not plant.has_path():
-            cut = working.cut_by(path, overrides, mode.modes, lambda m: plant_in(m).has_path())
-            raise _core.InputError(
-                f"{path}: output: expected a path from {input_} to {output}, it does not answer "
-                f"in this mode{cut or '; choose another output or mode'}"
-            )
-        timing = timing or "continuous"
-        if timing != "continuous":
-            plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
-        described = {"model": paths.display(path), "timing": timing, **working.summary(mode)}
-        return poles_summary(plant, described)
-    if input_ is not None:
-        raise _core.InputError("--input: expected without a gain; a loop starts at its set-point")
-    loop = from_options(
-        model, overrides, modes, law, timing, output or "reading", free=free, **given
-    )
-    gain = one_gain(loop, gain, firmware_gain)
+def poles_of(request: LoopRequest, input: str | None, output: str | None) -> dict[str, Any]:
+    """What `forceaxis poles` shows: of the loop of `request` closed at its gain; without a gain, or
+    with an input, of the plant from input (None: drive.command) to output (None: reading)."""
+    own = request.settings(plant=input is not None)
+    if not request.has_gain and (input is not None or own.firmware_gain is None):
+        if request.law not in (None, "p") or request.parameters:
+            raise ParameterError("law", "expected with `gain` or `firmware_gain`, which close it")
+        return _plant_poles(request, own, input or "drive.command", output or "reading")
+    if input is not None:
+        raise ParameterError("input", "expected without a gain; a loop starts at its set-point")
+    loop = replace(request, output=output or "reading").loop()
+    gain = request.gain_of(loop)
+    assert gain is not None  # the request or its experiment has one
     codes = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
     described = describe_loop(loop) | {
         "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": codes}
     }
     return poles_summary(loop.closed(gain), described)
+
+
+def _plant_poles(request: LoopRequest, own: Settings, input: str, output: str) -> dict[str, Any]:
+    """What `forceaxis poles` shows of a plant."""
+    path, overrides = linear.find_model(own.model), own.overrides
+    if output == "reading" and linear.facts(path, overrides).reading is None:
+        raise loops.no_reading(str(path))
+    mode = working.working(path, overrides, request.states, request.free)
+
+    def plant_in(states):
+        return linear.linearise(path, (input,), (output,), overrides, states, request.free)
+
+    plant = plant_in(mode.modes)
+    if not plant.has_path():
+        cut = working.cut_by(path, overrides, mode.modes, lambda m: plant_in(m).has_path())
+        raise _core.InputError(
+            f"{path}: output: expected a path from {input} to {output}, it does not answer "
+            f"in this mode{cut or '; choose another output or mode'}"
+        )
+    timing = request.timing or "continuous"
+    if timing != "continuous":
+        plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
+    described = {"model": paths.display(path), "timing": timing, **working.summary(mode)}
+    return poles_summary(plant, described)
 
 
 def describe_poles(summary):
@@ -394,32 +346,3 @@ def describe_poles(summary):
         closed = summary["closed"]
         head += f", closed with {law_text(summary)} at {closed['gain']:.6g} {closed['unit']}"
     return "\n".join([head, *working.lines(summary), *lines("poles"), *lines("zeros")])
-
-
-def varied(overrides, vary):
-    """[(label, {parameter: value})] of --set and --vary NAME=VALUE,VALUE,..."""
-    common = linear.overrides(overrides)
-    runs = [("", common)]
-    for text in vary:
-        name, _, values = text.partition("=")
-        try:
-            settings = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
-            texts = [v for s in settings for v in s.values() if isinstance(v, str)]
-            if any(text[:1].isalpha() for text in texts):
-                raise _core.InputError("a name")
-        except _core.InputError:
-            raise _core.InputError(f"--vary: {text}: expected NAME=NUMBER,NUMBER,...") from None
-        if name in runs[0][1] or len({s[name] for s in settings}) < len(settings):
-            raise _core.InputError(f"--vary: {text}: expected each parameter and each value once")
-        runs = [
-            (f"{label}, {name} = {linear.shown(s[name])}".removeprefix(", "), given | s)
-            for label, given in runs
-            for s in settings
-        ]
-    return runs
-
-
-def loop_of(model, settings, modes, law, timing, output, free, given):
-    """The loop of the options that `forceaxis limit` has, with `settings` for its --set."""
-    texts = linear.override_texts(settings)
-    return from_options(model, texts, modes, law, timing, output, free, **given)

@@ -1,11 +1,20 @@
 """Root loci and pole-zero arrays, and what `forceaxis rlocus` prints."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.linear import limits, working
+from forceaxis.linear.request import LoopRequest, varied
+from forceaxis.linear.stability import Crossing, Limit, Loop
+from forceaxis.linear.system import System
+
+Numbers = NDArray[np.float64]
+Roots = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -13,10 +22,10 @@ class Array:
     """Poles and zeros, 1/s, of one transfer function."""
 
     label: str
-    poles: np.ndarray
-    zeros: np.ndarray
+    poles: Roots
+    zeros: Roots
 
-    def summary(self):
+    def summary(self) -> dict[str, Any]:
         """What --json prints: 1/s."""
         return {
             "label": self.label,
@@ -25,12 +34,12 @@ class Array:
         }
 
 
-def pairs(roots):
+def pairs(roots: Iterable[complex]) -> list[list[float] | None]:
     """Roots as [real, imaginary] for JSON, null for one at infinity."""
     return [[float(s.real), float(s.imag)] if np.isfinite(s) else None for s in roots]
 
 
-def array(system, label=""):
+def array(system: System, label: str = "") -> Array:
     """Poles and zeros of a one-input, one-output System, in 1/s."""
     poles, zeros = system.poles_s(), system.zeros_s()
     return Array(label, poles[np.isfinite(poles)], zeros[np.isfinite(zeros)])
@@ -41,17 +50,17 @@ class Locus:
     """Closed-loop poles over the gain: `branches` (gains, poles) in 1/s, and where they cross."""
 
     label: str
-    gains: np.ndarray
-    branches: np.ndarray
+    gains: Numbers
+    branches: Roots
     ends: Array  # open-loop poles and zeros
-    crossings: list  # stability.Crossing of every gain at which a pole is on the boundary
-    limit: object  # stability.Limit
+    crossings: list[Crossing]  # every gain at which a pole is on the boundary
+    limit: Limit
     unit: str  # of the gain
     codes: float | None  # firmware gain of one unit
     span_hz: float
-    at_gain: np.ndarray | tuple = ()  # closed-loop poles at a given gain, 1/s
+    at_gain: Roots  # closed-loop poles at a given gain, 1/s
 
-    def summary(self):
+    def summary(self) -> dict[str, Any]:
         """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
         return {
             "label": self.label,
@@ -70,7 +79,7 @@ class Locus:
         }
 
 
-def span_of(ends, critical_hz):
+def span_of(ends: Array, critical_hz: float | None) -> float:
     """Half-width, Hz, of a frame that accentuates the structural dynamics.
 
     It holds the crossing and the lightly damped (below .3) poles and zeros up to three times its
@@ -86,13 +95,15 @@ def span_of(ends, critical_hz):
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
-def locus(loop, label="", span_hz=None, gain=None):
+def locus(
+    loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
+) -> Locus:
     """The root locus of a `stability.Loop`, fine inside a frame of span_hz (default: span_of).
 
     gain: that at which the closed-loop poles are marked, in the loop's unit.
     """
     if span_hz is not None and not (np.isfinite(span_hz) and span_hz > 0):
-        raise InputError(f"--span-hz: expected a number > 0, got {span_hz:g}")
+        raise ParameterError("span_hz", f"expected a number > 0, got {span_hz:g}")
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
@@ -122,13 +133,18 @@ def locus(loop, label="", span_hz=None, gain=None):
         middle = (gains[rough] + gains[rough + 1]) / 2
         gains = np.sort(np.concatenate([gains, middle]))
     branches = loop.locus(gains)
-    marked = loop.closed_poles(gain) if gain is not None else np.zeros(0)
+    marked = loop.closed_poles(gain) if gain is not None else np.zeros(0, complex)
     return Locus(
         label, gains, branches, ends, crossings, limit, loop.unit, loop.codes_per_gain, span, marked
     )
 
 
-def loci(found, labels, span_hz=None, gains=None):
+def loci(
+    found: Sequence[Loop],
+    labels: Sequence[str],
+    span_hz: float | None = None,
+    gains: Sequence[float | None] | None = None,
+) -> list[Locus]:
     """A locus for each loop, all in one frame: span_hz, or the widest of their own frames."""
     if span_hz is None:
         span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
@@ -140,15 +156,14 @@ def loci(found, labels, span_hz=None, gains=None):
 
 
 def loci_of(
-    model, overrides, vary, modes, free, law, timing, output, span_hz, gain, firmware_gain, **given
-):
-    """(Loci, summary) of `forceaxis rlocus`, from its options."""
-    labels, found = [], []
-    for label, settings in limits.varied(overrides, vary):
-        labels.append(label)
-        found.append(limits.loop_of(model, settings, modes, law, timing, output, free, given))
-    gains = [limits.one_gain(loop, gain, firmware_gain) for loop in found]
-    every = loci(found, labels, span_hz, gains)
+    request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
+) -> tuple[list[Locus], dict[str, Any]]:
+    """(Loci, summary) of `forceaxis rlocus`: a locus for each combination of `vary`, texts
+    NAME=VALUE,VALUE; span_hz: as in `loci`."""
+    runs = varied(request.overrides, vary)
+    found = [replace(request, overrides=values).loop() for _, values in runs]
+    gains = [request.gain_of(loop) for loop in found]
+    every = loci(found, [label for label, _ in runs], span_hz, gains)
     return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
 
 

@@ -20,19 +20,20 @@ the tick of its reading on (zoh), or one tick later (zoh+1, firmware.latency_tic
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from forceaxis import _core
-from forceaxis.linear.bank import Bank, series
-from forceaxis.linear.plant_facts import PlantFacts
+from forceaxis.errors import ParameterError
+from forceaxis.linear.bank import Bank, StateSpace, series
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.stability import Loop
-from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
-from forceaxis.linear.working import cut_by, working
+from forceaxis.linear.system import TICK_S, Matrix, System, facts, find_model, linearise
+from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
 # Law -> its parameters; all are required but the inner damping.
@@ -53,11 +54,91 @@ FIRMWARE_STEP = 1 / 256  # DAC codes per 8-bit count
 FIRMWARE_HIGHEST = 65535 / 256
 
 
-def _first_order(a: float, b: float, c: float, d: float) -> tuple[np.ndarray, ...]:
-    return tuple(np.array([[float(value)]]) for value in (a, b, c, d))
+@dataclass(frozen=True)
+class LoopSpec:
+    """A force loop without its plant: the control law, its timing, and the signal that it controls.
+
+    law: a name of LAWS. timing: a name of TIMINGS. output: the signal that takes the place of the
+    force; "reading" is the input of ADC 0. free: contacts are open. parameters: those of the law in
+    SI units, {name of LAWS[law]: value}, and with a law that has inner damping
+    velocity_gain_Vs_per_m (V s/m). bank: the coefficients of law "bank", or a filter before a law
+    of motion; the gain of the loop replaces the gain of the bank. late_motion: a law of motion gets
+    x and v of the tick before, as the modes of the drive do. tick_s: sampling period of zoh and
+    zoh+1, s.
+    """
+
+    law: str = "p"
+    timing: str = "zoh"
+    output: str = "reading"
+    free: bool = False
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    bank: Bank | None = None
+    late_motion: bool = False
+    tick_s: float = TICK_S
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether the law runs without sampling."""
+        return self.timing == "continuous"
+
+    def around(
+        self, model: str | Path, overrides: Overrides | None = None, modes: States | None = None
+    ) -> Loop:
+        """The loop around a model; model, overrides, modes as in `linear.linearise`.
+
+        Raises InputError where the model lacks what the law needs, and ParameterError for a wrong
+        field of this specification.
+        """
+        _check(self)
+        known = facts(model, overrides)
+        where = str(find_model(model))
+        mode = working(where, overrides, modes, self.free)
+        site = _Site(known, where, overrides, mode.modes)
+        signal, unit = _controlled(known, where, self.law, self.output)
+        inner = _inner_damping(self, known, where)
+        plant = _plant(self, site, signal, unit, inner)
+        per_count = known.required_reading.per_count if self.output == "reading" else None
+        return Loop(
+            model=where,
+            law=self.law,
+            timing=self.timing,
+            whole=_with_law(self, plant),
+            signal=signal,
+            unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
+            codes_per_gain=None if per_count is None else abs(per_count) / known.volts_per_code,
+            parameters=dict(self.parameters),
+            bank=self.bank,
+            working=mode,
+        )
 
 
-def _compensator(law: str, p: dict[str, float], dt: float | None) -> tuple[np.ndarray, ...]:
+def force_loop(
+    model: str | Path,
+    law: str = "p",
+    timing: str = "zoh",
+    overrides: Overrides | None = None,
+    modes: States | None = None,
+    output: str = "reading",
+    free: bool = False,
+    **parameters: float | None,
+) -> Loop:
+    """The loop of a law around a model; a LoopSpec has all that a loop can be made of.
+
+    model, overrides, modes, free: as in `linear.linearise`. law, timing, output: as in LoopSpec.
+    parameters: integral_rad_per_s, derivative_s, lead_zero_hz, lead_pole_hz, stiffness_N_per_m,
+    damping_Ns_per_m as the law needs, and velocity_gain_Vs_per_m; None: absent. Raises InputError.
+    """
+    given = {name: float(value) for name, value in parameters.items() if value is not None}
+    return LoopSpec(law, timing, output, free, given).around(model, overrides, modes)
+
+
+def _first_order(a: float, b: float, c: float, d: float) -> StateSpace:
+    """The state space of one state whose matrices are these numbers."""
+    A, B, C, D = (np.array([[float(value)]]) for value in (a, b, c, d))
+    return A, B, C, D
+
+
+def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpace:
     """The part of the law between error and command: pi's integral, the lead filter."""
     if law == "pi":
         w = p["integral_rad_per_s"]
@@ -70,48 +151,57 @@ def _compensator(law: str, p: dict[str, float], dt: float | None) -> tuple[np.nd
     return _first_order(-bp / ap, 1, (bz - az * bp / ap) / ap, az / ap)
 
 
-def option(name: str) -> str:
-    """The command-line option of a law's parameter."""
-    return "--" + name.replace("_", "-").lower()
-
-
-def _check(law: str, timing: str, given: dict[str, float], bank: Bank | None) -> None:
+def _check(spec: LoopSpec) -> None:
+    """Raise ParameterError for a field of the specification that the others do not allow."""
+    law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
-        raise _core.InputError("--law: expected bank with an experiment that selects one")
+        raise ParameterError("law", "expected bank with an experiment that selects one")
     if bank is not None and law not in ("bank", *MOTION):
-        raise _core.InputError(f"law: expected bank or one of motion with a bank, got {law}")
-    if bank is not None and timing == "continuous":
-        raise _core.InputError("timing: expected zoh or zoh+1 with law bank, it is sampled")
+        raise ParameterError("law", f"expected bank or one of motion with a bank, got {law}")
+    if bank is not None and spec.is_continuous:
+        raise ParameterError("timing", "expected zoh or zoh+1 with law bank, it is sampled")
     if law not in LAWS:
-        raise _core.InputError(f"law: expected one of {', '.join(LAWS)}, got {law}")
-    if timing not in TIMINGS:
-        raise _core.InputError(f"timing: expected one of {', '.join(TIMINGS)}, got {timing}")
+        raise ParameterError("law", f"expected one of {', '.join(LAWS)}, got {law}")
+    if spec.timing not in TIMINGS:
+        raise ParameterError("timing", f"expected one of {', '.join(TIMINGS)}, got {spec.timing}")
     inner = () if law in ("damping", "impedance") else (INNER,)
-    for name, value in given.items():
+    for name, value in spec.parameters.items():
         if name not in (*LAWS[law], *inner):
-            raise _core.InputError(
-                f"{option(name)}: expected for another law, {law} has no use for it"
-            )
-        least = name == INNER or name in ("stiffness_N_per_m", "damping_Ns_per_m")
-        if not (math.isfinite(value) and (value >= 0 if least else value > 0)):
-            wanted = ">= 0" if least else "> 0"
-            raise _core.InputError(f"{option(name)}: expected a number {wanted}, got {value:g}")
+            raise ParameterError(name, f"expected for another law, {law} has no use for it")
+        _check_number(name, value)
     for name in LAWS[law]:
-        if name not in given:
-            raise _core.InputError(f"{option(name)}: expected with law {law}")
+        if name not in spec.parameters:
+            raise ParameterError(name, f"expected with law {law}")
+
+
+def _check_number(name: str, value: float) -> None:
+    """Raise ParameterError for a parameter of a law that is not finite or has the wrong sign."""
+    may_be_0 = name in (INNER, "stiffness_N_per_m", "damping_Ns_per_m")
+    if not (math.isfinite(value) and (value >= 0 if may_be_0 else value > 0)):
+        wanted = ">= 0" if may_be_0 else "> 0"
+        raise ParameterError(name, f"expected a number {wanted}, got {value:g}")
+
+
+class _Site(NamedTuple):
+    """Where a loop is closed: the model's facts and file, its overrides, the states of its mode."""
+
+    known: PlantFacts
+    where: str
+    overrides: Overrides | None
+    states: dict[str, str]
 
 
 class _Plant(NamedTuple):
     """A plant and the rows that a law can feed back: the reading f, its rate, x and v."""
 
-    A: np.ndarray
-    B: np.ndarray
-    f: np.ndarray
-    rate: np.ndarray
-    x: np.ndarray
-    v: np.ndarray
-    direct: np.ndarray  # of f and of its rate on the command
-    rate_direct: np.ndarray
+    A: Matrix
+    B: Matrix
+    f: Matrix
+    rate: Matrix
+    x: Matrix
+    v: Matrix
+    direct: Matrix  # of f and of its rate on the command
+    rate_direct: Matrix
     states: tuple[str, ...]
 
 
@@ -124,7 +214,7 @@ def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[s
     signal = known.required_reading.signal if output == "reading" else output
     unit = known.signals.get(signal, "count")
     if unit != "N" and law in MOTION:
-        raise _core.InputError(f"output: expected a force with law {law}, {signal} is in {unit}")
+        raise ParameterError("output", f"expected a force with law {law}, {signal} is in {unit}")
     return signal, unit
 
 
@@ -139,28 +229,53 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
     """The signal of a force's rate, of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
-        raise _core.InputError(
-            f"output: expected the force of a spring or contact with law derivative, "
-            f"{signal} is none"
+        raise ParameterError(
+            "output",
+            f"expected the force of a spring or contact with law derivative, {signal} is none",
         )
     return rate
 
 
-def _feedback(
-    known: PlantFacts,
-    where: str,
-    law: str,
-    signal: str,
-    moves: bool,
-    names: list[str],
-    read: Callable[[tuple[str, ...]], System],
-    cut: Callable[[], str],
-) -> System:
-    """The plant as a System with the outputs f, f', x and v; read(outputs) linearises it.
+def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
+    """The velocity gain K_v of the law or of its bank, V s/m."""
+    if spec.bank is not None and spec.bank.velocity_gain:
+        scale = _encoder_scale(known, where)
+        return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S
+    return spec.parameters.get(INNER, 0.0)
 
-    names: the output, and the signal of its rate where the law needs it. cut(): what to say of
-    the element that leaves no path.
+
+def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
+    """The plant with inner damping, sampled as `timing` asks, and what the law can feed back."""
+    law, moves = spec.law, bool(spec.law in MOTION or inner)
+    names = [spec.output]
+    if law == "derivative":
+        names.append(_force_rate(site.known, signal, unit))
+    system = _feedback(spec, site, signal, moves, names)
+    if spec.is_continuous:
+        plant = _continuous(system, law, site.where)
+    else:
+        plant = _sampled(system, law, spec.timing, spec.tick_s, moves)
+    if inner:
+        plant = plant._replace(A=plant.A - inner * plant.B @ plant.v)
+        if law == "pd" and spec.is_continuous:
+            plant = plant._replace(rate=plant.f @ plant.A)
+    if spec.late_motion and law in MOTION and not spec.is_continuous:
+        plant = _late_motion(plant)
+    return plant
+
+
+def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list[str]) -> System:
+    """The plant as a System with the outputs f, f', x and v.
+
+    names: the output, and the signal of its rate where the law needs it.
     """
+    known, where = site.known, site.where
+
+    def read(outputs: tuple[str, ...], states: States = site.states) -> System:
+        return linearise(
+            where, outputs=outputs, overrides=site.overrides, modes=states, free=spec.free
+        )
+
     measured = known.encoder
     bodies = (
         (measured.body, measured.reference)
@@ -174,24 +289,28 @@ def _feedback(
                 wanted += [f"{body}.position", f"{body}.velocity"]
     plant = read(tuple(wanted))
     if not plant.select(outputs=names[:1]).has_path():
+        cut = cut_by(
+            where, site.overrides, site.states, lambda m: read((spec.output,), m).has_path()
+        )
         raise _core.InputError(
             f"{where}: output: expected a path from drive.command to {signal}, it does not answer "
-            f"in this mode{cut() or '; choose another output or another mode of the elements'}"
+            f"in this mode{cut or '; choose another output or another mode of the elements'}"
         )
 
-    def row(matrix: np.ndarray, name: str) -> np.ndarray:
-        return matrix[[plant.outputs.index(name)]]
+    def row(matrix: Matrix, name: str) -> Matrix:
+        found: Matrix = matrix[[plant.outputs.index(name)]]
+        return found
 
-    def relative(matrix: np.ndarray, quantity: str) -> np.ndarray:
+    def relative(matrix: Matrix, quantity: str) -> Matrix:
         zero = np.zeros_like(matrix[:1])
         values = [
             row(matrix, f"{body}.{quantity}") if body != "ground" else zero for body in bodies
         ]
         return values[0] - values[1]
 
-    def rows(matrix: np.ndarray) -> np.ndarray:
+    def rows(matrix: Matrix) -> Matrix:
         zero = np.zeros_like(matrix[:1])
-        rate = row(matrix, names[1]) if law == "derivative" else zero
+        rate = row(matrix, names[1]) if len(names) > 1 else zero
         x, v = (relative(matrix, q) if moves else zero for q in ("position", "velocity"))
         return np.vstack([matrix[:1], rate, x, v])
 
@@ -249,90 +368,29 @@ def _late_motion(plant: _Plant) -> _Plant:
     return plant._replace(A=A, B=B, f=f, rate=rate, x=x, v=v, states=states)
 
 
-def force_loop(
-    model: str | Path,
-    law: str = "p",
-    timing: str = "zoh",
-    overrides: Mapping[str, Any] | None = None,
-    modes: Mapping[str, str] | None = None,
-    output: str = "reading",
-    free: bool = False,
-    tick_s: float = TICK_S,
-    bank: Bank | None = None,
-    late_motion: bool = False,
-    **parameters: float | None,
-) -> Loop:
-    """The loop of a law around a model.
-
-    model, overrides, modes, free: as in `linear.linearise`. output: the signal that takes the place
-    of the force (default: what ADC 0 converts); `tick_s`: sampling period of zoh and zoh+1.
-    parameters: integral_rad_per_s, derivative_s, lead_zero_hz, lead_pole_hz, stiffness_N_per_m,
-    damping_Ns_per_m as the law needs, velocity_gain_Vs_per_m (V s/m) with any law that has
-    inner damping. bank: the bank.Bank of law "bank", or before a law of motion; k takes the place
-    of its gain. late_motion: a law of motion gets x and v of the tick before, as the drive's modes
-    do. Raises InputError.
-    """
-    given = {name: float(value) for name, value in parameters.items() if value is not None}
-    _check(law, timing, given, bank)
-    known = facts(model, overrides)
-    where = str(find_model(model))
-    signal, unit = _controlled(known, where, law, output)
-    names = [output, _force_rate(known, signal, unit)] if law == "derivative" else [output]
-    inner = given.get(INNER, 0.0)
-    if bank is not None and bank.velocity_gain:
-        inner = bank.velocity_gain * known.volts_per_code * _encoder_scale(known, where) * TICK_S
-    moves = bool(law in MOTION or inner)
-
-    mode = working(where, overrides, modes, free)
-
-    def read(outputs: tuple[str, ...], states: Mapping[str, str] = mode.modes) -> System:
-        return linearise(model, outputs=outputs, overrides=overrides, modes=states, free=free)
-
-    def cut() -> str:
-        return cut_by(where, overrides, mode.modes, lambda m: read((output,), m).has_path())
-
-    system = _feedback(known, where, law, signal, moves, names, read, cut)
-    if timing == "continuous":
-        plant, dt = _continuous(system, law, where), None
-    else:
-        plant, dt = _sampled(system, law, timing, tick_s, moves), tick_s
-    if inner:
-        plant = plant._replace(A=plant.A - inner * plant.B @ plant.v)
-        if law == "pd" and timing == "continuous":
-            plant = plant._replace(rate=plant.f @ plant.A)
-    if late_motion and law in MOTION and dt is not None:
-        plant = _late_motion(plant)
-    A, B, states, f, rate = plant.A, plant.B, plant.states, plant.f, plant.rate
-    fed, fed_direct = f.copy(), plant.direct.copy()
+def _with_law(spec: LoopSpec, plant: _Plant) -> System:
+    """The law before the plant, from the error to (feedback of the law, the signal itself)."""
+    law, given = spec.law, spec.parameters
+    dt = None if spec.is_continuous else spec.tick_s
+    fed, fed_direct = plant.f.copy(), plant.direct.copy()
     if law in ("pd", "derivative"):
-        share = given["derivative_s"]
-        fed, fed_direct = fed + share * rate, plant.direct + share * plant.rate_direct
+        derivative_s = given["derivative_s"]
+        fed = fed + derivative_s * plant.rate
+        fed_direct = plant.direct + derivative_s * plant.rate_direct
     if law in ("stiffness", "impedance"):
         fed = fed + given["stiffness_N_per_m"] * plant.x
     if law in ("damping", "impedance"):
         fed = fed + given["damping_Ns_per_m"] * plant.v
-    C, D = np.vstack([fed, f]), np.vstack([fed_direct, plant.direct])
+    states = plant.states
+    space = (plant.A, plant.B, np.vstack([fed, plant.f]), np.vstack([fed_direct, plant.direct]))
     if law in ("pi", "lead"):
-        A, B, C, D = series(_compensator(law, given, dt), (A, B, C, D))
+        space = series(_compensator(law, given, dt), space)
         states = (law, *states)
-    if bank is not None:
-        front = bank.compensator()
-        A, B, C, D = series(front, (A, B, C, D))
+    if spec.bank is not None:
+        front = spec.bank.compensator()
+        space = series(front, space)
         states = (*(f"law {i}" for i in range(len(front[0]))), *states)
-    whole = System(A, B, C, D, states, ("error",), ("feedback", output), dt)
-    per_count = known.required_reading.per_count if output == "reading" else None
-    return Loop(
-        model=where,
-        law=law,
-        timing=timing,
-        whole=whole,
-        signal=signal,
-        unit=f"V/({unit})" if "/" in unit or " " in unit else f"V/{unit}",
-        codes_per_gain=None if per_count is None else abs(per_count) / known.volts_per_code,
-        parameters=given,
-        bank=bank,
-        working=mode,
-    )
+    return System(*space, states, ("error",), ("feedback", spec.output), dt)
 
 
 def no_reading(where: str) -> _core.InputError:
@@ -343,8 +401,8 @@ def no_reading(where: str) -> _core.InputError:
 
 
 def _with_last(
-    A: np.ndarray, B: np.ndarray, rows: list[np.ndarray], kept: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
+) -> tuple[Matrix, Matrix, list[Matrix]]:
     """The sampled system with a state for the last sample of row `kept`; rows widened, and its."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])

@@ -186,7 +186,7 @@ def modes(
         cut = working.cut_by(path, overrides, states, moves)
         raise InputError(
             f"{path}: expected an output that the input moves, got no path from {input} to "
-            f"{output} in this mode{cut or '; name others, or another --mode ELEMENT=STATE'}"
+            f"{output} in this mode{cut or '; name others, or another state by `states`'}"
         )
     driven = linear.linearise(path, [input], [output], modes=states, **options)
     matched, others = match(m, driven)

@@ -17,9 +17,11 @@ import numpy as np
 from scipy import optimize
 
 from forceaxis import _core
+from forceaxis.errors import ParameterError
 from forceaxis.linear import boundary, loops, working
 from forceaxis.linear import system as linear
-from forceaxis.linear.plant_set import Member
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
 HALF_POWER = math.sqrt(0.5)
@@ -184,16 +186,16 @@ class Worst:
 class _Set:
     """Loops over a PlantSet, each analysed once, and the search for the worst of something."""
 
-    def __init__(self, plants, timings, analyse, arguments):
+    def __init__(self, plants, timings, spec, analyse):
         self.plants, self.timings = plants, timings
-        self.analyse, self.arguments = analyse, arguments
+        self.spec, self.analyse = spec, analyse
         self.found = {}  # key -> (Member, timing, what analyse gives)
 
     def at(self, member, timing):
         """What `analyse` gives for one loop."""
         key = (*member.values.values(), *sorted(member.modes.items()), timing)
         if key not in self.found:
-            loop = self.plants.loop(member, timing, **self.arguments)
+            loop = self.plants.loop(member, timing, self.spec)
             self.found[key] = (member, timing, self.analyse(loop))
         return self.found[key]
 
@@ -255,25 +257,32 @@ def sample(plants):
     return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
 
 
-def _explored(plants, timings, analyse, arguments):
+def _explored(plants, timings, spec, analyse):
     """A _Set with nominal, corners and random members analysed."""
-    group = _Set(plants, timings, analyse, arguments)
+    group = _Set(plants, timings, spec, analyse)
     group.cover(sample(plants))
     return group
 
 
-def gain_at(loop, gain, force_gain, arguments):
-    """k of a loop: `gain`, or that of a force_gain, or of the bank in the loop's arguments."""
-    bank = arguments.get("bank")
+def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
+    """k of a loop: `gain`, or that of a force_gain, or of the loop's bank."""
     if gain is not None:
         return gain
-    if force_gain is None and bank is None:
-        raise _core.InputError("--gain: expected --gain or --firmware-gain, got neither")
-    return loop.gain_of(bank.force_gain if force_gain is None else force_gain)
+    if force_gain is not None:
+        return loop.gain_of(force_gain)
+    if loop.bank is None:
+        raise ParameterError("gain", "expected `gain` or `firmware_gain`, got neither")
+    return loop.gain_of(loop.bank.force_gain)
 
 
-def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments):
-    """The Worst of a PlantSet over its modes and `timings`; loop_arguments as PlantSet.loop.
+def worst(
+    plants: PlantSet,
+    timings: Sequence[str] = ("zoh",),
+    spec: LoopSpec | None = None,
+    gain: float | None = None,
+    force_gain: float | None = None,
+) -> Worst:
+    """The Worst of a PlantSet over its modes and `timings`, of the loop of `spec` (None: law p).
 
     gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners,
     seeded random members, then a pattern search around the worst of each figure: some hundred loops
@@ -281,9 +290,9 @@ def worst(plants, timings=("zoh",), gain=None, force_gain=None, **loop_arguments
     """
 
     def analyse(loop):
-        return figures(loop, gain_at(loop, gain, force_gain, loop_arguments))
+        return figures(loop, gain_at(loop, gain, force_gain))
 
-    group = _explored(plants, timings, analyse, loop_arguments)
+    group = _explored(plants, timings, spec, analyse)
     unstable, found = [], {}
     for name in FIGURES:
         found[name] = group.worst(lambda f, name=name: f.badness(name))
@@ -321,15 +330,17 @@ class Largest:
     known_to: float | None = None
 
 
-def largest_gain(plants, timings=("zoh",), **loop_arguments) -> Largest:
-    """The Largest gain that all of a PlantSet bear."""
+def largest_gain(
+    plants: PlantSet, timings: Sequence[str] = ("zoh",), spec: LoopSpec | None = None
+) -> Largest:
+    """The Largest gain that all of a PlantSet bear with the loop of `spec` (None: law p)."""
 
     def analyse(loop):
         limit = loop.limit()
         to = limit.stable_to
         return (math.inf if to is None else to), limit
 
-    group = _explored(plants, timings, analyse, loop_arguments)
+    group = _explored(plants, timings, spec, analyse)
     member, timing, (_, limit) = group.worst(lambda result: -result[0])
     return Largest(limit.gain, member, timing, limit.frequency_hz, limit.known_to)
 
@@ -420,9 +431,10 @@ def modes_all(
         raise loops.no_reading(str(where))
     choices = working.choices(where, known.switches, overrides)
     if math.prod(map(len, choices)) > COMBINATIONS_MAX:
-        raise _core.InputError(
-            f"--modes: expected at most {COMBINATIONS_MAX} combinations of the model's states with "
-            "all; choose visited"
+        raise ParameterError(
+            "modes",
+            f"expected at most {COMBINATIONS_MAX} combinations of the model's states with "
+            "all; choose visited",
         )
     fixed = dict(fixed or {})
     every = (

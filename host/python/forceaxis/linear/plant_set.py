@@ -7,24 +7,30 @@ values in one mode; a loop around each, for one delay or several, is what margin
 import itertools
 import math
 import random
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
-from forceaxis import _core
-from forceaxis.linear import loops
+from forceaxis.errors import ParameterError
 from forceaxis.linear import system as linear
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.stability import Loop
 from forceaxis.words import plain, suggestion
 
 RANGES_MAX = 8  # 256 corners
+Range = tuple[float, float, float]  # nominal, low, high
 
 
 @dataclass(frozen=True)
 class Member:
     """values: {parameter: SI value} within the ranges; modes: {element: state}."""
 
-    values: dict = field(default_factory=dict)
-    modes: dict = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
+    modes: dict[str, str] = field(default_factory=dict)
 
-    def label(self):
+    def label(self) -> str:
         """For people: "k_w = 288,900, drive.amplifier = high outer"; "nominal"."""
         parts = [f"{n} = {plain(v, 4)}" for n, v in self.values.items()]
         parts += [f"{n} = {state}" for n, state in self.modes.items()]
@@ -38,21 +44,23 @@ class PlantSet:
     choice of values in the ranges is taken with each of `together` and in each mode."""
 
     model: str
-    overrides: dict = field(default_factory=dict)
-    ranges: dict = field(default_factory=dict)
-    modes: tuple = ({},)
-    together: tuple = ({},)
+    overrides: dict[str, Any] = field(default_factory=dict)
+    ranges: dict[str, Range] = field(default_factory=dict)
+    modes: tuple[dict[str, str], ...] = ({},)
+    together: tuple[dict[str, float], ...] = ({},)
 
-    def nominal(self):
+    def nominal(self) -> list[Member]:
+        """The nominal values, in each mode."""
         return self._in_modes({name: r[0] for name, r in self.ranges.items()})
 
-    def corners(self):
+    def corners(self) -> list[Member]:
+        """All choices of ends of the ranges, in each mode; empty without ranges."""
         ends = [[(name, end) for end in r[1:]] for name, r in self.ranges.items()]
         if not ends:
             return []
         return [m for c in itertools.product(*ends) for m in self._in_modes(dict(c))]
 
-    def random(self, count, seed=1988):
+    def random(self, count: int, seed: int = 1988) -> list[Member]:
         """Members of `count` choices of values, uniform within the ranges."""
         rng = random.Random(seed)
         chosen = [
@@ -60,43 +68,43 @@ class PlantSet:
         ]
         return [member for values in chosen for member in self._in_modes(values)]
 
-    def _in_modes(self, values):
+    def _in_modes(self, values: dict[str, float]) -> list[Member]:
         return [
             Member(values | other, dict(modes)) for other in self.together for modes in self.modes
         ]
 
-    def loop(self, member, timing="zoh", law="p", **arguments):
-        """loops.force_loop around a member."""
-        overrides = self.overrides | member.values
-        return loops.force_loop(
-            self.model, law, timing, overrides, member.modes or None, **arguments
-        )
+    def loop(self, member: Member, timing: str = "zoh", spec: LoopSpec | None = None) -> Loop:
+        """The loop of `spec` around a member, with another timing; spec None: law p."""
+        overrides = {**self.overrides, **member.values}
+        own = replace(spec or LoopSpec(), timing=timing)
+        return own.around(self.model, overrides, member.modes or None)
 
 
-def ranges_of(model, over, overrides=None):
+def ranges_of(
+    model: str | Path, over: Iterable[str], overrides: Overrides | None = None
+) -> dict[str, Range]:
     """{parameter: (nominal, low, high)} of texts NAME=PERCENT% or NAME=LOW..HIGH, each perhaps
     several with commas between. Raises InputError."""
     known = linear.facts(model, overrides).parameters
-    ranges = {}
+    ranges: dict[str, Range] = {}
     for text in (part for given in over for part in given.split(",")):
         name, _, span = text.partition("=")
         if name not in known:
-            raise _core.InputError(
-                f"--over: {text}: expected a parameter of the model, one of "
-                f"{', '.join(sorted(known))}{suggestion(name, known)}"
+            raise ParameterError(
+                "over",
+                f"{text}: expected a parameter of the model, one of "
+                f"{', '.join(sorted(known))}{suggestion(name, known)}",
             )
         if name in ranges:
-            raise _core.InputError(f"--over: {name}: expected each parameter once")
-        nominal = known[name][0]
+            raise ParameterError("over", f"{name}: expected each parameter once")
+        nominal = known[name].value
         ranges[name] = (nominal, *_span(text, span, nominal))
     if len(ranges) > RANGES_MAX:
-        raise _core.InputError(
-            f"--over: expected at most {RANGES_MAX} parameters, got {len(ranges)}"
-        )
+        raise ParameterError("over", f"expected at most {RANGES_MAX} parameters, got {len(ranges)}")
     return ranges
 
 
-def _span(text, span, nominal):
+def _span(text: str, span: str, nominal: float) -> tuple[float, float]:
     low, dots, high = span.partition("..")
     try:
         if span.endswith("%"):
@@ -109,7 +117,7 @@ def _span(text, span, nominal):
     except ValueError:
         fits = False
     if not (fits and all(map(math.isfinite, ends))):
-        raise _core.InputError(
-            f"--over: {text}: expected NAME=PERCENT% above 0 and below 100, or NAME=LOW..HIGH"
+        raise ParameterError(
+            "over", f"{text}: expected NAME=PERCENT% above 0 and below 100, or NAME=LOW..HIGH"
         )
-    return ends
+    return ends[0], ends[1]

@@ -1,11 +1,17 @@
-"""The loops of a command line over a set of plants: `--over`, `--modes`, `--timing both`."""
+"""A force loop over a set of plants: ranges of parameters, several modes, several delays."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-from forceaxis import _core, toml
+from forceaxis import toml
+from forceaxis.errors import ParameterError
 from forceaxis.linear import curves, limits, over, plant_set, settings
-from forceaxis.linear import system as linear
-from forceaxis.linear.stability import known_text
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_set import Member
+from forceaxis.linear.request import LoopRequest, one_gain
+from forceaxis.linear.settings import Settings
+from forceaxis.linear.stability import Loop, known_text
 
 BOTH = ("zoh", "zoh+1")
 NAMES = {
@@ -18,67 +24,75 @@ NAMES = {
 UNITS = {"fS_Hz": " Hz", "fT_Hz": " Hz", "phase_margin_deg": " degrees"}
 
 
-def wanted(ranges, visit, timing):
-    """Whether the options --over, --modes and --timing ask for more than one loop."""
-    return bool(ranges or visit or timing == "both")
+def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
+    """Whether ranges, modes and timing ask for more than one loop."""
+    return bool(over or modes or request.timing == "both")
 
 
 @dataclass(frozen=True)
-class Subject:
-    """A set of loops: around `plants`, with `timings`, arguments as PlantSet.loop."""
+class LoopSet:
+    """A set of loops: that of `spec` around each of `plants` with each of `timings`."""
 
     plants: plant_set.PlantSet
-    timings: tuple
-    arguments: dict
+    timings: tuple[str, ...]
+    spec: LoopSpec
     gain: float | None  # k, or force_gain, or neither is given
     force_gain: float | None
 
-    def loop(self, member, timing):
-        """One of its loops."""
-        return self.plants.loop(member, timing, **self.arguments)
+    def loop(self, member: Member, timing: str) -> Loop:
+        """The loop around one member."""
+        return self.plants.loop(member, timing, self.spec)
 
-    def nominal(self):
-        """That of the nominal plant in its first mode."""
+    def nominal(self) -> Loop:
+        """The loop around the nominal plant in its first mode."""
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
-    def shown_gain(self):
-        """(k, force_gain) of the loops to draw: those given, else half of the largest that all
-        bear, or k = 1."""
+    def drawn_gain(self) -> tuple[float | None, float | None]:
+        """(k, force_gain) of the loops to draw: the given one, else half of the largest gain at
+        which all are stable, or k = 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
-        largest = over.largest_gain(self.plants, self.timings, **self.arguments).gain
+        largest = over.largest_gain(self.plants, self.timings, self.spec).gain
         return (largest or 2.0) / 2, None
 
 
-def subject(
-    model, overrides, modes, law, timing, output, ranges, visit, gain, firmware_gain, free=False,
-    **given
-):  # fmt: skip
-    """The Subject of a verb's options. Raises InputError."""
-    own = settings.of(model, linear.overrides(overrides))
-    fixed = linear.states(modes)
-    if fixed and visit:
-        raise _core.InputError("--modes: expected without --mode, which names one of them")
-    visit = visit or ("nominal" if fixed else "visited" if own.experiment else "all")
-    if visit == "visited" and own.experiment is None:
-        raise _core.InputError("--modes: visited: expected an experiment; give all, or nominal")
-    if free and visit != "nominal":
-        raise _core.InputError("--modes: expected nominal with --free, modes are those in contact")
-    if visit == "visited":
-        states = over.modes_visited(own.experiment, own.texts, output)
-    else:
-        states = over.modes_all(own.model, own.overrides, output) if visit == "all" else (fixed,)
+def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None = None) -> LoopSet:
+    """The LoopSet of a request over ranges, texts NAME=RANGE as in `plant_set.ranges_of`.
+
+    modes: "visited" (those of a run of the experiment), "all", "nominal" (that of the request), or
+    None: nominal if the request names states, else visited with an experiment, else all. Raises
+    InputError.
+    """
+    own = request.settings()
+    spec = request.spec(own)
     spans = plant_set.ranges_of(own.model, ranges, own.overrides)
-    arguments = limits.loop_arguments(own, law, given) | {"output": output, "free": free}
-    if gain is None and firmware_gain is None:
-        bank = arguments["bank"]
-        firmware_gain = bank.force_gain if bank else own.force_gain
-    found = Subject(
-        plant_set.PlantSet(own.model, own.overrides, spans, states),
-        BOTH if timing == "both" else (timing or own.timing,), arguments, gain, firmware_gain,
-    )  # fmt: skip
-    limits.one_gain(found.nominal(), gain, firmware_gain)  # refuses what is out of range
+    states = _modes_of(request, own, modes)
+    gain, force_gain = request.gain, request.firmware_gain
+    if not request.has_gain:
+        force_gain = spec.bank.force_gain if spec.bank else own.force_gain
+    timings = BOTH if request.timing == "both" else (spec.timing,)
+    plants = plant_set.PlantSet(own.model, own.overrides, spans, states)
+    found = LoopSet(plants, timings, spec, gain, force_gain)
+    one_gain(found.nominal(), gain, force_gain)  # refuses what is out of range
     return found
+
+
+def _modes_of(request: LoopRequest, own: Settings, modes: str | None) -> tuple[dict[str, str], ...]:
+    """The modes of a set, as `loop_set` describes them."""
+    fixed = dict(request.states)
+    if fixed and modes:
+        raise ParameterError("modes", "expected without `states`, which names one of them")
+    modes = modes or ("nominal" if fixed else "visited" if own.experiment else "all")
+    if modes == "visited" and own.experiment is None:
+        raise ParameterError("modes", "visited: expected an experiment; give all, or nominal")
+    if request.free and modes != "nominal":
+        raise ParameterError("modes", "expected nominal with `free`, modes are those in contact")
+    if modes == "visited":
+        assert own.experiment is not None
+        return over.modes_visited(own.experiment, own.texts, request.output)
+    if modes == "all":
+        return over.modes_all(own.model, own.overrides, request.output)
+    return (fixed,)
 
 
 def _one(member, timing):
@@ -106,8 +120,8 @@ def described(found):
 def worst_summary(found, gain, force_gain):
     """The worst of each figure at a gain, and who it is."""
     nominal = found.nominal()
-    k = over.gain_at(nominal, gain, force_gain, found.arguments)
-    worst = over.worst(found.plants, found.timings, gain, force_gain, **found.arguments)
+    k = over.gain_at(nominal, gain, force_gain)
+    worst = over.worst(found.plants, found.timings, found.spec, gain, force_gain)
     return {
         "gain": k,
         "firmware_gain": nominal.firmware_gain(k) if nominal.codes_per_gain is not None else None,
@@ -121,7 +135,7 @@ def worst_summary(found, gain, force_gain):
 
 def limit_summary(found):
     """What `forceaxis limit --over` prints as JSON."""
-    largest = over.largest_gain(found.plants, found.timings, **found.arguments)
+    largest = over.largest_gain(found.plants, found.timings, found.spec)
     gain, loop = largest.gain, found.loop(largest.member, largest.timing)
     own = found.nominal().limit()
     reading = loop.codes_per_gain is not None
@@ -217,10 +231,10 @@ def _curves_over(found, response, span_hz, points):
 
     The first Curve is the nominal one; the summary has the worst of each figure.
     """
-    gain, force_gain = found.shown_gain()
+    gain, force_gain = found.drawn_gain()
     drawn, rows = [], []
     for member, timing, loop in _members(found):
-        k = over.gain_at(loop, gain, force_gain, found.arguments)
+        k = over.gain_at(loop, gain, force_gain)
         system = response(loop, k)
         one = curves.curve(system, f"{member.label()}, {timing}", span_hz, points=points)
         drawn.append(one)
@@ -238,55 +252,46 @@ def nyquist_of(found):
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
-def bode_of(found, part, low_hz, high_hz):
-    """(Curves, summary) of `forceaxis bode` over a set: loop, closed or sensitivity."""
-    drawn, summary = _curves_over(found, curves.PARTS[part], (low_hz, high_hz), 250)
-    return drawn, summary | {"of": part}
-
-
 def bode(
-    model, overrides, vary, modes, free, part, input_, outputs, timing, from_hz, to_hz, gain,
-    firmware_gain, ranges, visit, law, **given
-):  # fmt: skip
-    """(Curves, summary) of `forceaxis bode`, from its options."""
-    laws = law is not None or any(value is not None for value in given.values())
+    request: LoopRequest,
+    view: curves.BodeView,
+    ranges: Sequence[str] = (),
+    modes: str | None = None,
+) -> tuple[list[curves.Curve], Any]:
+    """(Curves, summary) of `forceaxis bode`, of a plant, of a loop, or of a set of loops.
+
+    ranges, modes: as in `loop_set`.
+    """
+    several = wanted(request, ranges, modes)
+    part = view.part or ("loop" if request.has_law or several else None)
     if part is None:
-        part = "loop" if laws or wanted(ranges, visit, timing) else None
-    if part is None:
-        part = "loop" if settings.is_experiment(toml.read(settings.find(model))) else "plant"
+        table = toml.read(settings.find(request.model))
+        part = "loop" if settings.is_experiment(table) else "plant"
     if part == "plant":
-        if wanted(ranges, visit, timing) or laws:
-            raise _core.InputError(
-                "--of: expected loop, closed or sensitivity with a law or a set, got plant"
+        if several or request.has_law:
+            raise ParameterError(
+                "of", "expected loop, closed or sensitivity with a law or a set, got plant"
             )
-        return curves.bode_of(
-            model, overrides, vary, modes, free, input_, outputs, timing or "continuous", from_hz,
-            to_hz, gain, firmware_gain,
-        )  # fmt: skip
-    if input_ != "drive.command" or len(outputs) > 1:
-        raise _core.InputError(f"--of: {part}: expected no --input and one --output")
-    (output,) = outputs
-    if not wanted(ranges, visit, timing):
-        return curves.loop_bode_of(
-            model, overrides, vary, modes, free, output, timing, from_hz, to_hz, gain,
-            firmware_gain, part, law, **given,
-        )  # fmt: skip
-    if vary:
-        raise _core.InputError("--vary: expected without --over, --modes and --timing both")
-    found = subject(
-        model, overrides, modes, law, timing, output, ranges, visit, gain, firmware_gain, free,
-        **given,
-    )  # fmt: skip
-    curves.check_span(from_hz, to_hz, found.timings[0])
-    return bode_of(found, part, from_hz, to_hz)
+        return curves.bode_of(request, view)
+    if view.input != "drive.command" or len(view.outputs) > 1:
+        raise ParameterError("of", f"{part}: expected no `input` and one `output`")
+    request = replace(request, output=view.outputs[0])
+    if not several:
+        return curves.loop_bode_of(request, view, part)
+    if view.vary:
+        raise ParameterError("vary", "expected without `over`, `modes` and `timing` both")
+    found = loop_set(request, ranges, modes)
+    curves.check_span(view.span_hz, found.timings[0])
+    drawn, summary = _curves_over(found, curves.PARTS[part], view.span_hz, 250)
+    return drawn, summary | {"of": part}
 
 
 def step_of(found, duration_s):
     """What `forceaxis step` prints over a set: the nominal response, and those of the others."""
-    given = found.shown_gain()
+    given = found.drawn_gain()
     rows = []
     for member, timing, loop in _members(found):
-        gain = over.gain_at(loop, *given, found.arguments)
+        gain = over.gain_at(loop, *given)
         one = limits.step_summary(loop, gain, duration_s)
         rows.append(_one(member, timing) | {
             name: one[name] for name in ("stable", "rise_s", "settle_s", "overshoot", "final",
@@ -300,7 +305,7 @@ def step_of(found, duration_s):
             row = max(has, key=lambda row: row[name])
             worst[name] = {"value": row[name]} | {n: row[n] for n in ("values", "modes", "timing")}
     loop = found.nominal()
-    gain = over.gain_at(loop, *given, found.arguments)
+    gain = over.gain_at(loop, *given)
     return described(found) | {
         "gain": gain,
         "unit": loop.unit,

@@ -5,18 +5,23 @@ control loops around it, `modes` analyses the mechanics alone. Poles, zeros and 
 in extended precision (sim/linear/extended.hpp): LAPACK's digits hang on the processor.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core, paths
+from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_facts
 from forceaxis.linear import working as working_mode
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
+Matrix = NDArray[Any]  # of float, np.longdouble or complex
 
 
 def _complement(rows):
@@ -244,10 +249,13 @@ def overrides(texts):
     for text in texts:
         name, _, value = text.partition("=")
         if not name or not value:
-            raise _core.InputError(f"--set: {text}: expected NAME=VALUE, a number or a quantity")
+            raise ParameterError(
+                "overrides", f"{text}: expected NAME=VALUE, a number or a quantity"
+            )
         if name in values:
-            raise _core.InputError(
-                f"--set: {name}: expected one value, got {values[name]} and {value}; remove one"
+            raise ParameterError(
+                "overrides",
+                f"{name}: expected one value, got {values[name]} and {value}; remove one",
             )
         try:
             values[name] = float(value)
@@ -270,7 +278,7 @@ def states(texts):
     """ELEMENT=STATE texts of `--mode` as {element: state}."""
     for text in texts:
         if not all(text.partition("=")):
-            raise _core.InputError(f"--mode: {text}: expected ELEMENT=STATE")
+            raise ParameterError("states", f"{text}: expected ELEMENT=STATE")
     return {t.partition("=")[0]: t.partition("=")[2] for t in texts}
 
 
@@ -319,16 +327,16 @@ def linearise(
     )  # fmt: skip
 
 
-def once(option, names):
-    """Refuse a name that an option gives twice."""
+def once(parameter: str, names: Sequence[str]) -> None:
+    """Refuse a name that a parameter has twice."""
     if len(set(names)) < len(names):
-        raise _core.InputError(f"{option}: expected each name once, got {', '.join(names)}")
+        raise ParameterError(parameter, f"expected each name once, got {', '.join(names)}")
 
 
 def check_export(path):
     """Refuse a file that matrices cannot be written to, before the work."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):
-        raise _core.InputError(f"--out: {path}: expected a file ending in .npz or .mat")
+        raise ParameterError("out", f"{path}: expected a file ending in .npz or .mat")
 
 
 def export(system, path):

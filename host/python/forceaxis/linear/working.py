@@ -277,5 +277,5 @@ def cut_by(
         for state in reversed(switches[name]):
             if state != taken.get(name) and has_path({**taken, name: state}):
                 now = f" while {name} is {taken[name]}" if name in taken else ""
-                return f"{now}; --mode {name}={state} gives one"
+                return f"{now}; `states` {name}={state} gives one"
     return ""

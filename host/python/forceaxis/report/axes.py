@@ -10,6 +10,7 @@ from forceaxis.linear import curves, loops, modes, plots, settings, stability, w
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.limits import hz_text
+from forceaxis.linear.request import LoopRequest
 from forceaxis.report import pictures
 from forceaxis.words import plain
 
@@ -68,8 +69,8 @@ def _margins(model, row):
     gain = row["p"]["bank"].force_gain
     try:
         found = curves.nyquist_of(
-            str(model), {}, {}, False, "p", "zoh", "reading", None, gain
-        )  # fmt: skip
+            LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
+        )
     except _core.InputError:  # no response in this mode
         return []
     at = found["at"]

@@ -36,12 +36,17 @@ class ThesisFigure:
         return drawing(self.source() if data is None else data, title, **dict(self.options))
 
 
+def _channel(overrides, common):
+    """The curves.Channel at these parameter values; common: its other fields."""
+    return curves.Channel(overrides=overrides or {}, **common)
+
+
 def responses(*runs, span_hz=(0.5, 200.0), **common):
-    """A source of Curves: (model, label, settings or None) each, `common` as for model_curve."""
+    """A source of Curves: (model, label, settings or None) each, `common` as for Channel."""
 
     def source():
         return [
-            curves.model_curve(m, label, settings=settings, span_hz=span_hz, **common)
+            curves.model_curve(m, label, _channel(settings, common), span_hz)
             for m, label, settings in runs
         ]
 
@@ -53,7 +58,9 @@ def outputs(model, names, span_hz=(0.5, 200.0), settings=None, **common):
 
     def source():
         return [
-            curves.model_curve(model, label, output, span_hz=span_hz, settings=settings, **common)
+            curves.model_curve(
+                model, label, _channel(settings, common | {"output": output}), span_hz
+            )
             for output, label in names.items()
         ]
 
@@ -171,7 +178,7 @@ def three_problems():
     """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
-        curves.model_curve("fig4_14", "with base and arm", settings=hard, span_hz=(1, 100)),
+        curves.model_curve("fig4_14", "with base and arm", _channel(hard, {}), (1, 100)),
         curves.model_curve("fig4_11", "rigid axis and actuator", span_hz=(1, 100)),
     ]
 

@@ -1,0 +1,129 @@
+"""A force loop as a user asks for it: around a model, or that of an experiment's firmware."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
+from forceaxis.linear import loops, settings
+from forceaxis.linear import system as linear
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.settings import Settings
+from forceaxis.linear.stability import Loop
+from forceaxis.linear.working import States
+
+
+@dataclass(frozen=True)
+class LoopRequest:
+    """A force loop; a field that is None has the value of the experiment, or its default.
+
+    model: a model or an experiment, as a path or as the stem of a file in sim/. overrides:
+    {parameter: value}, with an experiment also firmware.NAME. states: {element: state} of the
+    mode. law, timing, output, free, parameters: as in LoopSpec. gain: k in the unit of the loop
+    (V/N). firmware_gain: the gain as force_gain, DAC codes per 8-bit count.
+    """
+
+    model: str
+    overrides: Overrides = field(default_factory=dict)
+    states: States = field(default_factory=dict)
+    law: str | None = None
+    timing: str | None = None
+    output: str = "reading"
+    free: bool = False
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    gain: float | None = None
+    firmware_gain: float | None = None
+
+    @property
+    def has_law(self) -> bool:
+        """Whether the request itself names a law or a parameter of a law."""
+        return self.law is not None or bool(self.parameters)
+
+    @property
+    def has_gain(self) -> bool:
+        """Whether the request itself has a gain."""
+        return self.gain is not None or self.firmware_gain is not None
+
+    def settings(self, plant: bool = False) -> Settings:
+        """What the model or experiment describes; plant: without a force loop."""
+        return settings.of(self.model, self.overrides, plant)
+
+    def spec(self, own: Settings) -> LoopSpec:
+        """The specification of the loop: fields of the request, else those of `own`."""
+        law = self.law or own.law
+        return LoopSpec(
+            law=law,
+            timing=self.timing or own.timing,
+            output=self.output,
+            free=self.free,
+            parameters={**(own.parameters if law == own.law else {}), **self.parameters},
+            bank=own.bank if law in ("bank", *loops.MOTION) else None,
+            late_motion=own.experiment is not None,
+        )
+
+    def loop(self) -> Loop:
+        """The loop, with the gain of the experiment in `own_gain`. Raises InputError."""
+        own = self.settings()
+        loop = self.spec(own).around(own.model, own.overrides, self.states)
+        if loop.codes_per_gain and own.firmware_gain:
+            codes = own.force_gain if loop.bank is None else loop.bank.force_gain
+            loop.own_gain = loop.gain_of(codes) if codes else None
+        return loop
+
+    def gain_of(self, loop: Loop) -> float | None:
+        """The gain k: that of the request, or that of the experiment; None: neither has one."""
+        return one_gain(loop, self.gain, self.firmware_gain)
+
+    def drawn_gain(self, loop: Loop) -> float:
+        """The gain k of a loop that is drawn; without one half the critical gain, or 1."""
+        return drawn_gain(loop, self.gain, self.firmware_gain)
+
+
+def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
+    """The gain k of a loop from k or from force_gain, or that of its experiment; None: no gain.
+
+    Raises ParameterError where both are given, or a gain is out of range.
+    """
+    if gain is not None and firmware_gain is not None:
+        raise ParameterError("gain", "expected either `gain` or `firmware_gain`, got both")
+    if firmware_gain is not None:
+        if not 0 < firmware_gain <= loops.FIRMWARE_HIGHEST:
+            raise ParameterError(
+                "firmware_gain",
+                f"expected a number > 0 and up to {loops.FIRMWARE_HIGHEST:.3f}, "
+                f"got {firmware_gain:g}",
+            )
+        gain = loop.gain_of(firmware_gain)
+    if gain is None:
+        gain = loop.own_gain
+    if gain is not None and not 1e-15 <= gain <= 1e15:
+        raise ParameterError("gain", f"expected a number from 1e-15 to 1e15, got {gain:g}")
+    return gain
+
+
+def drawn_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float:
+    """As `one_gain`; without a gain half the critical gain, or 1 where the loop has no limit."""
+    given = one_gain(loop, gain, firmware_gain)
+    return (loop.limit().gain or 2.0) / 2 if given is None else given
+
+
+def varied(overrides: Overrides, vary: Iterable[str]) -> list[tuple[str, dict[str, float | str]]]:
+    """[(label, {parameter: value})] of all combinations of the texts NAME=VALUE,VALUE,..."""
+    runs: list[tuple[str, dict[str, float | str]]] = [("", dict(overrides))]
+    for text in vary:
+        name, _, values = text.partition("=")
+        try:
+            chosen = [linear.overrides([f"{name}={value}"]) for value in values.split(",")]
+        except InputError:
+            chosen = []
+        if not chosen or any(str(one[name])[:1].isalpha() for one in chosen):
+            raise ParameterError("vary", f"{text}: expected NAME=NUMBER,NUMBER,...")
+        if name in runs[0][1] or len({one[name] for one in chosen}) < len(chosen):
+            raise ParameterError("vary", f"{text}: expected each parameter and each value once")
+        runs = [
+            (f"{label}, {name} = {linear.shown(one[name])}".removeprefix(", "), given | one)
+            for label, given in runs
+            for one in chosen
+        ]
+    return runs
