@@ -674,6 +674,38 @@ def test_each_step_takes_the_results_of_the_steps_before_it(step):
     assert said.pop("return") is str and step.result in said.values()
 
 
+# Keys of the files as the program wrote them before its results had types; a level, a contact.
+KEYS = {
+    "check": "band_hz before latency_ticks law rest settings",
+    "free": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N glide "
+    "noise_lsb of_loop random_error_median speed_rms swing",
+    "measure": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N "
+    "noise_lsb of_loop random_error_median small speed_rms swing",
+    "fit": "best chi_square correlation dof friction intervals left_out levels_differ limiting_hz "
+    "lines model order over own p_value parameters ratios rejected relied responses set together "
+    "values why",
+    "design": "adc_bits approach_slowed bank chosen contact_loss cut files friction_N gain_cuts "
+    "gain_reductions limited_by model modes objects on_fitted out over p passed_over simulated "
+    "structures times_p together worst",
+    "simulate": "case fault kind latency_ticks law losses losses_max member missed "
+    "overshoot_percent peak_N saturated_ms settle_ms static_error_percent verdict",
+}
+
+
+def test_the_files_of_the_steps_keep_their_keys(plants, done, tmp_path):
+    """And nothing that a file says is lost in the typed result."""
+    folder = shutil.copytree(done, tmp_path / "out")
+    with Axis(link(plants)) as axis:
+        tuning = tune.Tuning(axis, order(plants), folder)
+    for step, keys in KEYS.items():
+        held = json.loads((folder / f"{step}.json").read_text())["result"]
+        found = tuning.result(step)
+        assert results.to_json(found.levels if step == "measure" else found) == held
+        if step in ("measure", "simulate"):
+            held = held["30N"] if step == "measure" else held["contacts"][0]
+        assert sorted(held) == keys.split()
+
+
 LEVEL = {"amplitude": 9, "swing": 8.0, "speed_rms": 0.1}
 PRESSED = LEVEL | {"bias_N": 30.0}
 HELD = {  # JSON of a folder whose steps are done up to the write, and that was killed then
