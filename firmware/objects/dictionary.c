@@ -19,6 +19,9 @@ bool dictionary_has_value(uint16_t object) {
 }
 
 static bool in_range(const axis_object_t *entry, int32_t value) {
+  if (value == 0 && entry->not_zero != 0) {
+    return false;
+  }
   if (entry->type == AXIS_TYPE_U32) {
     return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
   }
@@ -105,7 +108,7 @@ int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int
 
 bool dictionary_restorable(uint16_t object, int32_t value) {
   return exists(object) && axis_objects[object].stored != 0 &&
-         in_range(&axis_objects[object], value) && (object != AXIS_OBJ_FORCE_SIGN || value != 0);
+         in_range(&axis_objects[object], value);
 }
 
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value) {

@@ -29,6 +29,7 @@ class AxisObject(NamedTuple):
     title: str  # CANopen's name
     node_id: bool  # a COB-ID to whose default the node id is added
     mappable: int  # 0: no PDO carries it, 1: any, as its access allows, 2: a TPDO alone
+    quantity: str  # of what a count of the unit is a step: "force", "encoder"; "" where unit tells
     values: tuple[tuple[int, str], ...]  # names of single raw values of an object that is no enum
 
 
@@ -60,10 +61,10 @@ def default(name):
 
 
 def unit_in_words(known):
-    """The unit of an object for a reader: of what its counts and codes are. Readings of the force
-    have counts of 8 bits, in fractions; whole counts are the encoder's."""
+    """The unit of an object for a reader: of what its counts and codes are. A count of force is one
+    of an 8-bit ADC."""
     unit = "" if known.unit == "1" else known.unit
-    of_force = known.scale != 1.0 if unit == "count" else known.name != "position_gain"
+    of_force = known.quantity == "force"
     force, encoder = "count of force", "encoder count"
     words = {
         "count": force if of_force else encoder,

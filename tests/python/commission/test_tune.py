@@ -30,7 +30,9 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
-from forceaxis.design.cases import Cut
+from forceaxis.design.banks import bank_figures
+from forceaxis.design.cases import GainCut
+from forceaxis.design.certificate import NoPFigures
 from forceaxis.design.changes import Design
 from forceaxis.design.search import Goal
 from forceaxis.linear import over, plant_set
@@ -105,12 +107,13 @@ def quick(asked, _out, say):
         ranges = plant_set.ranges_of(plant.model, asked.over, plant.overrides)
         plants = plant_set.PlantSet(str(plant.model), plant.overrides, ranges)
         bits = plant.facts.required_reading.bits
-        problem = reduced.Problem(plants, Goal(ms=asked.ms, ms_late=asked.ms_late, adc_bits=bits))
+        goal = Goal(ms=asked.ms, ms_late=asked.ms_late, adc_bits=bits)
+        problem = reduced.ShortSearch(plants, goal)
         found = problem.designed()
-        bank, worst = problem.exact(found["bank"])
+        bank, worst = problem.exact(found.bank)
         units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
-        return outcome.Outcome(
-            asked, plants, units, bits, bank, outcome.plain(worst), {}, Bank(0.0), [],
+        return outcome.DesignOutcome(
+            asked, plants, units, bits, bank, worst, NoPFigures(), [],
             reduced.NAME, "",
         )  # fmt: skip
 
@@ -221,7 +224,7 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
     assert summary["refused"] is None
     assert summary["stored"]
     assert summary["seconds"].keys() == set(tune.STEPS)
-    assert summary["bank"].keys() == outcome.bank_summary(Bank(1.0)).keys()
+    assert summary["bank"].keys() == vars(bank_figures(Bank(1.0))).keys()
     assert {"fS_Hz", "fT_Hz", "Ms", "Ms_late", "gain_margin"} <= summary["worst"].keys()
     assert summary["Ms_predicted"] == summary["worst"]["Ms"]
     assert summary["Ms_verified"] == max(one["Ms"] for one in summary["levels"].values())
@@ -645,13 +648,13 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
 def test_what_a_simulation_took_of_the_gain_is_said_with_why():
     figures = tune_results.SetFigures(fS_Hz=9.0, fT_Hz=20.0, Ms=1.5)
     designed = tune_results.Designed(
-        bank=tune_results.BankFigures(1.0, 0.0, (), 0.0), worst=figures,
+        bank=tune_results.BankKeys(1.0, 0.0, (), 0.0), worst=figures,
         p=tune_results.NoProportional(), objects={}, contact_loss=None, on_fitted={}, modes=(),
         adc_bits=12, cut="", times_p=None, gain_reductions=1, chosen="P",
         structures=(
             tune_results.StructureFigures("P", worst=replace(figures, fS_Hz=10.0, Ms=1.6)),
         ),
-        gain_cuts=(Cut(4.2, 3, 40, "contact 30 N at 20 mm/s", "losses 3 of 1"),),
+        gain_cuts=(GainCut(4.2, 3, 40, "contact 30 N at 20 mm/s", "losses 3 of 1"),),
     )  # fmt: skip
     text = tune_steps._cut(designed)
     assert text.startswith("P x 0.9: ")

@@ -34,21 +34,21 @@ def lively():
 
 @pytest.mark.parametrize("name", ["contact", "contact_unstable", "press_hold_retract", "homing"])
 def test_no_count_is_said_without_of_what(name):
-    summary = runs.run(EXPERIMENTS / f"{name}.toml").summary
-    text = "\n".join(value for key, value in summary_of.rows(summary) if key != "experiment")
+    done = runs.run(EXPERIMENTS / f"{name}.toml")
+    text = "\n".join(value for key, value in summary_of.rows(done) if key != "experiment")
     assert not re.search(BARE, text), text
 
 
 def test_a_verdict_says_why_in_newton_and_over_which_window(lively):
     """A count of the force reading is 2.5 N in this model, ten of them are allowed."""
-    stable = runs.run(EXPERIMENTS / "contact.toml").summary
-    count = stable["metrics"]["force_ripple_count"]
+    stable = runs.run(EXPERIMENTS / "contact.toml").result
+    count = stable.metrics.force_ripple_count
     assert summary_of.verdict_text(stable) == (
         f"stable: contact held, force ripple {2.5 * count:.3g} N of 25 N allowed ({count:.3g} of "
         "10 counts of the force reading at 8 bits), over the last 1 s"
     )
     metrics = lively.summary["metrics"]
-    text = summary_of.verdict_text(lively.summary)
+    text = summary_of.verdict_text(lively.result)
     assert text.startswith(f"unstable: contact lost {metrics['contact_losses']} times")
     assert f"{2.5 * metrics['force_ripple_count']:.3g} N above the 25 N allowed" in text
     assert text.endswith(", over the last 0.5 s")
@@ -56,10 +56,10 @@ def test_a_verdict_says_why_in_newton_and_over_which_window(lively):
 
 def test_twelve_bits_have_the_same_size_of_count():
     """4096 codes over the range of 256: a count at 8 bits is sixteen codes."""
-    converters = runs.run(EXPERIMENTS / "hold_biquad_12bit.toml").summary["converters"]
-    assert converters["adc0"]["bits"] == 12
+    converters = runs.run(EXPERIMENTS / "hold_biquad_12bit.toml").result.converters
+    assert converters["adc0"].bits == 12
     size, unit = summary_of.size_of_count("force", converters)
-    assert (size, unit) == (pytest.approx(16 * abs(converters["adc0"]["per_code"])), "N")
+    assert (size, unit) == (pytest.approx(16 * abs(converters["adc0"].per_code)), "N")
 
 
 def test_every_unit_of_counts_and_codes_says_of_what():

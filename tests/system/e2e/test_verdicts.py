@@ -18,7 +18,7 @@ CASES = tomllib.loads((HERE / "cases.toml").read_text())["case"]
 
 
 def run(case):
-    """The summary of a case's run."""
+    """The run of a case."""
     name = case["experiment"]
     file = HERE / name if name.endswith(".toml") else ROOT / f"sim/experiments/{name}.toml"
     text = file.read_text()
@@ -27,7 +27,7 @@ def run(case):
         text = text.replace(*case["replace"])
     if "at" in case:
         text += f"\n{case['at']}\n"
-    return runs.run(file, case.get("set", []), text=text).summary
+    return runs.run(file, case.get("set", []), text=text)
 
 
 def test_there_are_forty_of_every_kind():
@@ -37,7 +37,8 @@ def test_there_are_forty_of_every_kind():
 
 @pytest.mark.parametrize("case", CASES, ids=[case["what"] for case in CASES])
 def test_the_verdict_is_what_its_user_wanted_to_know(case):
-    summary = run(case)
+    done = run(case)
+    summary = done.summary
     assert summary["verdict"] == case["verdict"], summary["because"]
     assert bool(summary["because"]) == bool(summary["missed"]) == (case["verdict"] != "stable")
     assert case.get("because", "") in "\n".join(summary["because"])
@@ -47,7 +48,7 @@ def test_the_verdict_is_what_its_user_wanted_to_know(case):
         assert {"limit", "bound", "unit"} < one.keys()
     if case["verdict"] == "not_met":
         assert {one["verdict"] for one in summary["missed"]} == {"not_met"}
-    assert summaries.verdict_text(summary).startswith(case["verdict"])
+    assert summaries.verdict_text(done.result).startswith(case["verdict"])
 
 
 def test_a_setpoint_beyond_the_sensor_is_warned_of():

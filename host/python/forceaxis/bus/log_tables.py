@@ -7,6 +7,7 @@ from urllib.parse import quote
 import numpy as np
 
 from forceaxis import paths
+from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
@@ -171,7 +172,7 @@ def truth_rows(message):
     names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
-        yield {"tick": tick, "time_s": tick / 1500} | dict(
+        yield {"tick": tick, "time_s": tick / TICKS_PER_SECOND} | dict(
             zip(names, map(float, values), strict=True)
         )
 
@@ -180,7 +181,7 @@ def capture_columns(held):
     """A capture's columns: tick, time and every signal in engineering units, with its
     unit. Samples that were lost in transit are NaN."""
     ticks = held.ticks()
-    columns = {"tick": ticks, "time_s": ticks / 1500}
+    columns = {"tick": ticks, "time_s": ticks / TICKS_PER_SECOND}
     for name in held.signals:
         columns[column_name(name)] = held.values(name)
     return columns

@@ -148,21 +148,24 @@ def compliance(
     a simulation with the firmware.
     """
     from forceaxis import linear as models
+    from forceaxis.cli.advise_text import describe_compliance
     from forceaxis.design import compliance as soft
+    from forceaxis.results import to_json
 
     check_drawing(out)
     if (lowest is None) != (highest is None):
         raise click.UsageError("expected --from and --to together, got one of them")
     span = None if lowest is None else (lowest, highest)
-    result = soft.compliance(
+    order = soft.ComplianceOrder(
         model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads,
         models.states(states),
     )  # fmt: skip
+    result = soft.compliance(order)
     if out:
         from forceaxis import drawing
 
         drawing.save(soft.figure(result), out)
-    present(result, as_json, soft.describe, out)
+    present(to_json(result), as_json, lambda _: describe_compliance(result), out)
 
 
 VERBS = (advise, compliance)

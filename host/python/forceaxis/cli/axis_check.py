@@ -1,5 +1,7 @@
 """`forceaxis axis check`: guide the first motion of an axis."""
 
+from __future__ import annotations
+
 import json
 import sys
 

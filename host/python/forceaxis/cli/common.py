@@ -360,7 +360,7 @@ def link_of(kind, lcm_url, link_can, inject):
         return None
     from forceaxis.experiments import link
 
-    over = link.Link(kind, lcm_url, link_can, inject)
+    over = link.LinkOptions(kind, lcm_url, link_can, inject)
     link.under_vcan(over)
     return over
 

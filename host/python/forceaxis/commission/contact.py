@@ -22,21 +22,21 @@ from forceaxis.commission.tune_files import TOUCH_DOWN_COLUMNS
 from forceaxis.commission.tune_folder import TuningFolder
 from forceaxis.commission.tune_results import (
     Checked,
+    ContactRow,
     Designed,
     Fitted,
     Settings,
-    SimulatedContact,
     TouchDownPeaks,
     Values,
 )
-from forceaxis.design import files, outcome
+from forceaxis.design import files
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import hf_most
 from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
-from forceaxis.results import from_json
+from forceaxis.results import from_json, to_json
 
 MEMBER_COUNT, MEMBER_SEED = 6, 1988  # of the set, chosen at random
 BEFORE_S, AFTER_S = 0.1, 2.0  # of a recorded touch-down, at most
@@ -71,9 +71,9 @@ class FittedAxis:
         """The fitted plant, for a `with`."""
         return Design(str(self.tuning.model), self.fitted.values)
 
-    def bench(self, plant: Design, bank: Bank) -> simulation.Bench:
+    def bench(self, plant: Design, bank: Bank) -> simulation.ContactBench:
         """The bench of a plant with the axis' own firmware settings."""
-        bench = simulation.Bench(
+        bench = simulation.ContactBench(
             plant, self.designed.adc_bits, firmware=firmware_of(self.tuning, self.checked)
         )
         bench.wait_for(bank)
@@ -90,12 +90,12 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
     return {name: held[name] for name in simulation.KEPT if name in held}
 
 
-def simulated(fitted_axis: FittedAxis) -> tuple[SimulatedContact, ...]:
+def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
     """Simulated contacts, each with its kind: contact at each force, strikes at all but the
     largest, then contact on random members of the set. Raises Refusal: hf_gain, simulated_KIND."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank, given = designed.bank.bank, designed.contact_loss or {}
-    loss = {name: given[name] for name in files.LOSS if name in given}
+    loss = {name: int(given[name]) for name in files.LOSS if name in given}
     if bank.hf_gain() > (most := hf_most(designed.adc_bits)):
         raise Refusal(
             "hf_gain", f"expected at most {most:g} DAC codes per 8-bit count at high frequency, "
@@ -105,12 +105,12 @@ def simulated(fitted_axis: FittedAxis) -> tuple[SimulatedContact, ...]:
     with fitted_axis.plant() as plant:
         bench = fitted_axis.bench(plant, bank)
         speed, strike = bench.cases[0].speed_m_per_s, simulation.STRIKE_S * bench.rated_N
-        plain = [simulation.Case(force, speed) for force in forces]
-        bench.feel(bank, cases=plain)
-        cases: list[tuple[str, simulation.Case, Values]] = []
+        plain = [simulation.ContactCase(force, speed) for force in forces]
+        bench.measure_impacts(bank, cases=plain)
+        cases: list[tuple[str, simulation.ContactCase, Values]] = []
         cases += [("contact", case, {}) for case in plain]
         for force in sorted(forces)[:-1]:  # as a design is struck
-            cases.append(("strike", simulation.Case(force, speed, strike), {}))
+            cases.append(("strike", simulation.ContactCase(force, speed, strike), {}))
         cases += [("set", case, member) for member in members for case in plain]
         jobs = [bench.job(case, bank, member, 0, loss) for _, case, member in cases]
         try:
@@ -119,10 +119,10 @@ def simulated(fitted_axis: FittedAxis) -> tuple[SimulatedContact, ...]:
             raise Refusal("simulation", f"expected a run, {error}") from None
     found = []
     for (kind, case, member), one in zip(cases, done, strict=True):
-        losses_max = bench.limits(case, bank).get("contact_losses_max")
-        row = simulation.row("design", case.name, member, 0, one, losses_max)
-        found.append(replace(from_json(SimulatedContact, outcome.plain(row)), kind=kind))
-        if simulation.unstable([row]):
+        losses_max = bench.losses_permitted(case)
+        row = simulation.simulated_contact("design", case.name, member, 0, one, losses_max)
+        found.append(replace(from_json(ContactRow, to_json(row)), kind=kind))
+        if not row.is_stable:
             where = "".join(f", {name} = {value:.4g}" for name, value in member.items())
             raise Refusal(
                 f"simulated_{kind}", f"expected {case.name}{where} to settle, it does not "

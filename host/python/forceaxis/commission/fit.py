@@ -24,8 +24,9 @@ from forceaxis._core import InputError
 from forceaxis.commission import known
 from forceaxis.commission.known import Prior
 from forceaxis.design import sets
-from forceaxis.identify.fit import MISFIT, SHARE
+from forceaxis.identify.fit import MISFIT
 from forceaxis.identify.measurement import COHERENT, Measurement
+from forceaxis.identify.procedures import SHARE
 from forceaxis.linear import loops, plant_set
 
 Values = dict[str, float]  # {parameter: SI value}
@@ -290,7 +291,7 @@ class Responses:
         )  # fmt: skip
 
 
-def _real(values: Response) -> Samples:
+def _real(values: NDArray[Any]) -> Samples:
     return np.concatenate([values.real, values.imag])
 
 

@@ -27,6 +27,7 @@ from forceaxis.commission.tune_fit import (
 )
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
+from forceaxis.results import to_json
 
 TRIES = 2  # other starts
 BEGIN = 0.1  # of the moving mass times the middle frequency: damping to begin with, N s/m
@@ -80,7 +81,7 @@ class Freed:
     """A fit in which dampers stand for friction: of the Measurement with that model; newtons of
     each, None: the speed is not known."""
 
-    found: fit_response.Fit
+    found: fit_response.ParameterFit
     measured: Measurement
     rubs: tuple[rubbing.Rub, ...]
     newtons: dict[str, float | None]
@@ -89,23 +90,23 @@ class Freed:
 def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
-) -> tuple[fit_response.Fit, Measurement, dict[str, Any]]:  # fmt: skip
+) -> tuple[fit_response.ParameterFit, Measurement, dict[str, Any]]:  # fmt: skip
     """(Fit, the Measurement with the model that was fitted, summary) of the response at `path`.
     folder: where that model may be written. Raises InputError; Refusal by the name `friction`."""
     model, held = measured.model, measured.overrides
     found = fit_response.fit(measured, starts)
-    about = record(path, model, held)
+    about = record(path, model, dict(held))
     freed = _freed(measured, starts, about, folder) if found.rejected else None
     if found.rejected and freed is None and about.rubs:
         raise _refused(found.p_value, model, about)
     if freed is None:
-        summary = fit_response.summarise(found, measured, units) | {"friction": None}
+        summary = to_json(fit_response.summarise(found, measured, units)) | {"friction": None}
         if about.rubs:
             summary["warnings"].append(f"the axis rubs, {_words(about)}: smaller amplitudes have "
                                        "another response")  # fmt: skip
         return found, measured, summary
     dampers = {rub.damping: "N s/m" for rub in freed.rubs}
-    summary = fit_response.summarise(freed.found, freed.measured, units | dampers)
+    summary = to_json(fit_response.summarise(freed.found, freed.measured, units | dampers))
     rows, lines = summary["parameters"], []
     for rub in freed.rubs:
         row = rows.get(rub.damping)

@@ -22,14 +22,14 @@ def measure(
     axis: Axis, order: MeasuringOrder, forces: Sequence[float] = (), free: bool = False,
     model: str | Path = "", overrides: Mapping[str, float] | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> dict[str, result.Result]:  # fmt: skip
-    """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
+) -> dict[str, result.MeasurementResult]:  # fmt: skip
+    """{name: identify.result.MeasurementResult} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
     model: a path; the response is compared with its linear model then. Raises InputError before
     anything moves for what the axis would clip; Refusal, NoAnswer, Refused.
     """
-    done: dict[str, result.Result] = {}
+    done: dict[str, result.MeasurementResult] = {}
     actions.expect_position_gain(axis)
     for force in forces:
         bounds.expect_force(axis, force, SWING)
@@ -61,7 +61,7 @@ def measure(
 
 def _taken(
     axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
-) -> result.Result:
+) -> result.MeasurementResult:
     """The Result of a Level, with what `looks` found of friction."""
     if looks:
         looks.expect_sliding(level)
@@ -88,15 +88,18 @@ def hints(level: Level, rest: Rest) -> list[str]:
     return texts
 
 
-def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> result.Result:
+def result_of(
+    axis: Axis, order: MeasuringOrder, level: Level, rest: Rest
+) -> result.MeasurementResult:
     """The Result of a Level, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     compared = None if model is None else measured.compare(model)
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"
+    title = f"{axis.link.where}, {where}"
     summary = {
         "measurement": axis.link.where,
-        "title": f"{axis.link.where}, {where}",
+        "title": title,
         "figure": "",
         "input": measured.input,
         "output": measured.output,
@@ -119,11 +122,11 @@ def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> re
         "coherent": int((measured.coherence > COHERENT).sum()),
         "points": len(measured.coherence),
         "random_error_median": float(np.median(measured.random_error())),
-        "comparison": compared,
-        "readings": measured.readings(),
+        "comparison": to_json(compared),
+        "readings": to_json(measured.readings()),
         "hints": hints(level, rest),
         "seed": order.seed,
         "firmware_hash": _core.FIRMWARE_HASH,
         "objects_hash": objects.OBJECTS_HASH,
     }
-    return result.Result(None, measured, model, summary)
+    return result.MeasurementResult(None, measured, model, summary, title)

@@ -176,7 +176,7 @@ class Tuning(TuningFolder):
         that is not done."""
         held = self.done(step)
         if held is None:
-            raise Refusal(step, f"expected that step to be done before; do it alone first")
+            raise Refusal(step, "expected that step to be done before; do it alone first")
         return held.result
 
     def _keep(self, step: str, done: StepFile) -> None:

@@ -194,10 +194,10 @@ def _error(name: str, rubs: Rubs) -> float:
 def _rate(free: FreeResponse, apart: Measurement) -> Measurement:
     """The speed for each code while the axis slides, as a response of one line: no friction is in
     it, since it slides one way."""
-    exact = free.glide.rate / (2j * np.pi * RATE_HZ)
+    exact = complex(free.glide.rate / (2j * np.pi * RATE_HZ))
     one = np.ones(1)
     return replace(
-        apart, frequency_hz=RATE_HZ * one, response=exact * one, coherence=one, floor=0 * one,
+        apart, frequency_hz=RATE_HZ * one, response=np.full(1, exact), coherence=one, floor=0 * one,
         variance=(RATE_ERROR * abs(exact)) ** 2 * one,
     )  # fmt: skip
 

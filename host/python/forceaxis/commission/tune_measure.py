@@ -333,7 +333,7 @@ def objects_of(
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
     units = {n: unit for n, (_, unit) in linear.facts(tuning.model).parameters.items()}
     with Design(str(tuning.model)) as plant:
-        bench = simulation.Bench(plant, held["adc_bits"])
+        bench = simulation.ContactBench(plant, held["adc_bits"])
         bench.settings |= held
         values = files.bank_objects(
             plant.file("bank.toml", bench.text(bench.shown, bank, loss)), ms,

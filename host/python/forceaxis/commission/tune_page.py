@@ -21,6 +21,7 @@ from forceaxis.commission.tune_results import (
     Values,
 )
 from forceaxis.design import outcome
+from forceaxis.design.cases import read_contacts
 from forceaxis.drawing import (
     GOT,
     INK,
@@ -162,7 +163,7 @@ def _figures(label: str, figures: SetFigures | NoProportional | Figures) -> list
 
 def _simulated(summary: TuningSummary) -> str:
     """What each simulated case came to, and what was cut for it."""
-    rows = [to_json(row) for row in summary.simulated if row.is_complete]
+    rows = read_contacts([to_json(row) for row in summary.simulated])
     if not (rows or summary.cuts):
         return ""
     text = "<h2>Contact, simulated with the fitted plant and the firmware</h2>"

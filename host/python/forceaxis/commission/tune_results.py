@@ -171,7 +171,7 @@ class Fitted(JointSummary):
 
 
 @dataclass(frozen=True)
-class BankFigures:
+class BankKeys:
     """A bank as `forceaxis design --json` has it. hf_gain: codes per 8-bit count at high
     frequency."""
 
@@ -220,7 +220,7 @@ class StructureFigures:
     """A structure of the search; worst: None where no gain of it keeps the margins."""
 
     name: str
-    bank: BankFigures | None = json_field(omit_none=True)
+    bank: BankKeys | None = json_field(omit_none=True)
     worst: SetFigures | None = None
 
 
@@ -232,8 +232,8 @@ class FittedLoop(over.Figures):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatedContact:
-    """A simulated contact as design.cases.row has it. kind: "contact", "strike" or "set"; missed:
+class ContactRow:
+    """A simulated contact as design.cases.SimulatedContact has it. kind: "contact", "strike" or "set"; missed:
     rows of limits; None: there is no such value."""
 
     case: str
@@ -252,11 +252,6 @@ class SimulatedContact:
     losses_max: int | None = None
     saturated_ms: float | None = json_field(omit_none=True)
 
-    @property
-    def is_complete(self) -> bool:
-        """Whether it has all that a table shows; the folders of earlier versions lack some."""
-        return self.losses is not None and self.saturated_ms is not None
-
 
 @dataclass(frozen=True, kw_only=True)
 class Designed:
@@ -265,7 +260,7 @@ class Designed:
     cut: what simulated contacts took of the gain; times_p: bandwidth over that of the proportional
     law; limited_by: why no more."""
 
-    bank: BankFigures
+    bank: BankKeys
     worst: SetFigures
     p: ProportionalFigures | NoProportional
     objects: Settings
@@ -281,14 +276,14 @@ class Designed:
     mode: dict[str, str] | None = json_field(omit_none=True)
     mode_text: str | None = json_field(omit_none=True)
     friction_N: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    simulated: tuple[SimulatedContact, ...] = ()
+    simulated: tuple[ContactRow, ...] = ()
     structures: tuple[StructureFigures, ...] = ()
     chosen: str = ""
     limited_by: str = ""
     gain_reductions: int = 0
     passed_over: dict[str, str] = field(default_factory=dict)
-    gain_cuts: tuple[cases.Cut, ...] = ()
-    approach_slowed: outcome.Slowed | None = None
+    gain_cuts: tuple[cases.GainCut, ...] = ()
+    approach_slowed: outcome.SlowedApproach | None = None
     out: str | None = None
     files: tuple[str, ...] = ()
 
@@ -297,7 +292,7 @@ class Designed:
 class Simulated:
     """Result of `simulate`."""
 
-    contacts: tuple[SimulatedContact, ...]
+    contacts: tuple[ContactRow, ...]
 
 
 @dataclass(frozen=True)
@@ -382,14 +377,14 @@ class TuningSummary:
     axis: str
     folder: str
     parameters: dict[str, ParameterRow] | None = None
-    bank: BankFigures | None = None
+    bank: BankKeys | None = None
     worst: SetFigures | None = None
     p: ProportionalFigures | NoProportional | None = None
     on_fitted: dict[str, FittedLoop | None] | None = None
     limited_by: str | None = None
     cut: str | None = None
     cuts: tuple[str, ...] = ()
-    simulated: tuple[SimulatedContact, ...] = ()
+    simulated: tuple[ContactRow, ...] = ()
     holds: tuple[str, ...] = ()
     Ms_predicted: float | None = None
     Ms_verified: float | None = None

@@ -43,11 +43,10 @@ from forceaxis.commission.tune_results import (
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
-from forceaxis.design.grid import hf_most
-from forceaxis.design.search import HF_DEFAULT
+from forceaxis.design.grid import HF_DEFAULT, hf_most
 from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
-from forceaxis.results import from_json
+from forceaxis.results import from_json, to_json
 
 LIMIT_FACTOR = 1 / 6  # of the linear limit: the gain to measure with
 SPREAD_FACTORS = (0.3, 1.0, 3.0)  # of the set's stiffnesses and masses, for that limit
@@ -248,7 +247,7 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
 def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     """A bank for the set about what was fitted."""
     order = tuning.order
-    asked = outcome.Order(
+    asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
         together=fitted.together or ({},), ms=order.ms,
         ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
@@ -259,12 +258,12 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     except (InputError, _core.SimulationError) as error:
         raise Refusal("design", str(error)) from None
     laws = {"before": checked.before.bank, "designed": found.bank}
-    ms = files.largest_ms(found.worst)
+    ms = found.worst.largest_ms
     # The design as `forceaxis design --json` has it, and what a tuning adds.
-    table: dict[str, Any] = outcome.plain(found.summary())
+    table: dict[str, Any] = to_json(found.result())
     table |= {
         "on_fitted": {}, "cut": "", "times_p": None,
-        "objects": objects_of(tuning, checked, found.bank, found.loss, ms, found.plants),
+        "objects": objects_of(tuning, checked, found.bank, found.loss_objects, ms, found.plants),
     }  # fmt: skip
     done = from_json(Designed, table, "design")
     done = replace(

@@ -35,11 +35,12 @@ from forceaxis import _core, paths, progress
 from forceaxis._core import InputError
 from forceaxis.design import for_set, reduced, sets, simulate
 from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
-from forceaxis.design.outcome import Order
+from forceaxis.design.outcome import DesignOrder
 from forceaxis.linear import loops, modes, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet, ranges_of
+from forceaxis.results import to_json
 
 GAIN_MARGIN = 2.0
 LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
@@ -184,7 +185,7 @@ class _Over:
     """The set that the rows are judged over: --over, --modes."""
 
     def __init__(self, design, over, modes_):
-        from forceaxis.design.search import Goal
+        from forceaxis.design.grid import Goal
 
         if design.timing == "continuous":
             raise InputError("--timing: expected zoh or zoh+1 with --over, the firmware samples")
@@ -194,8 +195,8 @@ class _Over:
         elif modes_ == "all":
             self.modes = sets.slopes(design.model, design.overrides, design.states)
         else:
-            bench = simulate.Bench(design, design.facts.required_reading.bits)
-            self.modes = for_set.plant_set(bench, Order("", self.over)).modes
+            bench = simulate.ContactBench(design, design.facts.required_reading.bits)
+            self.modes = for_set.plant_set(bench, DesignOrder("", self.over)).modes
         self.goal = Goal(timings=(design.timing,), adc_bits=design.facts.required_reading.bits)
 
     def problem(self, change=None, goal=None, **how):
@@ -204,7 +205,7 @@ class _Over:
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | change.overrides
         ranges = ranges_of(model, self.over, overrides)
-        return reduced.Problem(
+        return reduced.ShortSearch(
             PlantSet(model, overrides, ranges, self.modes), goal or self.goal, **how
         )
 
@@ -218,9 +219,9 @@ class _Over:
             found = self.problem(change, replace(goal, adc_bits=bits), random=0).worst(shape)
         except InputError:  # no gain keeps all members stable
             return None
-        if found["worst"] is None:
+        if found.worst is None:
             return None
-        return found["worst"] | {"firmware_gain": found["bank"].force_gain}
+        return to_json(found.worst) | {"firmware_gain": found.bank.force_gain}
 
     def designed(self):
         """Changes of the present law for the bank designed over the set, with the ADC that is there
@@ -231,8 +232,8 @@ class _Over:
             problem = self.problem(goal=replace(self.goal, adc_bits=bits))
             text = f"designed bank, {reduced.NAME}" + (f", ADC of {bits} bits" if finer else "")
             found = problem.designed()
-            if found["worst"]:
-                change = banked(text, found["bank"])
+            if found.worst:
+                change = banked(text, found.bank)
                 made.append(replace(change, firmware={"adc_bits": bits}))
         return made
 

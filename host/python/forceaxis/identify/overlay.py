@@ -1,15 +1,18 @@
 """Measured responses over a model's between the same signals: `forceaxis bode --measured`."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from forceaxis import linear
-from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
-from forceaxis.identify.measurement import sampled
+from forceaxis.identify.measurement import Measurement, Reals, sampled
 from forceaxis.linear import curves
+from forceaxis.results import to_json
 
 
 @dataclass(frozen=True)
@@ -17,13 +20,18 @@ class Points:
     """A measured response at its frequencies, Hz."""
 
     label: str
-    frequency_hz: np.ndarray
-    magnitude: np.ndarray  #: in the unit of the model's curve
-    phase_deg: np.ndarray  #: in the turn of the model's curve
-    radius: np.ndarray  #: the true response is this near with 95 %
+    frequency_hz: Reals
+    magnitude: Reals  #: in the unit of the model's curve
+    phase_deg: Reals  #: in the turn of the model's curve
+    radius: Reals  #: the true response is this near with 95 %
 
 
-def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
+def overlay(
+    model: Path | str,
+    folders: Sequence[Path | str],
+    overrides: Mapping[str, float] | None = None,
+    span_hz: tuple[float, float] = (0.5, 500.0),
+) -> tuple[list[curves.Curve], list[Points], dict[str, Any]]:
     """(curves of the model, Points of each folder, summary) of responses between the same signals.
 
     model: a path or stem. folders: as `forceaxis measure --out` writes them. overrides:
@@ -35,9 +43,13 @@ def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
     signals = {(m.input, m.output, m.unit) for _, m in measured}
     if len(signals) > 1:
         found = ", ".join(sorted(f"{i} to {o}" for i, o, _ in signals))
-        raise InputError(f"--measured: expected responses between the same signals, got {found}")
+        raise ParameterError(
+            "measured", f"expected responses between the same signals, got {found}"
+        )
     stems = {Path(folder).name for folder, _ in measured}
-    known, points, rows = [], [], []
+    known: list[curves.Curve] = []
+    points: list[Points] = []
+    rows: list[dict[str, Any]] = []
     for folder, one in measured:
         curve = _model_curve(one, span_hz)
         if not any(_same(curve, other) for other in known):
@@ -47,12 +59,12 @@ def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
         degrees = np.degrees(np.angle(one.response))
         label = Path(folder).name if len(stems) == len(measured) else folder
         phase = degrees + 360 * np.round((turn - degrees) / 360)
-        points.append(Points(label, one.frequency_hz, abs(one.response), phase, one.radius()))
+        points.append(Points(label, one.frequency_hz, np.abs(one.response), phase, one.radius()))
         rows.append(
             {"folder": folder, "frequency_hz": one.frequency_hz.tolist(),
-             "magnitude": abs(one.response).tolist(), "phase_deg": phase.tolist(),
+             "magnitude": np.abs(one.response).tolist(), "phase_deg": phase.tolist(),
              "radius": one.radius().tolist(), "coherence": one.coherence.tolist()}
-            | one.compare(predicted)
+            | to_json(one.compare(predicted))
         )  # fmt: skip
     about = {
         "model": str(model), "of": "measured", "input": one.input, "timing": f"{one.dt:.6g} s",
@@ -61,7 +73,7 @@ def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
     return known, points, about
 
 
-def _model_curve(measured, span_hz):
+def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:
     """What the model has where `measured` was taken, finely."""
     system = sampled(measured, measured.overrides)
     output = replace(system, C=system.C[1:], D=system.D[1:])
@@ -71,11 +83,11 @@ def _model_curve(measured, span_hz):
     return curves.Curve("model", hz, measured.predict(frequency_hz=hz), measured.unit)
 
 
-def _same(one, other):
+def _same(one: curves.Curve, other: curves.Curve) -> bool:
     return len(one.response) == len(other.response) and np.allclose(one.response, other.response)
 
 
-def describe(summary):
+def describe(summary: Mapping[str, Any]) -> str:
     """The text of `forceaxis bode --measured`."""
     lines = [curves.describe_bode(summary)]
     for row in summary["measured"]:

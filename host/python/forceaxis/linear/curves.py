@@ -12,6 +12,7 @@ from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.linear import limits, loops, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.limits import Summary
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Loop
@@ -89,7 +90,7 @@ class Curve:
         """Unwrapped phase; see `phase_deg`."""
         return phase_deg(self.frequency_hz, self.response)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """What --json prints."""
         return {
             "label": self.label,
@@ -200,7 +201,7 @@ class BodeView:
     vary: tuple[str, ...] = ()
 
 
-def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], Any]:
+def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], Summary]:
     """(Curves, summary) of a loop's part: one curve for each combination of `vary`."""
     curves, details = [], []
     for label, values in varied(request.overrides, view.vary):
@@ -214,7 +215,7 @@ def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[
     return curves, limits.describe_loop(loop) | {"of": part, "input": "error", "curves": details}
 
 
-def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
+def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]:
     """(Curves, summary) of a plant: one curve for each combination of `vary` and each output."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
@@ -231,7 +232,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
             )
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
-            detail = {"output": output} | one.summary()
+            detail: Summary = {"output": output} | one.summary()
             if view.input == "drive.command":  # where a force loop would act
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
@@ -239,7 +240,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
             details.append(detail)
     path = linear.find_model(own.model)
     mode = working.working(path, own.overrides, request.states, request.free)
-    about = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
+    about: Summary = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
     about |= working.summary(mode)
     return curves, about | {"curves": details}
 
@@ -247,7 +248,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
 AT = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about one gain
 
 
-def describe_bode(summary):
+def describe_bode(summary: Summary) -> str:
     """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
     lines = working.lines(summary)
     for c in summary["curves"]:
@@ -259,9 +260,9 @@ def describe_bode(summary):
                 f"{'':12} {c['magnitude'][i]:.4g}{unit}, {phase[i]:.4g} degrees at "
                 f"{frequency[i]:.4g} Hz"
             )
-        for i in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
-            share = (phase[i] + 180) / (phase[i] - phase[i + 1])
-            at = frequency[i] + share * (frequency[i + 1] - frequency[i])
+        for j in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
+            share = (phase[j] + 180) / (phase[j] - phase[j + 1])
+            at = frequency[j] + share * (frequency[j + 1] - frequency[j])
             size = np.interp(at, frequency, c["magnitude"])
             lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g}{unit}")
         if c.get("loop", {}).get("at"):
@@ -270,7 +271,7 @@ def describe_bode(summary):
     return "\n".join(lines)
 
 
-def nyquist_of(request: LoopRequest) -> dict[str, Any]:
+def nyquist_of(request: LoopRequest) -> Summary:
     """What `forceaxis nyquist` prints; without a gain at half the critical one, or 1."""
     loop = request.loop()
     gain = request.drawn_gain(loop)

@@ -1,6 +1,7 @@
 """The results of `forceaxis limit`, `poles` and `step`, and their texts."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -11,12 +12,16 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.request import LoopRequest
-from forceaxis.linear.settings import Settings
-from forceaxis.linear.stability import known_text
+from forceaxis.linear.settings import ModelSettings
+from forceaxis.linear.stability import Limit, Loop, known_text
+from forceaxis.linear.system import Matrix, System
 from forceaxis.words import counted
 
+# The result of an analysis as a verb prints it in JSON: {key: value}.
+Summary = dict[str, Any]
 
-def largest_firmware_gain(loop, limit):
+
+def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
     """The largest force_gain that the firmware can be set to below the limit; None: there is none
     (or no reading)."""
     gain = limit.stable_to
@@ -28,7 +33,7 @@ def largest_firmware_gain(loop, limit):
     return min(steps * loops.FIRMWARE_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
 
 
-def describe_loop(loop):
+def describe_loop(loop: Loop) -> Summary:
     """The loop that was analysed, for the summary of a verb."""
     return {
         "model": paths.display(loop.model),
@@ -40,7 +45,7 @@ def describe_loop(loop):
     } | ({"bank": loop.bank.keys()} if loop.bank else {})
 
 
-def law_text(summary):
+def law_text(summary: Summary) -> str:
     """The law with its parameters or its bank, for people."""
     bank = summary.get("bank")
     parts = [f"{name} {value:.5g}" for name, value in summary["parameters"].items()]
@@ -54,11 +59,11 @@ def law_text(summary):
     return summary["law"] + (f" ({', '.join(parts)})" if parts else "")
 
 
-def limit_summary(loop, gain=None):
+def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
     """What `forceaxis limit` prints as JSON; with a gain also the margins there."""
     limit = loop.limit()
     reading = loop.codes_per_gain is not None
-    summary = {
+    summary: Summary = {
         "critical_gain": limit.gain,
         "unit": loop.unit,
         "frequency_hz": limit.frequency_hz,
@@ -84,7 +89,7 @@ def limit_summary(loop, gain=None):
     return summary
 
 
-def hz_text(hz, digits=4):
+def hz_text(hz: float | None, digits: int = 4) -> str:
     """At which frequency, None: an infinite one."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
@@ -98,7 +103,7 @@ IN_FIRMWARE = {
 }
 
 
-def describe_limit(summary):
+def describe_limit(summary: Summary) -> str:
     """The same for people."""
     unit = summary["unit"]
     lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
@@ -156,7 +161,7 @@ AT_REST = {
 }
 
 
-def figures_text(at):
+def figures_text(at: Summary) -> list[str]:
     """Lines about |S| and |T| of a loop, or of the worst of some."""
     rows = []
     for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
@@ -167,7 +172,9 @@ def figures_text(at):
     return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
 
 
-def _figures(time_s, value, final, duration_s):
+def _figures(
+    time_s: Matrix, value: Matrix, final: float, duration_s: float
+) -> tuple[float | None, float | None, float | None]:
     """(rise_s, settle_s, overshoot) of a step response that goes on after `duration_s`.
 
     None: not reached within duration_s, or relative to a final value of 0. Settled: stays within
@@ -188,7 +195,7 @@ def _figures(time_s, value, final, duration_s):
     )
 
 
-def step_summary(loop, gain, duration_s):
+def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
     """What `forceaxis step` prints as JSON. Raises InputError."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
@@ -196,7 +203,8 @@ def step_summary(loop, gain, duration_s):
     # Twice as long shows whether what is within 2 % stays there.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
-    final, figures = None, (None, None, None)
+    final: float | None = None
+    figures: tuple[float | None, ...] = (None, None, None)
     if stable:
         final = float(loop.closed(gain).at(0.0 if loop.dt is None else 1.0).real)
         if not abs(final) > 1e-9 * np.abs(value).max():
@@ -222,7 +230,7 @@ def step_summary(loop, gain, duration_s):
     }
 
 
-def describe_step(summary):
+def describe_step(summary: Summary) -> str:
     """The same for people."""
     lines = [
         f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
@@ -239,31 +247,30 @@ def describe_step(summary):
     return "\n".join(lines)
 
 
-def _root(value, dt, damping=True):
+def _root(value: complex, dt: float | None) -> Summary:
     """One pole or zero for JSON; what is not finite is null."""
 
-    def number(x):
+    def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
 
     with np.errstate(divide="ignore", invalid="ignore"):
         s = complex(value) if dt is None else complex(np.log(complex(value)) / dt)
         size = abs(s)
-        root = {
+        root: Summary = {
             "re_per_s": number(s.real),
             "im_per_s": number(s.imag),
             "hz": number(size / (2 * math.pi)),
         }
-    if damping:
         root["damping_ratio"] = number(-s.real / size) if size and np.isfinite(size) else None
     if dt is not None:
         root |= {"re_z": float(value.real), "im_z": float(value.imag)}
     return root
 
 
-def poles_summary(system, described):
+def poles_summary(system: System, described: Summary) -> Summary:
     """What `forceaxis poles` prints as JSON: of a System with one input and output."""
 
-    def ordered(values):
+    def ordered(values: Matrix) -> list[complex]:
         return sorted(
             values.astype(complex), key=lambda v: (abs(v - (system.dt is not None)), v.imag)
         )
@@ -282,7 +289,7 @@ def poles_summary(system, described):
     }
 
 
-def poles_of(request: LoopRequest, input: str | None, output: str | None) -> dict[str, Any]:
+def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Summary:
     """What `forceaxis poles` shows: of the loop of `request` closed at its gain; without a gain, or
     with an input, of the plant from input (None: drive.command) to output (None: reading)."""
     own = request.settings(plant=input is not None)
@@ -302,14 +309,14 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> dic
     return poles_summary(loop.closed(gain), described)
 
 
-def _plant_poles(request: LoopRequest, own: Settings, input: str, output: str) -> dict[str, Any]:
+def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: str) -> Summary:
     """What `forceaxis poles` shows of a plant."""
     path, overrides = linear.find_model(own.model), own.overrides
     if output == "reading" and linear.facts(path, overrides).reading is None:
         raise loops.no_reading(str(path))
     mode = working.working(path, overrides, request.states, request.free)
 
-    def plant_in(states):
+    def plant_in(states: dict[str, str]) -> System:
         return linear.linearise(path, (input,), (output,), overrides, states, request.free)
 
     plant = plant_in(mode.modes)
@@ -326,10 +333,10 @@ def _plant_poles(request: LoopRequest, own: Settings, input: str, output: str) -
     return poles_summary(plant, described)
 
 
-def describe_poles(summary):
+def describe_poles(summary: Summary) -> str:
     """The same for people."""
 
-    def lines(kind):
+    def lines(kind: str) -> Iterator[str]:
         for root in summary[kind]:
             s = [root["re_per_s"], root["im_per_s"]]
             text = "at -infinity" if None in s else f"{s[0]:11.6g} {s[1]:+11.6g}j 1/s"

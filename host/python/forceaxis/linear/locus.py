@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.errors import ParameterError
 from forceaxis.linear import limits, working
+from forceaxis.linear.limits import Summary
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Crossing, Limit, Loop
 from forceaxis.linear.system import System
@@ -25,7 +25,7 @@ class Array:
     poles: Roots
     zeros: Roots
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """What --json prints: 1/s."""
         return {
             "label": self.label,
@@ -60,7 +60,7 @@ class Locus:
     span_hz: float
     at_gain: Roots  # closed-loop poles at a given gain, 1/s
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
         return {
             "label": self.label,
@@ -157,7 +157,7 @@ def loci(
 
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
-) -> tuple[list[Locus], dict[str, Any]]:
+) -> tuple[list[Locus], Summary]:
     """(Loci, summary) of `forceaxis rlocus`: a locus for each combination of `vary`, texts
     NAME=VALUE,VALUE; span_hz: as in `loci`."""
     runs = varied(request.overrides, vary)
@@ -167,7 +167,7 @@ def loci_of(
     return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
 
 
-def describe(summary):
+def describe(summary: Summary) -> str:
     """The text of `forceaxis rlocus`: the limit of each locus."""
     lines = working.lines(summary)
     for one in summary["loci"]:

@@ -173,8 +173,7 @@ def modes(
     total = np.abs(residues).sum()
     seen = np.abs(residues) > NO_RESIDUE * total if total > 0 else np.zeros(len(residues), bool)
 
-    options = {"overrides": overrides, "free": free}
-    bare = linear.linearise(path, [input], [output], drive=False, modes=of_mechanics, **options)
+    bare = linear.linearise(path, [input], [output], overrides, of_mechanics, free, drive=False)
     damped = _damped_residues(m, bare)
     has_path = bool(seen.any() or damped.any())
     if named and not has_path:
@@ -188,7 +187,7 @@ def modes(
             f"{path}: expected an output that the input moves, got no path from {input} to "
             f"{output} in this mode{cut or '; name others, or another state by `states`'}"
         )
-    driven = linear.linearise(path, [input], [output], modes=states, **options)
+    driven = linear.linearise(path, [input], [output], overrides, states, free)
     matched, others = match(m, driven)
 
     rows, reference, below = [], None, None
@@ -314,7 +313,9 @@ def describe(result: dict[str, Any]) -> str:
         shape = ", ".join(f"{body} {value + 0.0:.3g}" for body, value in mode["shape"].items())
         lines.append(f"{'':16}{shape}")
     if not result["path"]:
-        lines.append("no path from input to output in this mode: no labels (--mode ELEMENT=STATE)")
+        lines.append(
+            "no path from input to output in this mode: no labels; set other states (ELEMENT=STATE)"
+        )
     if result["other_poles"]:
         poles = ", ".join(f"{p['frequency_hz']:.4g} Hz" for p in result["other_poles"])
         lines.append(f"other poles with drive: {poles}")

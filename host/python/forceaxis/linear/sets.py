@@ -1,17 +1,18 @@
 """A force loop over a set of plants: ranges of parameters, several modes, several delays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from forceaxis import toml
 from forceaxis.errors import ParameterError
 from forceaxis.linear import curves, limits, over, plant_set, settings
+from forceaxis.linear.limits import Summary
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.request import LoopRequest, one_gain
-from forceaxis.linear.settings import Settings
+from forceaxis.linear.settings import ModelSettings
 from forceaxis.linear.stability import Loop, known_text
+from forceaxis.linear.system import System
 
 BOTH = ("zoh", "zoh+1")
 NAMES = {
@@ -77,7 +78,9 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     return found
 
 
-def _modes_of(request: LoopRequest, own: Settings, modes: str | None) -> tuple[dict[str, str], ...]:
+def _modes_of(
+    request: LoopRequest, own: ModelSettings, modes: str | None
+) -> tuple[dict[str, str], ...]:
     """The modes of a set, as `loop_set` describes them."""
     fixed = dict(request.states)
     if fixed and modes:
@@ -95,18 +98,18 @@ def _modes_of(request: LoopRequest, own: Settings, modes: str | None) -> tuple[d
     return (fixed,)
 
 
-def _one(member, timing):
+def _one(member: Member, timing: str) -> Summary:
     """A member for JSON."""
     return {"values": member.values, "modes": member.modes, "timing": timing}
 
 
-def member_text(one):
+def member_text(one: Summary) -> str:
     """The same for people."""
     label = plant_set.Member(one["values"], one["modes"]).label()
     return f"{label}, {one['timing']}"
 
 
-def described(found):
+def described(found: LoopSet) -> Summary:
     """The set that was analysed, for the summary of a verb."""
     ranges = {n: dict(zip(("nominal", "low", "high"), r, strict=True))
               for n, r in found.plants.ranges.items()}  # fmt: skip
@@ -117,7 +120,7 @@ def described(found):
     }
 
 
-def worst_summary(found, gain, force_gain):
+def worst_summary(found: LoopSet, gain: float | None, force_gain: float | None) -> Summary:
     """The worst of each figure at a gain, and who it is."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
@@ -133,7 +136,7 @@ def worst_summary(found, gain, force_gain):
     }
 
 
-def limit_summary(found):
+def limit_summary(found: LoopSet) -> Summary:
     """What `forceaxis limit --over` prints as JSON."""
     largest = over.largest_gain(found.plants, found.timings, found.spec)
     gain, loop = largest.gain, found.loop(largest.member, largest.timing)
@@ -155,7 +158,7 @@ def limit_summary(found):
     return summary
 
 
-def _range_text(summary):
+def _range_text(summary: Summary) -> list[str]:
     one, nominal = summary["over"], summary.get("mode_text")
     spans = [f"{n} {r['low']:.6g}..{r['high']:.6g}" for n, r in one["ranges"].items()]
     modes = [plant_set.Member({}, m).label() for m in one["modes"]]
@@ -167,7 +170,7 @@ def _range_text(summary):
     ]
 
 
-def worst_text(at, unit):
+def worst_text(at: Summary, unit: str) -> list[str]:
     """Lines of `worst_summary`."""
     own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
     lines = [f"at           {at['gain']:.6g} {unit}{own}: "]
@@ -189,7 +192,7 @@ def worst_text(at, unit):
     return lines
 
 
-def describe(summary):
+def describe(summary: Summary) -> str:
     """The text of `forceaxis limit --over`, and of the others with a set."""
     lines = [
         f"loop         {limits.law_text(summary)}, {summary['timing']}, {summary['output']}",
@@ -219,14 +222,19 @@ def describe(summary):
     return "\n".join(lines)
 
 
-def _members(found):
+def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
     """(member, timing, loop) of what is drawn: the nominal in each mode first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
             yield member, timing, found.loop(member, timing)
 
 
-def _curves_over(found, response, span_hz, points):
+def _curves_over(
+    found: LoopSet,
+    response: Callable[[Loop, float], System],
+    span_hz: tuple[float, float],
+    points: int,
+) -> tuple[list[curves.Curve], Summary]:
     """(Curves, summary) of response(loop, k), a System with one input and output, over the set.
 
     The first Curve is the nominal one; the summary has the worst of each figure.
@@ -247,7 +255,7 @@ def _curves_over(found, response, span_hz, points):
     return drawn, summary
 
 
-def nyquist_of(found):
+def nyquist_of(found: LoopSet) -> tuple[list[curves.Curve], Summary]:
     """(Curves, summary) of `forceaxis nyquist` over a set: loop gains."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
@@ -257,7 +265,7 @@ def bode(
     view: curves.BodeView,
     ranges: Sequence[str] = (),
     modes: str | None = None,
-) -> tuple[list[curves.Curve], Any]:
+) -> tuple[list[curves.Curve], Summary]:
     """(Curves, summary) of `forceaxis bode`, of a plant, of a loop, or of a set of loops.
 
     ranges, modes: as in `loop_set`.
@@ -286,7 +294,7 @@ def bode(
     return drawn, summary | {"of": part}
 
 
-def step_of(found, duration_s):
+def step_of(found: LoopSet, duration_s: float) -> Summary:
     """What `forceaxis step` prints over a set: the nominal response, and those of the others."""
     given = found.drawn_gain()
     rows = []
@@ -316,7 +324,7 @@ def step_of(found, duration_s):
     }
 
 
-def describe_step(summary):
+def describe_step(summary: Summary) -> str:
     """The same for people."""
     lines = [
         f"loop         {limits.law_text(summary)}, {summary['timing']}, {summary['output']}, "

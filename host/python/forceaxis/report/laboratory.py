@@ -12,6 +12,7 @@ from forceaxis.linear import beam, modes
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
 from forceaxis.report.folder import figure_order
+from forceaxis.results import to_json
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
@@ -146,7 +147,8 @@ def measured(path):
     """A measurement of the thesis, made and drawn."""
     done = measure_result.run(path)
     image = pictures.figure(measure_result.figure(done))
-    return {"name": path.stem, "shows": done.setup.shows, "summary": done.summary, "image": image}
+    summary = to_json(done.summary)
+    return {"name": path.stem, "shows": done.setup.shows, "summary": summary, "image": image}
 
 
 def thesis_figure(number):
