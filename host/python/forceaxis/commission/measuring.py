@@ -23,7 +23,7 @@ def measure(
     model: str | Path = "", overrides: Mapping[str, float] | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, result.MeasurementResult]:  # fmt: skip
-    """{name: identify.result.MeasurementResult} of a response apart, if `free`, and one at each force, N, in
+    """{name: MeasurementResult} of a response apart, if `free`, and one at each force, N, in
     contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
     model: a path; the response is compared with its linear model then. Raises InputError before
