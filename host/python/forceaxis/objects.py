@@ -48,19 +48,19 @@ COILS = tuple(AxisBit(**bit) for bit in _core.coils())
 DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 
 
-def certificate(bank_crc, adc_bits, force_scale):
+def certificate(bank_crc: int, adc_bits: int, force_scale: int) -> dict[str, int]:
     """{object: raw value} of the certificate of a bank with this CRC, made for an ADC of so many
     bits and a force_scale in uN; an object's name goes on with _ and the bank's number."""
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 
-def default(name):
+def default(name: str) -> float:
     """Engineering value of an object as it is delivered."""
     known = BY_NAME[name]
     return known.default * known.scale
 
 
-def unit_in_words(known):
+def unit_in_words(known: "AxisObject") -> str:
     """The unit of an object for a reader: of what its counts and codes are. A count of force is one
     of an 8-bit ADC."""
     unit = "" if known.unit == "1" else known.unit

@@ -9,7 +9,9 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
 
 from forceaxis import paths
 from forceaxis._core import InputError
@@ -19,18 +21,24 @@ LINK = "pil-"  # processor in the loop
 IMAGES = Path(__file__).resolve().parents[4] / "build/image"
 
 
-def links():
+def links() -> tuple[str, ...]:
     """Names of the links to the boards that have an emulator."""
     return tuple(LINK + board.name for board in boards.known() if board.emulator)
 
 
-def board_of(link):
+def board_of(link: str) -> SimpleNamespace:
     """The board of a link."""
     (board,) = [b for b in boards.known() if b.emulator and LINK + b.name == link]
     return board
 
 
-def command(board, image, *options, arguments=(), **lines):
+def command(
+    board: SimpleNamespace,
+    image: Path,
+    *options: str,
+    arguments: Iterable[str | Path] = (),
+    **lines: str,
+) -> list[str]:
     """The emulator's command line for an image, with a command line of its own.
 
     lines: QEMU's options for the serial lines `modbus` and `can` (frames, since QEMU models no
@@ -64,7 +72,7 @@ class Emulator:
     time, so a run is the same every time. `pipes`: file descriptors to it and from it. Raises as
     command() does."""
 
-    def __init__(self, board):
+    def __init__(self, board: SimpleNamespace) -> None:
         self.board = board
         self._stack = contextlib.ExitStack()
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="forceaxis.")))
@@ -90,10 +98,10 @@ class Emulator:
             line, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT
         )
 
-    def __enter__(self):
+    def __enter__(self) -> "Emulator":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         try:
             self.process.wait(0.5)
         except subprocess.TimeoutExpired:
@@ -101,7 +109,7 @@ class Emulator:
             self.process.wait()
         self._stack.close()
 
-    def last_words(self):
+    def last_words(self) -> str:
         """The last line that the emulator printed, for a message."""
         self._log.flush()
         self._log.seek(0)

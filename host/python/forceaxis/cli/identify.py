@@ -316,7 +316,7 @@ def fit(
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
 
-    held = linear.overrides(overrides)
+    held: dict[str, Any] = {**linear.overrides(overrides)}
     measured = fit_response.read_response(response, model, held, **given)
     starts, units = fit_response.starts_of(names, measured)
     for name in starts:

@@ -228,7 +228,7 @@ def measure(
     if way.overrides:
         options["set"] = linear.overrides(way.overrides)
     with waiting("measure"):
-        plant = linear.overrides(plant_set)
+        plant: dict[str, Any] = {**linear.overrides(plant_set)}
         done = analyzer.run(target, options, plant, command_line(target, options, plant))
         if out:
             analyzer.write(done, out)
@@ -240,7 +240,9 @@ def measure(
             click.echo(f"files        {paths.quoted(out)}")
 
 
-def command_line(target: str, options: Mapping[str, Any], plant_set: Mapping[str, float]) -> str:
+def command_line(
+    target: str, options: Mapping[str, Any], plant_set: Mapping[str, float | str]
+) -> str:
     """Return the command that measures with the same options again."""
     from forceaxis import linear
 

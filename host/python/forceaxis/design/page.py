@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from forceaxis import _core, drawing, objects
 from forceaxis.design import outcome as outcomes
@@ -35,7 +36,7 @@ ROWS = (
     "gain, DAC codes per count of force",
 )  # fmt: skip
 
-Loops = list[tuple[Response, str]]  # (L at the frequencies, its key of LOOKS)
+Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, its key of LOOKS)
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:

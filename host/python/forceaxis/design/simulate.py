@@ -386,7 +386,9 @@ class ContactBench:
         return min(2048, max(1, round(speed_m_per_s / float(speed))))
 
 
-def run(jobs: Sequence[Job], threads: int, experiments: object = None) -> list[ContactRun]:
+def run(
+    jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
+) -> list[ContactRun]:
     """Runs of the jobs in their order. experiments: `_core.Experiments` that keeps files which were
     read, for calls with the same files. Raises SimulationError of the first run that fails."""
     shared = experiments or _core.Experiments()

@@ -5,7 +5,7 @@ import functools
 import os
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
@@ -89,7 +89,7 @@ def find(
     for target in map(Path, targets):
         if target.is_dir():
             below = (p for p in target.rglob("*.toml") if p.is_file())
-            found = (
+            found: Iterable[Path] = (
                 p
                 for p in below
                 if not any(part.startswith(".") for part in p.relative_to(target).parts)

@@ -87,7 +87,7 @@ def _same(one: curves.Curve, other: curves.Curve) -> bool:
     return len(one.response) == len(other.response) and np.allclose(one.response, other.response)
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: dict[str, Any]) -> str:
     """The text of `forceaxis bode --measured`."""
     lines = [curves.describe_bode(summary)]
     for row in summary["measured"]:
