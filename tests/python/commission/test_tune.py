@@ -610,7 +610,7 @@ def test_the_mode_is_that_of_fit_design_and_margins(plants, done, tmp_path, monk
         with pytest.raises(Asked):
             tune_steps.design(tuning, tuning.result("fit"), tuning.result("check"))
         assert asked[-1]["states"] == states
-        monkeypatch.setattr(margins.loops, "force_loop", lambda *given, **_: ask(states=given[4]))
+        monkeypatch.setattr(LoopSpec, "around", lambda *given, **_: ask(states=given[3]))
         with pytest.raises(Asked):
             margins.on_fitted(tuning, tuning.result("fit"), {"P": Bank(1.0)}, 0)
         assert asked[-1]["states"] == states

@@ -20,7 +20,7 @@ FREE = "free"
 
 def measure(
     axis: Axis, order: MeasuringOrder, forces: Sequence[float] = (), free: bool = False,
-    model: str | Path = "", overrides: Mapping[str, float] | None = None,
+    model: str | Path = "", overrides: Mapping[str, Any] | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, result.MeasurementResult]:  # fmt: skip
     """{name: MeasurementResult} of a response apart, if `free`, and one at each force, N, in

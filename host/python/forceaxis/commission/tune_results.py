@@ -233,8 +233,8 @@ class FittedLoop(over.Figures):
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRow:
-    """A simulated contact as design.cases.SimulatedContact has it. kind: "contact", "strike" or "set"; missed:
-    rows of limits; None: there is no such value."""
+    """A simulated contact as design.cases.SimulatedContact has it. kind: "contact", "strike" or
+    "set"; missed: rows of limits; None: there is no such value."""
 
     case: str
     law: str
