@@ -648,7 +648,7 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
 def test_what_a_simulation_took_of_the_gain_is_said_with_why():
     figures = tune_results.SetFigures(fS_Hz=9.0, fT_Hz=20.0, Ms=1.5)
     designed = tune_results.Designed(
-        bank=tune_results.BankKeys(1.0, 0.0, (), 0.0), worst=figures,
+        bank=tune_results.LawFigures(1.0, 0.0, (), 0.0), worst=figures,
         p=tune_results.NoProportional(), objects={}, contact_loss=None, on_fitted={}, modes=(),
         adc_bits=12, cut="", times_p=None, gain_reductions=1, chosen="P",
         structures=(

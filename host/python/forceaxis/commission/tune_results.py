@@ -171,7 +171,7 @@ class Fitted(JointSummary):
 
 
 @dataclass(frozen=True)
-class BankKeys:
+class LawFigures:
     """A bank as `forceaxis design --json` has it. hf_gain: codes per 8-bit count at high
     frequency."""
 
@@ -220,7 +220,7 @@ class StructureFigures:
     """A structure of the search; worst: None where no gain of it keeps the margins."""
 
     name: str
-    bank: BankKeys | None = json_field(omit_none=True)
+    bank: LawFigures | None = json_field(omit_none=True)
     worst: SetFigures | None = None
 
 
@@ -260,7 +260,7 @@ class Designed:
     cut: what simulated contacts took of the gain; times_p: bandwidth over that of the proportional
     law; limited_by: why no more."""
 
-    bank: BankKeys
+    bank: LawFigures
     worst: SetFigures
     p: ProportionalFigures | NoProportional
     objects: Settings
@@ -377,7 +377,7 @@ class TuningSummary:
     axis: str
     folder: str
     parameters: dict[str, ParameterRow] | None = None
-    bank: BankKeys | None = None
+    bank: LawFigures | None = None
     worst: SetFigures | None = None
     p: ProportionalFigures | NoProportional | None = None
     on_fitted: dict[str, FittedLoop | None] | None = None
