@@ -37,26 +37,26 @@ import tempfile
 from pathlib import Path
 
 FOLDERS = ("fx", "objects", "core", "guard", "drive", "canopen", "modbus", "storage", "app")
-# Their files are parts of one structure, cia402_t and fw_t, which drive.h and fw.h define.
+# All files of these folders use one structure, cia402_t or fw_t, which drive.h and fw.h define.
 ONE_STRUCTURE = ("drive", "app")
-PORTS = "port"  # includes anything in firmware, may use the compiler's library and conditionals
-# What else there is below firmware/.
+PORTS = "port"  # may include all of firmware, the library of the compiler and conditionals
+# The other folders of firmware/.
 OTHER_FILES = {
     "CMakeLists.txt",
     "objects/axis_objects.toml",
     "objects/released/0.1.0.csv",
-    # Generated for other programs.
+    # Files that are generated for other programs.
     "objects/generated/forceaxis.eds",
     "objects/generated/forceaxis.dbc",
     "objects/generated/forceaxis-modbus.csv",
 }
 HOST_ONLY = "objects/generated/axis_objects_meta.h"
 SOURCE_SUFFIXES = (".h", ".hpp", ".hh", ".hxx", ".c", ".cpp", ".cc", ".cxx", ".inc", ".inl", ".ipp")
-# Where the project's includes of each part may lead.
+# The parts of the project whose headers each part may include.
 ROOTS = {"firmware": ("firmware/",), "sim": ("sim/",), "host": ("firmware/", "sim/", "host/")}
 LIBC_HEADERS = {"stdint.h", "stdbool.h", "stddef.h"}
 HEAP = ("malloc", "calloc", "realloc", "aligned_alloc", "free", "alloca", "strdup", "sbrk")
-# What each folder may include below firmware/.
+# The folders of firmware/ whose headers each folder may include.
 MAY_INCLUDE = {
     "fx": ("fx/",),
     "objects": ("objects/", "fx/"),
@@ -78,7 +78,7 @@ MAY_INCLUDE = {
         "fx/",
     ),
 }
-# Helpers of the compiler that a target may call. None is needed.
+# Functions of the compiler's library that a target may call. No target needs one.
 COMPILER_HELPERS = frozenset()
 COMPILER = (
     "arm-none-eabi-gcc",
@@ -103,7 +103,7 @@ STATIC = re.compile(r"\b(static|_Thread_local|register)\b(?!\s+inline\b)(?P<rest
 SHIFT = re.compile(r"<<|>>|/|%")
 
 
-# Beginning of a directive, as the preprocessor sees it.
+# The beginning of a preprocessor directive, in every form that the preprocessor accepts.
 HASH = r"^[ \t\f\v]*#"
 TRIGRAPH = re.compile(r"\?\?[=/'()!<>-]")
 DIGRAPH = re.compile(r"%:|<:|:>|<%|%>")
@@ -210,7 +210,7 @@ def check_text(path, folder, findings):
             findings.add(path, line, "layering", f"firmware/{folder} must not include {header}")
         elif header == "firmware/" + HOST_ONLY:
             findings.add(path, line, "layering", f"{header} is for the host")
-    # The remaining text is declarations and statements.
+    # The remaining text consists of declarations and statements.
     body = re.sub(HASH + r"[ \t]*include\b[^\n]*", "", code, flags=re.M)
     for number, line in enumerate(body.split("\n"), 1):
         for pattern in (FLOAT_WORD, FLOAT_LITERAL):
@@ -222,7 +222,7 @@ def check_text(path, folder, findings):
             for match in SHIFT.finditer(line):
                 findings.add(path, number, "shift", f"{match.group(0)!r} outside firmware/fx")
     for match in STATIC.finditer(body):
-        # A function's name is followed by its arguments; an object must be const.
+        # The name of a function is followed by its arguments. An object must be const.
         after = body[match.end() : match.end() + 1]
         if "const" not in match.group("rest").split() and after != "(":
             findings.add(
@@ -312,7 +312,7 @@ def check_includes(root, findings):
                 elif kind == "<" and not (
                     header.startswith(tuple(f"{r}/" for r in ROOTS)) or header in project_headers
                 ):
-                    continue  # of the system or of a library
+                    continue  # a header of the system or of a library
                 elif kind == "<":
                     findings.add(path, line, "layering", f"expected quotes around {header}")
                 elif ".." in Path(header).parts or not header.startswith(ROOTS[part]):

@@ -24,7 +24,8 @@ GENERATED = "host/python/forceaxis/bus/messages"
 def generate(root):
     """{file name: text} that lcm-gen generates from the types below `root`."""
     sources = sorted((root / SOURCES).glob("*.lcm"))
-    # Beside the interpreter when run from .venv; elsewhere the first on the path.
+    # If the script runs in .venv, the program is next to the interpreter. Otherwise it is the first
+    # one on the path.
     beside = Path(sys.executable).parent / "lcm-gen"
     program = beside if beside.exists() else shutil.which("lcm-gen")
     if program is None or not sources:

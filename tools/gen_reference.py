@@ -46,8 +46,9 @@ counts as stable.
 (`verdict.window_s=2`).
 """
 
-# The signals of a model, which an ADC, a plot and [expect] name:
-# tests/python/experiments/test_formats.py compares them with a model that has everything.
+# The signals of a model, which an ADC, a plot and [expect] can name.
+# tests/python/experiments/test_formats.py compares this table with a model that has every kind of
+# element.
 SIGNALS = (
     ("BODY.position", "m", "Position of a body."),
     ("BODY.velocity", "m/s", "Its velocity."),

@@ -29,10 +29,11 @@ import promises
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build"
 PYTHON = ROOT / ".venv/bin/python"
-# Two workers with two threads of OpenBLAS each, which wait in loops for one another, cost half as
-# much again.
+# One thread of OpenBLAS for each worker: with two threads each, two workers take 1.5 times as long,
+# because the threads wait for each other in loops.
 ENVIRONMENT = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-# Runs only where nothing else wants to, and gives way at once: nice alone is let finish its turn.
+# A scheduling class that runs only on an idle CPU and is interrupted at once. With nice alone, a
+# process would keep the CPU to the end of its time slice.
 IDLE = ("chrt", "--idle", "0")
 FUZZ_S, FUZZ_ALL_S = 8, 125
 
@@ -42,11 +43,11 @@ class Tally:
 
     def __init__(self):
         self.passed = self.failed = 0
-        self.second_tries = []  # (name of a test that failed once, whether it then passed)
-        self.seconds = []  # (seconds, name)
+        self.second_tries = []  # (name of a test that failed once, whether its second try passed)
+        self.seconds = []  # (duration in s, name) of each test
         self.files = []  # (JUnit file, that of the second try or None)
         self.begin = time.monotonic()
-        self.lock = threading.Lock()  # two threads count
+        self.lock = threading.Lock()  # two threads write the counts
 
     def count(self, stage, begin, passed, failed):
         with self.lock:
@@ -112,17 +113,17 @@ def pytest(tally, stage, expression, *options, prefix=(), twice=False):
     """One run of pytest. `twice`: what failed is tried a second time, alone."""
     begin, xml = time.monotonic(), BUILD / f"pytest-{stage.replace(' ', '-')}.xml"
     second = xml.with_suffix(".second.xml")
-    cache = xml.with_suffix(".cache")  # its own, since stages run beside each other
+    cache = xml.with_suffix(".cache")  # each stage has its own, because stages run at the same time
     for old in (xml, second):
         old.unlink(missing_ok=True)
     shutil.rmtree(cache, ignore_errors=True)
     base = [*prefix, PYTHON, "-m", "pytest", "-m", expression, "-o", f"cache_dir={cache}", *options]
-    # Beside another stage it would write between the lines of that.
+    # Its lines would mix with those of another stage that runs at the same time.
     quiet = {"capture_output": bool(prefix), "text": True}
     done = subprocess.run([*base, f"--junitxml={xml}"], cwd=ROOT, env=ENVIRONMENT, **quiet)
     if prefix and done.returncode:
         print(done.stdout + done.stderr, end="")
-    # Status 1: the run was whole, and tests of it failed.
+    # Exit status 1: the run was complete, and some of its tests failed.
     tried_again = (
         twice and done.returncode == 1 and any(not p for _, p in junit.outcomes(xml).values())
     )
@@ -133,7 +134,7 @@ def pytest(tally, stage, expression, *options, prefix=(), twice=False):
     tally.read(f"pytest {stage}", begin, xml, done.returncode, second if tried_again else None)
 
 
-# Files in the order of their names: the longest ones are not left to the end.
+# Files in the order of their names, in which the longest files are not the last ones.
 PARALLEL = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 
 
@@ -176,7 +177,7 @@ def meanwhile(tally, work):
         begin = time.monotonic()
         try:
             work()
-        except Exception as error:  # a thread that ends so would only be missed
+        except Exception as error:  # otherwise the end of the thread would not be noticed
             print(f"beside: {error!r}", flush=True)
             tally.count("beside", begin, 0, 1)
 
@@ -203,7 +204,7 @@ def main(arguments):
     with meanwhile(tally, lambda: beside(tally)):
         pytest(tally, "alone", "alone and not long", twice=True)
     if arguments == ["--all"]:
-        # Their traces are compared with those of the release build.
+        # Tests compare the traces of these builds with those of the release build.
         build(tally, "debug-plain", "trace_hash")
         build(tally, "debug", "ctest_programs")
         ctest(tally, "debug", "-LE", "quick", "-j2")

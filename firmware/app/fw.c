@@ -155,8 +155,10 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
 
 /* 1020h: the configuration is no longer the one that was verified. */
 static void changed(dictionary_t *objects, uint16_t object) {
-  if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME) {
-    canopen_params_t *params = &fw_of(objects)->canopen.params;
+  fw_t *fw = fw_of(objects);
+  if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME &&
+      fw->tare_is_written == 0) {
+    canopen_params_t *params = &fw->canopen.params;
     params->configuration_date = 0;
     params->configuration_time = 0;
   }
@@ -257,6 +259,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   fw->config = *config;
   fw->live = 0;
   fw->on_serial = 0;
+  fw->tare_is_written = 0;
   dictionary_init(&fw->objects, &owner);
   value_store_defaults(&fw->device_signals, AXIS_BLOCK_DEVICE_SIGNAL);
   board_show_reset(fw);

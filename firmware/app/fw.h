@@ -115,6 +115,7 @@ typedef struct {
   uint32_t reported_tick[FW_HELD]; /* when each limited emergency was last sent */
   uint8_t reported[FW_HELD];       /* 1: was sent since power-up */
   uint8_t contact_seen;            /* contact, saturation and limit cycle of the tick before */
+  uint8_t tare_is_written;         /* 1: force_tare is written by the tare, which keeps 1020h */
   uint8_t on_serial;               /* 1: what is written now is received over the serial line */
   uint8_t owner_on_can;            /* 1: the owner reaches the axis over CAN; ownership.h */
   uint8_t boxed;                   /* 1: the black box records, not the recorder; incident.h */

@@ -1,22 +1,7 @@
 #include "firmware/app/sensing.h"
 
-#include "firmware/app/law.h"
 #include "firmware/drive/state.h"
 #include "firmware/guard/calibration.h"
-
-/* Puts the result in force, and what depends on it: a command cannot write objects itself. */
-static void adopt(fw_t *fw, uint32_t force_scale) {
-  drive_params_t *params = &fw->drive.params;
-  const int32_t scale_before = (int32_t)params->force_scale;
-  const int32_t date_before = params->calibration_date;
-  params->force_scale = force_scale;
-  params->calibration_date = params->date;
-  cia402_written(&fw->drive, &fw->axis, AXIS_OBJ_FORCE_SCALE, scale_before, (int32_t)force_scale);
-  cia402_written(&fw->drive, &fw->axis, AXIS_OBJ_CALIBRATION_DATE, date_before, params->date);
-  law_certify(fw);
-  fw->canopen.params.configuration_date = 0; /* 1020h: not the verified configuration any more */
-  fw->canopen.params.configuration_time = 0;
-}
 
 static int calibrate(fw_t *fw) {
   drive_signals_t *signals = &fw->drive.signals;
@@ -30,8 +15,12 @@ static int calibrate(fw_t *fw) {
   if (signals->calibration_state != AXIS_CALIBRATION_STATE_DONE) {
     return FW_ERROR_RANGE;
   }
-  adopt(fw, force_scale);
-  return FW_OK;
+  const int refusal = dictionary_write_value(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_SCALE,
+                                             (int32_t)force_scale);
+  return (refusal != FW_OK)
+             ? refusal
+             : dictionary_write_value(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_CALIBRATION_DATE,
+                                      fw->drive.params.date);
 }
 
 int sensing_command(fw_t *fw, uint16_t object) {
@@ -42,16 +31,30 @@ int sensing_command(fw_t *fw, uint16_t object) {
   return FW_OK;
 }
 
-void sensing_serve(fw_t *fw) {
-  if (fw->drive.guards.tare.found == 0 || store_is_busy(&fw->store)) {
-    return;
-  }
+/* The tare is written like every object, but it is a measurement: 1020h stays (changed() in fw.c).
+ */
+static uint8_t write_tare(fw_t *fw) {
   /* Enabled since its last reading: the law begins with the tare that it was enabled with. */
-  const bool enabled = cia402_is_powered(fw->drive.signals.drive_state) ||
-                       fw->axis.signals.active_mode != AXIS_MODE_DISABLED;
-  if (!enabled) {
-    fw->axis.params.force_tare = fw->drive.guards.tare.tare_q8;
+  if (cia402_is_powered(fw->drive.signals.drive_state) ||
+      fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
+    return AXIS_TARE_STATE_REFUSED_ENABLED;
   }
-  tare_done(&fw->drive.guards.tare, &fw->drive.signals,
-            enabled ? AXIS_TARE_STATE_REFUSED_ENABLED : AXIS_TARE_STATE_DONE);
+  fw->tare_is_written = 1;
+  const int refusal = dictionary_write_value(&fw->objects, FW_SOURCE_LOCAL, AXIS_OBJ_FORCE_TARE,
+                                             fw->drive.guards.tare.tare_q8);
+  fw->tare_is_written = 0;
+  switch (refusal) {
+    case FW_OK:
+      return AXIS_TARE_STATE_DONE;
+    case FW_ERROR_RANGE: /* tare_band has become smaller since the measurement */
+      return AXIS_TARE_STATE_REFUSED_BAND;
+    default:
+      return AXIS_TARE_STATE_REFUSED_ENABLED;
+  }
+}
+
+void sensing_serve(fw_t *fw) {
+  if (fw->drive.guards.tare.found != 0 && !store_is_busy(&fw->store)) {
+    tare_done(&fw->drive.guards.tare, &fw->drive.signals, write_tare(fw));
+  }
 }

@@ -196,9 +196,6 @@ int axis_check(const axis_t *axis, uint16_t object, int32_t value) {
   switch (object) {
     case AXIS_OBJ_FORCE_TARE:
       return check_tare(axis, value);
-    case AXIS_OBJ_FORCE_SIGN:
-      fits = value != 0;
-      break;
     case AXIS_OBJ_POSITION_MIN:
       fits = value <= axis->params.position_max;
       break;

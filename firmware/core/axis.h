@@ -4,8 +4,9 @@
 /* One axis: counts in, codes out, once per tick of 1/1500 s.
  *
  * axis_tick() is the whole loop. It is a pure function of the state, the inputs and nothing else:
- * no heap, no floating point, no input or output, bounded time (at most 250 instructions on a
- * Cortex-M4). The caller owns the state, so any number of axes can run side by side.
+ * no heap, no floating point, no input or output, bounded time (docs/chip/instructions.md has
+ * the number of instructions, tests/chip/test_budget.py its limit). The caller owns the state, so
+ * any number of axes can run side by side.
  *
  * Parameters are the fields of axis->params and signals those of axis->signals, both generated from
  * firmware/objects/axis_objects.toml. Signals may be read between ticks. Parameters are written

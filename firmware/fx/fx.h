@@ -143,6 +143,10 @@ static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) 
   return (uint64_t)side * (uint64_t)side <= room;
 }
 
+/* The tick's rate, Hz. The host asserts that it has the same number (host/python/binding/core.cpp).
+ */
+enum { FX_TICK_RATE_HZ = 1500 };
+
 /* Ticks of 1/1500 s that last at least this long. Rounding: up. Overflow: cannot, ms <= 2^31. */
 static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (ms & 1); }
 

@@ -44,16 +44,14 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * ticks; it acts in the next tick. Nothing is clipped.
  * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to
  *   command_source, and the owner canopen's.
- * FW_ERROR_RANGE: outside the object's range; force_sign 0; position_min above position_max; a
- *   recorder channel or trigger that is no readable object; recorder_arm with no channel, or with
- *   a pretrigger or length that the buffer does not hold; a mode of operation or homing method
- *   that does not exist.
- * FW_ERROR_STATE: an object that may only be written with the axis disabled (or the recorder idle
- *   or done) while it is not; a native mode other than disabled while a fault is latched, or over a
- *   bus, which uses controlword and modes_of_operation; a PDO's mapping while the PDO is valid.
- * FW_ERROR_BUSY: a stored parameter, a command to the store, or what would enable the axis, while
- *   the store is at work.
- * FW_ERROR_MAPPING: as above.
+ * FW_ERROR_RANGE: outside the object's range; 0 where the table forbids it; position_min above
+ * position_max; a recorder channel or trigger that is no readable object; recorder_arm with no
+ * channel, or with a pretrigger or length that the buffer does not hold; a mode of operation or
+ * homing method that does not exist. FW_ERROR_STATE: an object that may only be written with the
+ * axis disabled (or the recorder idle or done) while it is not; a native mode other than disabled
+ * while a fault is latched, or over a bus, which uses controlword and modes_of_operation; a PDO's
+ * mapping while the PDO is valid. FW_ERROR_BUSY: a stored parameter, a command to the store, or
+ * what would enable the axis, while the store is at work. FW_ERROR_MAPPING: as above.
  * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
  * Only an accepted write feeds the owner's watchdog: otherwise a client that only reads would keep
  * an axis moving that is no longer commanded. Writing the present value is enough.

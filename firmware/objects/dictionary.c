@@ -19,6 +19,9 @@ bool dictionary_has_value(uint16_t object) {
 }
 
 static bool in_range(const axis_object_t *entry, int32_t value) {
+  if (value == 0 && entry->not_zero != 0) {
+    return false;
+  }
   if (entry->type == AXIS_TYPE_U32) {
     return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
   }
@@ -87,25 +90,25 @@ static void store_value(dictionary_t *objects, uint8_t source, uint16_t object, 
   }
 }
 
-int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
-  int refusal = refusal_of(objects, source, object, value);
-  if (refusal != FW_OK) {
-    return refusal;
+int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
+  if (!dictionary_has_value(object)) {
+    return FW_ERROR_NO_OBJECT;
   }
-  if (axis_objects[object].block == AXIS_BLOCK_NONE) {
-    refusal = objects->owner->command(objects, object, value);
-  } else {
-    store_value(objects, source, object, value);
-  }
+  const int refusal = refusal_of(objects, source, object, value);
   if (refusal == FW_OK) {
-    objects->writers = (uint8_t)(objects->writers | fx_bit(source));
+    store_value(objects, source, object, value);
+    dictionary_written_by(objects, source);
   }
   return refusal;
 }
 
+void dictionary_written_by(dictionary_t *objects, uint8_t source) {
+  objects->writers = (uint8_t)(objects->writers | fx_bit(source));
+}
+
 bool dictionary_restorable(uint16_t object, int32_t value) {
   return exists(object) && axis_objects[object].stored != 0 &&
-         in_range(&axis_objects[object], value) && (object != AXIS_OBJ_FORCE_SIGN || value != 0);
+         in_range(&axis_objects[object], value);
 }
 
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value) {

@@ -47,6 +47,13 @@ void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
 /* Whether an object of this number has a value that can be read in any tick. */
 bool dictionary_has_value(uint16_t object);
 
+/* Writes an object that has a value, as dictionary_write() does. For a command, which may write
+ * values but gives no other command. FW_ERROR_NO_OBJECT: the object is a command. */
+int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
+
+/* A write of this source was accepted. */
+void dictionary_written_by(dictionary_t *objects, uint8_t source);
+
 /* Whether a value may be restored to an object at power-up. */
 bool dictionary_restorable(uint16_t object, int32_t value);
 

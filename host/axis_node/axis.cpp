@@ -16,7 +16,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kTicksPerFlush = 1500;  // interval of writes to the journal, 1 s
+constexpr int kTicksPerFlush = 1500;  // The journal is written to its file once a second.
 // Limit of frames that wait for the interface. Further frames are lost, as on a bus that is down.
 constexpr std::size_t kMostUnsent = 256;
 

@@ -17,12 +17,12 @@ namespace forceaxis::nodes {
 
 // The options that only axis_node has.
 struct AxisOptions {
-  std::string can;     // CAN interface; empty: no CANopen
-  std::string modbus;  // serial device; empty: no Modbus
+  std::string can;     // CAN interface of the axes; empty: no CANopen
+  std::string modbus;  // serial device of the axes; empty: no Modbus
   int modbus_baud = 115200;
   std::string store;
   std::string journal;
-  std::optional<int> node_id;           // of the first axis; default: its axis number
+  std::optional<int> node_id;           // node id of the first axis; default: its axis number
   std::optional<std::uint32_t> serial;  // serial number of the first axis
   double hold_s = 0;
   bool serve = false;
@@ -61,7 +61,7 @@ class Axis {
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string lost;  // reaction to the silence of the plant
+  std::string lost;  // text of the axis' reaction to the silence of the plant
 
  private:
   fw_t *axis() { return firmware_->axis(); }

@@ -116,7 +116,7 @@ class Session {
   }
 
   host::Interruptions interruptions;
-  std::string ended;  // reason for the end, unless a signal ended it
+  std::string ended;  // reason for the end of the session; empty if a signal ended it
 
  private:
   static unsigned bit(int axis) { return 1U << (axis - 1); }
@@ -183,8 +183,9 @@ class Session {
   nodes::ModbusPort *modbus_;
   host::StallWatch stall_;
   bool begun_ = false;
-  unsigned visible_ = 0;  // bits axis - 1 for each plant_node whose claim this machine can check
-  unsigned absent_ = 0;   // bits axis - 1 for each axis with a silent plant
+  // Axes for which this machine can check whether plant_node still runs; bit axis - 1 for each.
+  unsigned visible_ = 0;
+  unsigned absent_ = 0;  // axes with a silent plant; bit axis - 1 for each
   Clock::time_point silent_since_{}, due_{};
 };
 

@@ -117,7 +117,8 @@ std::span<const std::uint8_t> ModbusPort::receive() {
 void ModbusPort::send(std::span<const std::uint8_t> bytes) {
   while (!bytes.empty()) {
     const ssize_t n = write(device_, bytes.data(), bytes.size());
-    if (n <= 0) return;  // the line is blocked; the client repeats its request
+    // The serial line is blocked. The bytes are lost, and the client repeats its request.
+    if (n <= 0) return;
     bytes = bytes.subspan(static_cast<std::size_t>(n));
   }
 }

@@ -23,9 +23,10 @@ class CanPort {
 
   struct Handlers {
     std::function<void(const can_frame_t &)> frame;
-    std::function<void(std::uint16_t)> lost;  // called with the number of frames that the kernel
-                                              // dropped
-    std::function<void(std::uint8_t)> state;  // called with CAN_BUS_ after a change of the state
+    // Called with the number of frames that the kernel has dropped.
+    std::function<void(std::uint16_t)> lost;
+    // Called with the new state of the interface, CAN_BUS_, after a change.
+    std::function<void(std::uint8_t)> state;
   };
   // Passes at most 64 pending frames, and changes of the interface's state, to the handlers. Does
   // not wait.

@@ -16,7 +16,8 @@
 namespace forceaxis::canopen {
 namespace {
 
-constexpr int kDeepBytes = 4 << 20;  // in bytes; the default of the kernel is too small for bursts
+// Size of the receive buffer in bytes. The default of the kernel is too small for bursts of frames.
+constexpr int kDeepBytes = 4 << 20;
 
 }  // namespace
 
@@ -118,7 +119,7 @@ int CanSocket::receive(std::span<can_frame> frames) {
 }
 
 void CanSocket::set_wait(std::chrono::milliseconds wait) {
-  if (wait == wait_) return;  // saves a system call in most ticks
+  if (wait == wait_) return;  // The unchanged wait time needs no system call.
   const timeval time{wait.count() / 1000, wait.count() % 1000 * 1000};
   ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
   wait_ = wait;

@@ -19,10 +19,13 @@ struct CanError : std::runtime_error {
 class CanSocket {
  public:
   struct Options {
-    can_filter filter;          // frames that the kernel passes to the socket
-    can_err_mask_t errors = 0;  // classes of error frames to receive; independent of the filter
-    bool blocking = false;      // receive() waits for frames, see set_wait()
-    bool deep = false;          // large receive buffer, and take_lost() counts lost frames
+    can_filter filter;  // filter of the frames that the kernel passes to the socket
+    // Classes of error frames that the socket receives, independent of the filter.
+    can_err_mask_t errors = 0;
+    // receive() waits for a frame for at most the time of set_wait().
+    bool blocking = false;
+    // The socket has a large receive buffer, and take_lost() counts lost frames.
+    bool deep = false;
   };
   // Highest number of frames that one call passes with one system call.
   static constexpr std::size_t kBatch = 16;
@@ -59,8 +62,8 @@ class CanSocket {
   int fd_;
   bool deep_;
   std::chrono::milliseconds wait_{-1};
-  std::uint32_t dropped_ = 0;  // the kernel's count of dropped frames, which wraps
-  std::uint32_t lost_ = 0;     // dropped frames that take_lost() has not yet returned
+  std::uint32_t dropped_ = 0;  // number of dropped frames as counted by the kernel; it wraps
+  std::uint32_t lost_ = 0;     // number of dropped frames that take_lost() has not yet returned
 };
 
 }  // namespace forceaxis::canopen

@@ -23,8 +23,8 @@ constexpr std::uint32_t kAbortLocked = 0x08000021, kAbortState = 0x08000022;
 std::string abort_text(std::uint32_t abort);
 
 struct SdoResult {
-  std::uint32_t abort = 0;         // SDO abort code; 0: success
-  bool silent = false;             // no response arrived; `abort` is kAbortTimeout
+  std::uint32_t abort = 0;         // SDO abort code of the transfer; 0: success
+  bool silent = false;             // no response arrived; `abort` is then kAbortTimeout
   std::vector<std::uint8_t> data;  // data of an upload
 
   bool ok() const { return abort == 0; }
@@ -65,8 +65,8 @@ class SdoClient {
   std::uint16_t index_ = 0;
   std::uint8_t sub_ = 0;
   bool toggle_ = false;
-  std::optional<std::uint32_t> size_;  // length that the server has announced
-  std::vector<std::uint8_t> data_;     // data that was received or is to be sent
+  std::optional<std::uint32_t> size_;  // length of an upload that the server has announced
+  std::vector<std::uint8_t> data_;     // data of an upload so far, or of a download
   std::size_t sent_ = 0;
   SdoResult result_;
 };

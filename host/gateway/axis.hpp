@@ -25,18 +25,21 @@ extern "C" {
 namespace forceaxis::nodes {
 
 struct AxisSettings {
-  int number = 1;                            // node id and unit id; also the number in LCM channels
-  int master = 127;                          // node id of the gateway
-  std::uint32_t first_sdo = 0x680;           // first of the four identifiers of its SDO channels
+  int number = 1;    // node id of the axis, also its Modbus unit and LCM channel
+  int master = 127;  // node id of the gateway
+  // First of the four CAN identifiers of the SDO channels of the axis.
+  std::uint32_t first_sdo = 0x680;
   std::chrono::milliseconds heartbeat{100};  // heartbeat period of axis and gateway
-  std::chrono::milliseconds watch{300};  // time after which the axis misses the gateway's heartbeat
+  // Time without heartbeat of the gateway after which the axis disables itself.
+  std::chrono::milliseconds watch{300};
   std::chrono::milliseconds sdo_timeout{500};
   std::chrono::milliseconds poll{10};  // time between the reads of two polled objects
   struct Parameter {
     std::uint16_t object;
     std::int64_t raw;
   };
-  std::vector<Parameter> parameters;  // parameters that each set-up writes
+  std::vector<Parameter> parameters;  // parameters that the gateway writes at each set-up of the
+                                      // axis
 };
 
 class GatewayAxis {
@@ -111,18 +114,18 @@ class GatewayAxis {
   AxisSettings settings_;
   SdoChannel master_, modbus_, lcm_channel_;
 
-  bool present_ = false;  // the axis answers or sends heartbeats
+  bool present_ = false;  // The axis answers requests or sends heartbeats.
   bool reported_waiting_ = false;
   bool reported_locked_ = false;
-  bool heartbeats_ = false;  // the axis sends heartbeats
+  bool heartbeats_ = false;  // The axis sends heartbeats.
   bool modbus_is_ours_ = false;
   bool table_known_ = false;
   bool mismatch_ = false;
-  bool published_ = true;  // the state was published after the last SYNC
+  bool published_ = true;  // The state was published after the last SYNC.
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
   std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
-  std::chrono::milliseconds silence_{0};  // time since the last heartbeat
+  std::chrono::milliseconds silence_{0};  // time since the last heartbeat of the axis
   std::size_t next_poll_ = 0;
 };
 

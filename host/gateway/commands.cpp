@@ -78,7 +78,8 @@ void GatewayCommands::receive(const axis_command_t &command) {
   }
   const bool stops = command.axis == axis_.number() && only_stops(command);
   if (stops) {
-    if (stopping_ >= kMostStopping) return;  // the client repeats the command
+    if (stopping_ >= kMostStopping)
+      return;  // Too many stops are in progress; the client will repeat its command.
   } else {
     // A late command is not executed, because its client no longer waits for it and the axis must
     // not move late.

@@ -20,7 +20,7 @@ class GatewayCommands {
  private:
   // A command of a client, and its answer after the command is complete.
   struct Answer {
-    std::int64_t kind = 0;  // kind of the answer; 0: no answer yet
+    std::int64_t kind = 0;  // kind of the answer; 0: the command has no answer yet
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;
@@ -30,14 +30,15 @@ class GatewayCommands {
   // so any command with a number up to `command_id` is a repetition.
   struct Forgotten {
     std::int64_t command_id = 0;
-    std::int64_t until_us = 0;  // time at which the client stops repeating these commands
+    // Wall clock in us until which the client repeats one of these commands.
+    std::int64_t until_us = 0;
   };
   using Id = std::pair<std::int64_t, std::int64_t>;
   // The object that an item of a command names.
   struct Target {
     ObjectAddress address;
-    std::uint16_t object = AXIS_OBJ_NONE;  // AXIS_OBJ_NONE: an address that the object table does
-                                           // not have
+    std::uint16_t object = AXIS_OBJ_NONE;  // AXIS_OBJ_NONE for an address without object in the
+                                           // table
   };
 
   Task<void> serve();
@@ -67,10 +68,10 @@ class GatewayCommands {
   GatewayAxis &axis_;
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
-  std::deque<Id> order_;                         // ids in answers_, the oldest first
+  std::deque<Id> order_;  // ids of the commands in answers_, the oldest first
   std::map<std::int64_t, Forgotten> forgotten_;  // clients by their run_id
   std::size_t kept_items_ = 0, waiting_items_ = 0;
-  int stopping_ = 0;  // number of stops in progress
+  int stopping_ = 0;  // number of stop commands in progress
   bool capturing_ = false;
   std::int64_t captures_ = 0;
 };

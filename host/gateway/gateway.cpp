@@ -26,7 +26,8 @@ constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
 constexpr auto kDropsPeriod = 10s;
-// Limit of frames for one call, so that many frames cannot delay SYNC, heartbeat and LCM.
+// Limit of frames that one call processes, so that many frames cannot delay SYNC, heartbeat and
+// LCM.
 constexpr int kMostFrames = 256;
 // Time for which a gateway listens for another gateway at its start. It is longer than the allowed
 // delay of a heartbeat.
@@ -195,7 +196,7 @@ class Gateway {
 
   void watch() {
     every(EventLoop::Clock::now(), kWatchPeriod, [this] {
-      serve_can();  // processes received frames before their time is checked
+      serve_can();  // Received frames must be processed before heartbeats are checked.
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
       if (modbus_) modbus_->close_overdue(EventLoop::Clock::now());
       report_trouble();
@@ -286,7 +287,7 @@ class Gateway {
   std::uint64_t reported_drops_ = 0;
   EventLoop::Time next_drops_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
-  std::size_t unstopped_ = 0;  // number of axes that do not stand still at the end
+  std::size_t unstopped_ = 0;  // number of axes that were not at standstill at the end
   int status_ = 0;
 };
 

@@ -29,7 +29,7 @@ class ModbusAxis {
   Task<void> serve(modbus::Pdu &pdu);
 
  private:
-  // Each returns FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER.
+  // Each function returns FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER.
   Task<int> carry_out(modbus_access_t &access);
   Task<int> read(std::uint16_t object, std::int32_t &value);
   Task<int> write(std::uint16_t object, std::int32_t value);

@@ -28,7 +28,8 @@ void carry_out(modbus_access_t &access) {
   } else if (access.object == AXIS_OBJ_OBJECT_TABLE_HASH) {
     access.value = static_cast<std::int32_t>(AXIS_OBJECTS_HASH32);
   } else {
-    access.value = AXIS_DRIVE_STATE_OPERATION_ENABLED;  // function 17 reports a running server
+    access.value = AXIS_DRIVE_STATE_OPERATION_ENABLED;  // Modbus function 17 reports with this
+                                                        // value that the gateway runs.
   }
 }
 

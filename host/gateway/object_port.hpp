@@ -9,7 +9,7 @@
 namespace forceaxis::nodes {
 
 struct ObjectResult {
-  std::uint32_t abort = 0;  // SDO abort code; 0: success
+  std::uint32_t abort = 0;  // SDO abort code of the access; 0: success
   bool silent = false;      // no answer arrived
   std::int64_t value = 0;   // value that was read
 

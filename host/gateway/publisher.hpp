@@ -48,7 +48,7 @@ class AxisPublisher {
 
   lcm_bus::AxisChannels &lcm_;
   int number_;
-  std::uint64_t tick_ = 0;  // last known tick, without the wrap of its counter
+  std::uint64_t tick_ = 0;  // tick count of the firmware, extended to 64 bits
   std::array<Value, AXIS_OBJ_COUNT> values_{};
 };
 

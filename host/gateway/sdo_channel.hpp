@@ -52,7 +52,7 @@ class SdoChannel {
   canopen::SdoClient client_;
   std::uint32_t answer_id_;
   std::chrono::milliseconds timeout_;
-  std::deque<Waiting> waiting_;  // transfers in order; the first is in progress
+  std::deque<Waiting> waiting_;  // transfers in their order; the first one is in progress
   std::uint64_t timer_ = 0;
 };
 

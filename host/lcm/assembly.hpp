@@ -30,9 +30,10 @@ struct Message {
 
 class Assembly {
  public:
-  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;  // limit of the data of one
-                                                                   // message
-  static constexpr std::size_t kMostSenders = 8;  // limit of senders with an incomplete message
+  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;  // largest length of a message in
+                                                                   // bytes
+  static constexpr std::size_t kMostSenders = 8;  // largest number of senders with an incomplete
+                                                  // message
 
   // `wanted` returns whether messages on a channel are assembled and counted. Messages on other
   // channels are ignored.
@@ -65,7 +66,8 @@ class Assembly {
   std::optional<Message> malformed_message();
 
   std::function<bool(std::string_view)> wanted_;
-  std::vector<Partial> partials_;  // incomplete messages, at most one for each sender; oldest first
+  // Incomplete messages, at most one for each sender, the oldest first.
+  std::vector<Partial> partials_;
   Partial complete_;
   std::uint64_t malformed_ = 0, incomplete_ = 0;
 };

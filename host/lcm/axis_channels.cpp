@@ -9,8 +9,8 @@ namespace forceaxis::lcm_bus {
 
 namespace {
 
-// Limit of datagrams for one call, so that many datagrams cannot delay the other buses of the
-// gateway.
+// Limit of datagrams that one call processes, so that many datagrams cannot delay the other buses
+// of the gateway.
 constexpr int kMostAtOnce = 128;
 
 }  // namespace

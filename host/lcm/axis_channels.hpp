@@ -35,10 +35,10 @@ struct CommandId {
 
 // Messages that were received and not executed.
 struct Drops {
-  std::uint64_t refused = 0;  // datagrams of commands from networks that are not allowed
-  std::string last_refused;   // sender of the last of them, "ADDRESS:PORT"
+  std::uint64_t refused = 0;  // datagrams with commands from networks that are not allowed
+  std::string last_refused;   // sender of the last refused datagram, "ADDRESS:PORT"
   std::uint64_t malformed = 0;
-  std::uint64_t incomplete = 0;  // messages with a missing fragment
+  std::uint64_t incomplete = 0;  // messages of which a fragment did not arrive
 
   std::uint64_t total() const { return refused + malformed + incomplete; }
   // Returns one line that names the counts that are not 0.
@@ -77,7 +77,7 @@ class AxisChannels {
   lcm::LCM lcm_;
   std::int64_t run_id_;
   std::array<std::array<std::int64_t, kMostAxes + 1>, kKinds> next_seq_{};
-  std::map<std::string, int, std::less<>> listening_;  // the axis of each channel
+  std::map<std::string, int, std::less<>> listening_;  // number of the axis for each channel name
   Command command_;
   std::optional<Receiver> receiver_;
   std::optional<RefusedCounter> refused_;

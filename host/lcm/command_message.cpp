@@ -35,7 +35,7 @@ class Reader {
   }
 
   void name() {
-    const std::uint64_t length = number(4);  // length with the final zero
+    const std::uint64_t length = number(4);  // length of the text in bytes, with its final zero
     whole_ = whole_ && length >= 1 && length <= kLongestName + 1;
     const auto text = bytes(whole_ ? length : 0);
     whole_ = whole_ && text.back() == 0 &&
@@ -48,7 +48,7 @@ class Reader {
   bool whole_ = true;
 };
 
-constexpr std::size_t kFirstNumbers = 9;  // numbers from utime to timeout_us
+constexpr std::size_t kFirstNumbers = 9;  // number of message fields from utime to timeout_us
 
 bool is_command(std::span<const std::uint8_t> data) {
   Reader reader(data);

@@ -62,7 +62,8 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(place.port);
-  address.sin_addr.s_addr = htonl(place.group);  // excludes datagrams to addresses of this machine
+  // The socket is bound to the group, so it receives no datagrams to the addresses of this machine.
+  address.sin_addr.s_addr = htonl(place.group);
   ip_mreq join{address.sin_addr, {INADDR_ANY}};
   const bool done =
       s >= 0 && setsockopt(s, SOL_SOCKET, SO_ATTACH_FILTER, &filter, sizeof filter) == 0 &&
@@ -105,7 +106,8 @@ std::optional<std::uint32_t> address_of(const std::string &text) {
 std::optional<std::uint32_t> mask_of(const std::string &text) {
   if (const auto mask = address_of(text)) {
     const std::uint32_t outside = ~*mask;
-    if ((outside & (outside + 1)) != 0) return std::nullopt;  // not a row of ones followed by zeros
+    // The mask must consist of ones followed by zeros.
+    if ((outside & (outside + 1)) != 0) return std::nullopt;
     return mask;
   }
   int ones = 0;

@@ -1,8 +1,8 @@
 #pragma once
-// Checks LCM URLs of axis_node, plant_node and gateway: udpm://ADDRESS:PORT?ttl=N, where each part
-// is optional as for liblcm. liblcm reports an invalid URL in several lines of its own, ignores
-// many errors, and ends the process if a tcpq:// URL has no server. So liblcm gets only URLs that
-// it accepts without a message.
+// Checks the LCM URLs of axis_node, plant_node and gateway. A URL has the scheme udpm, an address,
+// a port and options such as ttl=N, and each part is optional as for liblcm. liblcm reports an
+// invalid URL in several lines of its own, ignores many errors, and ends the process if a URL of
+// the scheme tcpq has no server. So liblcm gets only URLs that it accepts without a message.
 #include <cstdint>
 #include <string>
 
@@ -10,9 +10,9 @@ namespace forceaxis::lcm_bus {
 
 // The parts of a URL, with defaults for omitted parts.
 struct Place {
-  std::uint32_t group;  // multicast address in host byte order
+  std::uint32_t group;  // address of the multicast group in host byte order
   std::uint16_t port;
-  int receive_bytes;  // receive buffer of a socket in bytes; 0: default of the machine
+  int receive_bytes;  // receive buffer of the socket in bytes; 0: default of the machine
 };
 
 // Returns the parts of a URL for which url_trouble() returns an empty text.

@@ -125,7 +125,7 @@ class CanTransport : public Transport<Out, In> {
   canopen::CanSocket socket_;
   std::optional<In> (*decode_)(const can_frame &);
   std::int64_t modulus_;
-  std::array<std::int64_t, kMostAxes> expected_{};  // the last tick that was sent
+  std::array<std::int64_t, kMostAxes> expected_{};  // last tick of each axis that was sent
   std::uint64_t foreign_ = 0;
 };
 

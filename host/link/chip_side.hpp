@@ -34,7 +34,7 @@ struct ChipPipes {
 };
 
 struct ChipCounts {
-  std::uint32_t interrupts;  // number of 1500 Hz interrupts that computed a tick
+  std::uint32_t interrupts;  // number of 1500 Hz interrupts in which the chip computed a tick
   std::uint32_t ticks;
 };
 

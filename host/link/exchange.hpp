@@ -19,16 +19,19 @@ namespace forceaxis::host {
 
 // Numbers of records, as one side of the link counts them.
 struct LinkStatistics {
-  std::uint64_t sent = 0;        // passed to the transport, repeats included
-  std::uint64_t received = 0;    // records of this run, for an axis of this process
-  std::uint64_t repeated = 0;    // sent again: late answer (plant), or repeated inputs (firmware)
-  std::uint64_t duplicates = 0;  // received for a tick that was already complete
-  std::uint64_t foreign = 0;     // records of another run, or malformed
+  std::uint64_t sent = 0;      // records passed to the transport, with repeated ones
+  std::uint64_t received = 0;  // received records of this run for axes of this process
+  // Records that were sent again: by the plant because an answer was late, by the firmware because
+  // inputs arrived again.
+  std::uint64_t repeated = 0;
+  std::uint64_t duplicates = 0;  // records received for a tick that was already complete
+  std::uint64_t foreign = 0;     // records of another run, and malformed records
 };
 
 // Time after which a partner that sends nothing counts as silent.
 struct LinkTimeouts {
-  std::chrono::milliseconds start{5000};  // before the first record of the partner
+  // Longest silence before the first record of the partner.
+  std::chrono::milliseconds start{5000};
   std::chrono::milliseconds running{1000};
 };
 
@@ -65,8 +68,8 @@ class PlantExchange {
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
-  bool idle_ = false;      // no record arrived during the last wait
-  unsigned answered_ = 0;  // bit axis - 1 is set if the axis has answered before
+  bool idle_ = false;      // No record arrived during the last wait.
+  unsigned answered_ = 0;  // axes that have answered before; bit axis - 1 for each
 };
 
 // The end of the link at the firmware, for the axes of one process.
@@ -99,10 +102,11 @@ class AxisExchange {
 
   struct Axis {
     bool hosted = false;
-    bool fresh = false;  // a record has arrived since the clock was last read
+    bool fresh = false;  // A record has arrived since the clock was last read.
     std::int64_t last_tick = 0;
     Clock::time_point received{};
-    LinkOutputs answer{};  // answer to the last computed tick; its tick is -1 before the first
+    // Answer to the last computed tick. Its tick is -1 before the first tick.
+    LinkOutputs answer{};
   };
 
   unsigned supervise();
@@ -111,7 +115,7 @@ class AxisExchange {
   LinkTimeouts timeouts_;
   Compute compute_;
   std::array<Axis, kMostAxes> axes_{};
-  unsigned running_ = 0;  // bit axis - 1 for each running axis
+  unsigned running_ = 0;  // axes that have not finished; bit axis - 1 for each
   unsigned calls_ = 0;
   Clock::time_point received_;
   LinkStatistics statistics_;

@@ -12,11 +12,12 @@
 namespace forceaxis::host {
 
 struct Injection {
-  double drop = 0;       // share of the sent records that are dropped
-  double duplicate = 0;  // share of the sent records that are sent twice
+  double drop = 0;       // share of sent records that are dropped, 0 to 1
+  double duplicate = 0;  // share of sent records that are sent twice, 0 to 1
   std::uint64_t seed = 1;
   std::optional<std::int64_t> flip_tick;  // tick in whose first record one bit is inverted
-  int flip_bit = 0;  // bit 0 to 63 of encoder, adc0, adc1, or bit 0 to 15 of the DAC code
+  // Number of the inverted bit: 0 to 63 in encoder, adc0 and adc1, or 0 to 15 in the DAC code.
+  int flip_bit = 0;
 };
 
 // Reads a text such as "drop=0.05,double=0.05,seed=1,flip=TICK,bit=0"; each part is optional.

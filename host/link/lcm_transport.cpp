@@ -12,6 +12,7 @@
 #include <optional>
 #include <type_traits>
 
+#include "firmware/port/host/firmware.hpp"
 #include "host/lcm/lcm_ends.hpp"
 #include "host/lcm/receiver.hpp"
 #include "host/lcm/url.hpp"
@@ -20,9 +21,8 @@ namespace forceaxis::host {
 namespace {
 
 constexpr std::int64_t kFirstPort = 20000, kPorts = 40000;
-constexpr int kTickRateHz = 1500;
 
-std::int64_t microseconds_at(std::int64_t tick) { return tick * 1000000 / kTickRateHz; }
+std::int64_t microseconds_at(std::int64_t tick) { return tick * 1000000 / FX_TICK_RATE_HZ; }
 
 link_inputs_t message_of(const LinkInputs &in) {
   link_inputs_t m{};
@@ -132,9 +132,9 @@ class LcmTransport : public Transport<Out, In> {
   std::int64_t run_id_;
   std::unique_ptr<lcm_t, Destroy> lcm_;
   std::optional<lcm_bus::Receiver> receiver_;
-  std::map<std::string, std::uint8_t, std::less<>> axes_;  // axis of each channel of received
-                                                           // records
-  std::array<std::string, kMostAxes> channels_;            // channels of sent records
+  std::map<std::string, std::uint8_t, std::less<>> axes_;  // number of the axis for each channel of
+                                                           // received records
+  std::array<std::string, kMostAxes> channels_;            // channel names of sent records
   std::uint64_t foreign_ = 0;
 };
 

@@ -94,7 +94,9 @@ struct LinkedPlants::Ends {
     for (std::size_t i = 0; i < experiments.size(); ++i) {
       const int axis = first + static_cast<int>(i);
       claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
-      if (options.kind != "lcm") break;  // one plant claim for all axes
+      if (options.kind != "lcm")
+        break;  // On a CAN interface, one claim covers the plants of all
+                // axes.
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);
@@ -190,7 +192,8 @@ class LinkedPlants::Session {
   const LinkSession &session_;
   StallWatch stall_;
   std::int64_t tick_ = 0;
-  unsigned visible_ = 0;  // bits axis - 1 for each axis_node whose claim this machine can check
+  // Axes for which this machine can check whether axis_node still runs; bit axis - 1 for each.
+  unsigned visible_ = 0;
   std::optional<Clock::time_point> silent_since_;
 };
 

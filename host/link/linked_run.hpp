@@ -18,9 +18,10 @@
 namespace forceaxis::host {
 
 struct LinkOptions {
-  std::string kind = "lcm";             // "lcm" or "socketcan"
-  std::string can_interface = "vcan1";  // an interface without other traffic
-  std::string lcm_url;                  // empty: lcm_url_of(run_id)
+  std::string kind = "lcm";  // "lcm" or "socketcan"
+  // Name of the CAN interface; it must carry no other frames.
+  std::string can_interface = "vcan1";
+  std::string lcm_url;  // URL for LCM; if empty, lcm_url_of(run_id) is used
   std::int64_t run_id = 1;
   LinkTimeouts timeouts;
   Injection injection;
@@ -32,18 +33,19 @@ std::string link_text(const LinkOptions &options);
 struct LinkReport {
   LinkStatistics statistics;
   InjectionCounts injected;
-  std::int64_t ticks = 0;     // ticks of the axis with the longest run
-  double seconds = 0;         // time from the first answer to the last
-  std::int64_t overruns = 0;  // ticks that began more than one tick late in a paced run
+  std::int64_t ticks = 0;     // number of ticks of the axis with the longest run
+  double seconds = 0;         // time from the first answer to the last answer of the firmware
+  std::int64_t overruns = 0;  // ticks that began more than one tick period late in a paced run
   // In a session: times without ticks.
   Interruptions interruptions;
-  bool axis_ended = false;  // axis_node ended before this process ended the run
+  bool axis_ended = false;  // The run has ended because axis_node has ended.
 };
 
 // Functions that end the plants of a session and report their state. They are called in the thread
 // of run().
 struct LinkSession {
-  std::function<bool()> ended;  // called in every tick, and while an answer is late
+  // Returns whether the session must end. Called in every tick, and while an answer is late.
+  std::function<bool()> ended;
   // Called with one line for each change. `paused` is true while the plants wait for a silent
   // axis_node.
   std::function<void(std::int64_t tick, bool paused, const std::string &text)> report;
@@ -56,9 +58,9 @@ struct LinkMoment {
     const sim::Plant *plant;
   };
   std::int64_t tick = 0;
-  std::optional<std::int64_t> late_us;  // delay relative to the wall clock; empty if the run is not
-                                        // paced
-  std::vector<Axis> axes;               // axes that are still running at this tick
+  // Delay of this tick relative to the wall clock, in us; empty if the run is not paced.
+  std::optional<std::int64_t> late_us;
+  std::vector<Axis> axes;  // axes that are still running at this tick
 };
 constexpr std::int64_t kTicksBetweenMoments = 150;  // 0.1 s
 using LinkWatch = std::function<void(const LinkMoment &)>;

@@ -72,13 +72,14 @@ class TcpServer {
 
  private:
   struct Client {
-    int socket = -1;                // -1: disconnected with a request in progress
-    FrameBuffer bytes;              // received bytes that are not yet processed
+    // Socket of the client; -1 if it has disconnected while a request is in progress.
+    int socket = -1;
+    FrameBuffer bytes;              // received bytes of requests that are not yet processed
     std::optional<Header> pending;  // header of the request in progress
-    Time begun;                     // time of the first byte of `bytes`
+    Time begun;                     // time at which the first byte of `bytes` was received
     Time last;                      // time of connection, last request or last answer
-    bool asked = false;             // the client has sent a complete request
-    std::optional<Time> written;    // time of the last accepted write
+    bool asked = false;             // The client has sent a complete request.
+    std::optional<Time> written;    // time of the client's last accepted write
   };
   using Clients = std::map<std::uint64_t, Client>;
 

@@ -8,7 +8,7 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr std::size_t kWidth = 80;
-constexpr std::size_t kOptionWidth = 30;  // width of the left column in characters
+constexpr std::size_t kOptionWidth = 30;  // width of the column of option names, in characters
 
 // Breaks a text into lines with `indent` blanks at the start, within the width of the page. A line
 // break in the text begins a new paragraph.

@@ -12,15 +12,16 @@
 namespace forceaxis::nodes {
 
 struct NodeOptions {
-  std::vector<std::string> files;  // experiments of the axes, beginning with the first axis
-  std::vector<std::string> sets;   // NAME=VALUE for all axes, or N:NAME=VALUE
+  std::vector<std::string> files;  // experiment files, one for each axis, in the order of the axes
+  std::vector<std::string> sets;   // overrides, NAME=VALUE for all axes or N:NAME=VALUE for axis N
   int first_axis = 1;
-  int axes = 0;  // number of axes; 0: number of files; else one file is for all axes
+  // Number of axes that share one experiment file; 0 if each axis has a file of its own.
+  int axes = 0;
   std::string inject;
   std::string pace = "fast";  // "fast" or "real"
   double start_timeout_s = 5;
   double timeout_s = 1;
-  bool endless = false;  // run a session, see host/link/session.hpp
+  bool endless = false;  // The nodes run a session, see host/link/session.hpp.
   host::LinkOptions link;
 };
 

@@ -301,8 +301,8 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
                         std::span<const std::string> overrides,
                         const std::optional<std::string> &text) {
   std::set<std::string> files{model.file};
-  std::set<std::string> contents;  // contents of files, so that the hash does not depend on their
-                                   // paths
+  // The hash uses the contents of the files, so it does not depend on their paths.
+  std::set<std::string> contents;
   if (text)
     contents.insert(*text);
   else
@@ -326,7 +326,7 @@ struct ExperimentFile::Variant {
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;
-  std::set<std::string> named;  // parameters to which [set] refers
+  std::set<std::string> named;  // model parameters to which values of [set] refer by name
 };
 
 struct ExperimentFile::Contents {
@@ -334,7 +334,8 @@ struct ExperimentFile::Contents {
   std::string name;
   toml::table table;
   std::mutex mutex;
-  std::list<std::shared_ptr<Variant>> variants;  // in the order of use, the last used variant first
+  // Variants of the experiment in the order of their last use, beginning with the latest.
+  std::list<std::shared_ptr<Variant>> variants;
 };
 
 ExperimentFile::ExperimentFile(const std::filesystem::path &file,
@@ -381,7 +382,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.figure = optional_words(root, "figure");
   experiment.shows = optional_words(root, "shows");
   const double duration_s = root.number("duration_s");
-  if (duration_s > kLongestRun_s)  // limits the memory for the trace
+  if (duration_s > kLongestRun_s)  // This limit bounds the memory for the trace.
     root.fail("duration_s", "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
                                 sim::number_text(duration_s) +
                                 "; `axis_node` and `plant_node` with --endless run for longer");

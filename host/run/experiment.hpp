@@ -35,7 +35,7 @@ enum class ForceSensor : std::uint8_t { live, held, high, low, zero };
 
 // The actions of one table [[at]].
 struct Action {
-  std::int64_t tick;  // the actions apply before this tick
+  std::int64_t tick;  // The actions apply before this tick.
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
   std::optional<ForceSensor> force_sensor;
@@ -44,10 +44,11 @@ struct Action {
 // The limits of the verdict, see verdict.hpp. They refer to the window, the last `window_s` of the
 // run, unless a comment states otherwise. A limit without a value is not checked.
 struct Criterion {
-  double window_s = 1.0;                         // length of the window, > 0
-  std::optional<double> force_ripple_max_count;  // peak-to-peak ripple of the measured force, 8-bit
-                                                 // counts
-  std::optional<double> position_ripple_max_count;  // peak-to-peak ripple of the encoder, counts
+  double window_s = 1.0;  // length of the window at the end of the run in s, > 0
+  // Largest peak-to-peak ripple of the measured force, in 8-bit counts.
+  std::optional<double> force_ripple_max_count;
+  // Largest peak-to-peak ripple of the encoder, in counts.
+  std::optional<double> position_ripple_max_count;
   // Contacts that must stay closed throughout the window. `contacts` has the names from
   // contact_held = "tip" or ["tip", "grip"]. With `contact_held = true` it is empty and every
   // contact of the model must stay closed.
@@ -73,30 +74,32 @@ struct Criterion {
 
 // The content of the plot of a run.
 struct Plot {
-  std::vector<std::vector<std::string>> rows;  // columns of the trace in each diagram; empty:
-                                               // default
+  // Names of the columns of the trace in each diagram; empty for the default diagrams.
+  std::vector<std::vector<std::string>> rows;
   std::optional<double> from_s;
-  std::optional<double> to_s;  // end of the time axis in s, > from_s
+  std::optional<double> to_s;  // end of the time axis in s, greater than from_s
 };
 
 struct Experiment {
   std::filesystem::path file;
-  std::string hash;  // SHA-256 of the experiment, its model files and the overrides; empty after
-                     // with()
+  // SHA-256 over the experiment file, its model files and the overrides; empty after with().
+  std::string hash;
   std::string title;
   std::string figure;
   std::string shows;
   std::shared_ptr<const sim::Model> model;
-  std::shared_ptr<sim::ModeCache> modes;  // cache of the model's modes, shared by its plants
+  std::shared_ptr<sim::ModeCache> modes;  // cache of the modes of the model, for all its plants
   std::uint64_t seed = 0;
-  std::int64_t ticks = 0;  // steps of the plant; the firmware computes ticks + 1 ticks
+  // Number of steps of the plant. The firmware computes ticks + 1 ticks.
+  std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
-  std::vector<Action> actions;  // in the order of their ticks
+  std::vector<Action> actions;  // actions in the order of their ticks
   std::optional<Criterion> criterion;
   Plot plot;
-  std::vector<std::uint16_t> traced;          // objects of the table [trace], AXIS_OBJ_
-  std::shared_ptr<const toml::table> expect;  // table [expect], or nullptr
-  std::vector<std::string> unused;  // parameters of [set] that neither model nor experiment uses
+  std::vector<std::uint16_t> traced;          // objects of the table [trace] (AXIS_OBJ_)
+  std::shared_ptr<const toml::table> expect;  // table [expect] of the file, or nullptr
+  // Parameters in [set] that neither the model nor the experiment uses.
+  std::vector<std::string> unused;
 };
 
 // An experiment file that is read once for many variants. It keeps and shares the model and the
@@ -105,7 +108,7 @@ struct Experiment {
 // with().
 class ExperimentFile {
  public:
-  static constexpr std::size_t kKeptModels = 64;  // about 1 MB for each model
+  static constexpr std::size_t kKeptModels = 64;  // number of kept models, of about 1 MB each
 
   // Reads the file. If `text` is given, this text is read in place of the file, which need not
   // exist; messages name the file, and the path of the model is relative to its folder. Throws

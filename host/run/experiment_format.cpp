@@ -48,8 +48,8 @@ constexpr KeyFormat kShaperKeys[] = {
           "zv: two impulses. zvd: three impulses and twice the delay, for a mode whose "
           "frequency is known less exactly."),
 };
-constexpr TableFormat kShaper{"An input shaper, which does not excite one mode of vibration.",
-                              kShaperKeys};
+constexpr TableFormat kShaper{
+    "An input shaper, which prevents the excitation of one mode of vibration.", kShaperKeys};
 
 constexpr KeyFormat kFirmwareKeys[] = {
     table("bank_1", kBank), table("bank_2", kBank),         table("bank_3", kBank),

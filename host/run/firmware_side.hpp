@@ -16,8 +16,8 @@
 namespace forceaxis::host {
 
 struct FirmwareOptions {
-  bool hash = false;                    // compute the trace hash that hash() returns
-  const fw_config_t *config = nullptr;  // NULL: the axis has no bus
+  bool hash = false;                    // The trace hash for hash() is computed.
+  const fw_config_t *config = nullptr;  // configuration of the firmware; NULL: the axis has no bus
   // Called with every write of the experiment before the firmware receives it. The tick of initial
   // writes is 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
@@ -56,7 +56,7 @@ class FirmwareSide {
     return run_tick(inputs, next_tick_, axis);
   }
 
-  // Appends the raw values of the experiment's traced objects.
+  // Appends the raw values of the experiment's traced objects to `objects`.
   void trace(std::vector<std::int32_t> &objects) const {
     for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
   }

@@ -17,7 +17,7 @@ extern "C" {
 namespace forceaxis::host {
 namespace {
 
-constexpr int kEnabling = 0x0F;  // bits of a controlword that enables the drive
+constexpr int kEnabling = 0x0F;  // bits of the controlword that must be set to enable the drive
 constexpr int kHalt = 0x100;
 
 // The values of the firmware's objects after the writes so far.
@@ -114,7 +114,7 @@ HeldForce held_force(const ForceTask &task, const std::vector<double> &values,
   if (begin == values.end()) return held;
   const auto from = begin - values.begin();
   held.from_s = static_cast<double>(from) / sim::kTickRateHz;
-  double ratio = 1.0;  // largest quotient of force and set-point so far
+  double ratio = 1.0;  // largest quotient of force and set-point in the run so far
   for (auto force = begin; force != values.end(); ++force)
     ratio = std::max(ratio, *force / held.setpoint_N);
   held.overshoot_percent = 100.0 * (ratio - 1.0);

@@ -19,13 +19,13 @@ struct Experiment;
 // firmware/drive/modes.h declares a force as the controlled quantity.
 struct ForceTask {
   double setpoint_N = 0.0;
-  std::int64_t from_tick = 0;  // tick of the last set-point, impulse, or start or end of an
-                               // excitation
-  std::string signal;          // name of the signal that ADC 0 converts
+  // Tick of the last set-point, of the last impulse, or of the last start or end of an excitation.
+  std::int64_t from_tick = 0;
+  std::string signal;  // name of the force signal that ADC 0 converts
 };
 
 struct ForceSetpoint {
-  std::int64_t tick = 0;  // the set-point applies before this tick
+  std::int64_t tick = 0;  // The set-point applies before this tick.
   double setpoint_N = 0.0;
 };
 
@@ -40,11 +40,12 @@ std::optional<ForceTask> force_task(const Experiment &);
 
 struct HeldForce {
   double setpoint_N = 0.0;
-  double held_N = 0.0;           // mean of the signal over the window of the criterion
+  double held_N = 0.0;           // mean of the force over the window of the criterion
   double error_N = 0.0;          // set-point minus held_N
-  double error_percent = 0.0;    // magnitude of error_N, in percent of the set-point
-  double overshoot_percent = 0;  // largest excess of the signal over the set-point after from_s
-  double from_s = 0.0;           // time of ForceTask::from_tick, or of the first contact after it
+  double error_percent = 0.0;    // magnitude of error_N in percent of the set-point
+  double overshoot_percent = 0;  // largest excess of the force over the set-point after from_s
+  // Time of ForceTask::from_tick in s, or of the first contact after it.
+  double from_s = 0.0;
   // Time from from_s until the signal stays within kSettledPart of held_N. Infinite if the signal
   // does not settle before the window.
   double settle_s = std::numeric_limits<double>::infinity();

@@ -214,7 +214,7 @@ void JournalWriter::power_up(const fw_config_t &config) {
        << ' ' << config.serial_number << '\n';
   if (config.memory != nullptr) write_memory("store", *config.memory);
   if (config.archive != nullptr) write_memory("archive", *config.archive);
-  flush();  // a process that is killed at once leaves a valid journal
+  flush();  // A journal is valid even if its process is killed at once.
 }
 
 void JournalWriter::write_memory(const char *kind, const store_memory_t &memory) {
@@ -282,7 +282,7 @@ Journal read_journal(const std::filesystem::path &file) {
                           std::string("expected a readable journal, \"") + kJournalTitle + "\"");
   }
   for (std::size_t number = 2; std::getline(in, text); ++number) {
-    if (in.eof()) break;  // the last line is truncated
+    if (in.eof()) break;  // A truncated last line is ignored.
     Line line(file, number, text);
     const std::string kind = line.word("an entry");
     if (auto entry = entry_of(kind, line)) {

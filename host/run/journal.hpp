@@ -77,7 +77,7 @@ class JournalWriter {
   int lock_;
   std::ofstream out_;
   std::int64_t sensorless_tick_ = 0;
-  std::int64_t sensorless_ = 0;  // number of ticks in the entry that is not yet written
+  std::int64_t sensorless_ = 0;  // number of ticks of the sensorless entry not yet written
 };
 
 // Throws the exceptions of the constructor of JournalWriter for this file, and changes nothing.
@@ -116,12 +116,12 @@ struct Journal {
   std::uint32_t serial_number = 0;
   std::uint8_t buses = 0;
   std::uint32_t modbus_baud = 0;
-  std::vector<std::uint8_t> store;  // empty if the axis had no store
+  std::vector<std::uint8_t> store;  // stored parameters; empty if the axis had no store
   bool has_store = false;
   std::vector<std::uint8_t> archive;  // archive of incidents of the black box
   bool has_archive = false;
   std::vector<Entry> entries;
-  std::int64_t ticks = -1;  // -1: the journal has no `end`
+  std::int64_t ticks = -1;  // number of ticks; -1: the journal has no entry `end`
   std::string trace_hash;
 
   // Returns the number of ticks of the journal; without `end`, the ticks up to the last entry.

@@ -52,9 +52,10 @@ class Scales {
     if (unit == "uN") return Scale{Dimension::force, 1e6};
     if (unit == "code") return Scale{Dimension::voltage, codes_per_volt_};
     if (of_rated_force(meta.name)) return Scale{Dimension::force, 1e6 / rated_force_mN_};
-    auto found = unit.substr(0, 5) == "count" || unit.substr(0, 4) == "code"
-                     ? of_counts(meta)
-                     : std::variant<Scale, Obstacle>("the model has no quantity that it measures");
+    auto found =
+        unit.substr(0, 5) == "count" || unit.substr(0, 4) == "code"
+            ? of_counts(meta)
+            : std::variant<Scale, Obstacle>("the object measures no quantity of the model");
     if (auto *scale = std::get_if<Scale>(&found); scale != nullptr && meta.min >= 0)
       scale->per_unit = std::fabs(scale->per_unit);
     return found;
@@ -74,8 +75,9 @@ class Scales {
   std::variant<Scale, Obstacle> of_counts(const axis_object_meta_t &meta) const {
     const std::string_view unit = meta.unit;
     const std::string_view name = meta.name;
-    const bool gain = unit == "code/count" && name == "force_gain";
-    const bool of_reading = unit == "count" && meta.scale != 1.0;
+    const bool of_force = std::string_view(meta.quantity) == "force";
+    const bool gain = unit == "code/count" && of_force;
+    const bool of_reading = unit == "count" && of_force;
     const bool of_both = name == "stiffness" || name == "damping";
     if (gain || of_reading || of_both) {
       if (!reading_) return "the model has no ADC 0";
@@ -84,7 +86,7 @@ class Scales {
       if (gain) return Scale{Dimension::volt_per_force, codes_per_volt_ / counts_per_reading_};
     }
     if (!encoder_) return "the model has no encoder";
-    if (name == "encoder_increments") return "it is no position";
+    if (name == "encoder_increments") return "the object is not a position";
     const double scale = encoder_->scale;
     if (name == "stiffness") return Scale{Dimension::stiffness, counts_per_reading_ / scale};
     if (name == "damping") return Scale{Dimension::damping, counts_per_reading_ * kTicks / scale};
@@ -93,7 +95,8 @@ class Scales {
       return Scale{Dimension::volt_per_velocity, codes_per_volt_ * kTicks / scale};
     if (drive_moved_ && std::string_view(meta.part) == "drive" && meta.min < 0 &&
         name != "home_offset")
-      return "polarity or home_offset is not 0, so it differs from the position of the model";
+      return "polarity or home_offset is not 0, so the object differs from the position of the "
+             "model";
     if (unit == "count") return Scale{Dimension::length, scale};
     if (unit == "count/s") return Scale{Dimension::velocity, scale};
     if (unit == "count/s^2") return Scale{Dimension::acceleration, scale};
@@ -113,8 +116,8 @@ class Scales {
 // A number in the unit of the object, and its source.
 struct Value {
   double number;
-  bool converted;      // the number is rounded to the nearest raw value
-  std::string origin;  // text of the source, " (\"75 N\")", or empty
+  bool converted;      // A converted quantity is rounded to the nearest raw value.
+  std::string origin;  // text of the source for messages, " (\"75 N\")", or empty
 };
 
 // Refuses a text that is neither a quantity nor a parameter.
@@ -225,14 +228,15 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const auto written = [&](std::string_view name) -> double {
     const std::uint16_t object = *find_object(name);
     if (const toml::node *node = section.table().get(name); node != nullptr)
-      return node->value<double>().value_or(1.0);  // a quantity is assumed not to be 0
+      return node->value<double>().value_or(1.0);  // The value of a quantity is assumed not to be
+                                                   // 0.
     for (const ObjectWrite &w : before)
       if (w.object == object) return w.raw;
     return static_cast<double>(object_meta(object).initial);
   };
   Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                 written("polarity") != 0.0 || written("home_offset") != 0.0);
-  const std::string rated = "rated_force";  // may be given as a quantity
+  const std::string rated = "rated_force";  // The table may give rated_force as a quantity.
   const toml::node *own = section.table().get(rated);
   scales.set_rated_force(own == nullptr ? written(rated)
                                         : read_object(section, rated, *own, scales).raw);

@@ -27,7 +27,7 @@ namespace forceaxis::host {
 // One write to an object of the firmware.
 struct ObjectWrite {
   std::uint16_t object;
-  std::int32_t raw;  // for an unsigned object, its bits
+  std::int32_t raw;  // raw value; for an unsigned object, its 32 bits
 };
 
 // Returns the writes of the table in the order of the firmware: parameters, commands, then `mode`.

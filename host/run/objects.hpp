@@ -11,10 +11,11 @@
 
 namespace forceaxis::host {
 
-// Returns nothing if no object has this name.
+// Returns the object with this name, or nothing if no object has it.
 std::optional<std::uint16_t> find_object(std::string_view name);
 
-// `object` must be a result of find_object() or a constant AXIS_OBJ_.
+// Returns the metadata of an object, which must be a result of find_object() or a constant
+// AXIS_OBJ_.
 const axis_object_meta_t &object_meta(std::uint16_t object);
 
 bool object_writable(std::uint16_t object);

@@ -83,7 +83,7 @@ class PlantSide {
   RunResult finish();
 
  private:
-  // Peak-to-peak value over ticks.
+  // Peak-to-peak value of a quantity over several ticks.
   template <class T>
   class Span {
    public:
@@ -99,7 +99,8 @@ class PlantSide {
     T low_{}, high_{};
   };
 
-  static constexpr std::int64_t kTicksBetweenAsking = 1024;  // interval of calls of options.stop
+  static constexpr std::int64_t kTicksBetweenAsking = 1024;  // interval in ticks between calls of
+                                                             // options.stop
   static constexpr std::uint8_t kEnabled = 1;                // AXIS_DIN_ENABLE
   static constexpr std::uint8_t kNoFault = 0;                // AXIS_FAULT_NONE
 
@@ -125,16 +126,17 @@ class PlantSide {
   sim::Plant plant_;
   RunResult result_;
   std::vector<Action>::const_iterator action_;
-  std::vector<std::size_t> contact_forces_;  // indices of the signals of the contact forces
-  std::vector<std::string> held_;            // names of the criterion's contacts
-  std::vector<std::size_t> held_forces_;     // indices of the signals of their forces
+  std::vector<std::size_t> contact_forces_;  // indices of the force signals of all contacts
+  std::vector<std::string> held_;            // names of the contacts of the criterion
+  std::vector<std::size_t> held_forces_;     // indices of the force signals of the criterion's
+                                             // contacts
   std::size_t width_;
   // First tick at which each contact of `held_` was closed, or -1. `untouched_` is the number of
   // contacts with -1.
   std::vector<std::int64_t> first_pressed_;
   std::size_t untouched_ = 0;
   int adc_top_ = -1;   // highest code of ADC 0
-  int adc_zero_ = -1;  // code of ADC 0 without force
+  int adc_zero_ = -1;  // code of ADC 0 at force 0
   std::int64_t window_start_;
   std::int64_t second_half_;  // first tick of the second half of the window
   std::int64_t losses_before_window_ = 0;
@@ -144,8 +146,8 @@ class PlantSide {
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
-  std::size_t task_place_ = 0;      // index of the signal of task_
-  std::vector<double> task_force_;  // force of this signal at each tick
+  std::size_t task_place_ = 0;      // index of the force signal of the task
+  std::vector<double> task_force_;  // force of the task's signal at each tick
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

@@ -6,7 +6,7 @@
 
 namespace forceaxis::host {
 
-inline constexpr int kMostAxes = 6;  // axes of one machine, numbered from 1
+inline constexpr int kMostAxes = 6;  // largest number of axes of one machine, numbered from 1
 
 // Record from the plant to the firmware. Its tick identifies the record, so the receiver recognises
 // a repeated record.
@@ -15,8 +15,8 @@ struct LinkInputs {
   std::int32_t encoder_cnt;
   std::uint16_t adc0_code;
   std::uint16_t adc1_code;
-  std::uint8_t din;           // digital inputs, one bit for each
-  std::uint8_t sensor_valid;  // 0: the values must not be used
+  std::uint8_t din;           // digital inputs of the axis, one bit for each
+  std::uint8_t sensor_valid;  // 0: the encoder and ADC codes of this record are not valid
   std::uint8_t axis;          // numbered from 1
 };
 
@@ -24,7 +24,7 @@ struct LinkInputs {
 struct LinkOutputs {
   std::int64_t tick;
   std::int16_t dac_code;      // -2048 to 2047
-  std::uint8_t out;           // bit 0 amp_enable, bit 1 brake_release
+  std::uint8_t out;           // outputs of the firmware: bit 0 amp_enable, bit 1 brake_release
   std::uint8_t fault;         // AXIS_FAULT_
   std::uint8_t limit_reason;  // AXIS_LIMIT_REASON_
   std::uint8_t axis;          // numbered from 1

@@ -47,7 +47,7 @@ class RamStore {
   store_memory_t memory_{};
 };
 
-// Passes each kind of entry to the firmware.
+// Passes each kind of journal entry to the firmware.
 struct Applier {
   FirmwareSide &firmware;
   fw_t *axis = firmware.axis();
@@ -76,7 +76,7 @@ void apply(const Journal::Entry &entry, FirmwareSide &firmware) {
 }
 
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
-  Experiment silent = experiment;  // the writes come from the journal
+  Experiment silent = experiment;  // The writes of the experiment come from the journal.
   silent.initial.clear();
   for (Action &action : silent.actions) action.writes.clear();
   RamStore store(journal.store, STORE_FILE_SECTOR_BYTES);

@@ -7,8 +7,8 @@
 
 namespace forceaxis::host {
 
-// Passes one entry to the firmware. Must be called before the tick of the entry. For an entry of
-// ticks without sensors, computes these ticks.
+// Passes one entry to the firmware. Must be called before the tick of the entry. If the entry
+// has ticks without sensors, the function computes these ticks.
 void apply(const Journal::Entry &entry, FirmwareSide &firmware);
 
 // Repeats the run of the journal in one process, up to the last recorded tick. `experiment` must be

@@ -33,8 +33,8 @@ inline constexpr double kDyingPart = 0.6;
 // end of the range).
 struct Missed {
   std::string limit;
-  std::string verdict;  // verdict that this limit alone would give
-  double value = 0.0;   // infinite if the force never settles
+  std::string verdict;  // verdict of the run if this were the only missed limit
+  double value = 0.0;   // missed value; infinite if the force never settles
   double bound = 0.0;
   std::string unit;  // "N", "%", "s", "count", "tick", or "" for a number without unit
 };

@@ -53,8 +53,8 @@ class Assembly : public Wiring {
     const int index = add_switch(element, std::move(names), false, kApart);
     auto &phases = bounds.back();
     phases[kApart] = {{deflection, -kInfinity, 0.0, kApart, kPressed}};
-    // The force becomes 0 before the overlap does. Without damping both become 0 at the same
-    // instant.
+    // The force of a damped contact becomes 0 before its overlap does. Without damping, both become
+    // 0 at the same instant.
     if (damped) {
       phases[kPressed] = {{force, 0.0, kInfinity, kOverlap, kPressed}};
       phases[kOverlap] = {{deflection, 0.0, kInfinity, kApart, kOverlap},

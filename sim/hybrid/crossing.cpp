@@ -11,7 +11,7 @@ using kernel::magnitude;
 struct Polynomial {
   const double *q;
   std::size_t degree;
-  double noise;       // rounding error of a value on the interval [0, 1]
+  double noise;       // bound on the rounding error of a value of the polynomial
   double whole_bend;  // value of bend(1)
 
   double value(double s) const {
@@ -46,7 +46,7 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
   double last_width = b - a;
   for (int step = 0; step < 200; ++step) {
     if (!(s > a && s < b)) s = a + 0.5 * (b - a);
-    if (!(s > a && s < b)) break;  // a and b are neighbouring doubles
+    if (!(s > a && s < b)) break;  // No double lies between the ends a and b.
     double slope = 0.0;
     const double value = g.value_and_slope(s, &slope);
     if (value >= 0.0) {
@@ -67,7 +67,7 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
       if (next > a && next < b) s = next;
       return s;
     }
-    // At least every third step halves the bracket.
+    // At least every third step halves the interval that contains the root.
     if (step % 3 == 2) {
       if (b - a > 0.5 * last_width) next = a + 0.5 * (b - a);
       last_width = b - a;
@@ -115,8 +115,7 @@ bool first_crossing(const double *q, std::size_t degree, double end, double *roo
     bend += index * (index - 1.0) * size;
   }
   if (scaled[0] >= sum - scaled[0])
-    return false;  // the constant exceeds the sum of all other
-                   // terms
+    return false;  // The constant term exceeds the sum of all other terms.
   // Terms that are too small to change the sign are dropped to save time.
   double dropped = magnitude(scaled[degree]);
   while (degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(scaled[--degree]);

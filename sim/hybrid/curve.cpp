@@ -24,8 +24,8 @@ Curve Curve::clamp(double limit) {
 Curve Curve::amplifier(double inner, double corner, double outer, double limit) {
   const Extended k = inner;
   const Extended ko = outer;
-  const Extended step = (k - ko) * static_cast<Extended>(corner);  // value of the outer line at the
-                                                                   // input 0
+  const Extended step = (k - ko) * static_cast<Extended>(corner);  // value at input 0 of the line
+                                                                   // above the corner
   Curve curve;
   curve.segments = {{"inner", k, 0}};
   const auto wrap = [&curve](const char *name, Extended slope, Extended offset, Extended at) {

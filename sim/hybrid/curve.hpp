@@ -21,7 +21,7 @@ struct Curve {
   };
   std::vector<Segment> segments;
   std::vector<double> breaks;
-  int home = 0;  ///< index of the segment at which the search for the active segment starts
+  int home = 0;  ///< index of the segment that contains the input 0
 
   /// Saturation: y = x, limited to the range -limit to limit.
   static Curve clamp(double limit);

@@ -9,7 +9,8 @@ namespace {
 
 using kernel::magnitude;
 
-constexpr int kCalmTicks = 15;  // ticks in which the second test runs first; affects speed only
+// Number of ticks in which the second test runs first. It affects only the speed.
+constexpr int kCalmTicks = 15;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 }  // namespace

@@ -22,7 +22,7 @@ class Detector {
   struct Change {
     std::size_t channel = 0;
     bool above = false;
-    double after = 0.0;  ///< time from now to the change, in ticks
+    double after = 0.0;  ///< time from now until the change, in ticks
   };
 
   /// The rounding error of a coefficient is assumed to be `factor` times its normal bound. If a
@@ -77,10 +77,9 @@ class Detector {
   kernel::Quiet quiet_ = kernel::best_quiet();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
-  const Mode *calm_mode_ = nullptr;  // mode in which only the second test passed
+  const Mode *calm_mode_ = nullptr;  // last mode in which only the second test passed
   int calm_left_ = 0;
-  double rounding_ = kChannelRounding;  // relative rounding error of the coefficients in
-                                        // examine_side()
+  double rounding_ = kChannelRounding;  // assumed relative rounding error of Taylor coefficients
   kernel::Vector result_;
   kernel::Vector curve_;
   kernel::Vector calm_;
@@ -88,7 +87,9 @@ class Detector {
   kernel::Vector grid_dip_;
   kernel::Vector polynomial_;
   std::vector<double> absolute_;
-  std::vector<std::uint64_t> parts_in_doubt_;  // for each channel one bit for each part of the grid
+  // Parts of the grid in which the signal of a channel may reach a bound: one word for each
+  // channel, one bit for each part.
+  std::vector<std::uint64_t> parts_in_doubt_;
 };
 
 }  // namespace forceaxis::sim

@@ -10,9 +10,9 @@ namespace forceaxis::sim {
 
 /// Energies in J, integrated from the start of the run.
 struct EnergyIntegrals {
-  std::vector<double> supplied;    ///< energy from each source of Network::supplies()
-  std::vector<double> dissipated;  ///< energy into each damper of Network::dampers()
-  double discarded = 0.0;          ///< spring energy lost at the separation of a loaded contact
+  std::vector<double> supplied;    ///< work of each source of Network::supplies()
+  std::vector<double> dissipated;  ///< energy that each damper of Network::dampers() dissipates
+  double discarded = 0.0;          ///< spring energy lost at the separation of loaded contacts
   double impulse = 0.0;            ///< work of the impulses of the experiment
 };
 
@@ -45,7 +45,7 @@ class EnergyAccount {
   EnergyIntegrals integrals() const;
 
  private:
-  struct Sum {  // compensated sum after Neumaier
+  struct Sum {  // compensated sum by the method of Neumaier
     double value = 0.0;
     double lost = 0.0;
     void add(double term);
@@ -56,7 +56,7 @@ class EnergyAccount {
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_ = nullptr;
   kernel::Vector forms_;
-  kernel::Vector integrals_;  // integrals of the supplies, followed by the dampers
+  kernel::Vector integrals_;  // energies of the supplies, followed by those of the dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;

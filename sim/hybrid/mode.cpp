@@ -10,14 +10,18 @@
 namespace forceaxis::sim {
 namespace {
 
-constexpr int kHighestOrder = 13;         // of the Taylor series on a part of a tick
-constexpr std::size_t kFewestParts = 8;   // parts of the grid for each sample of the quiet test
-constexpr std::size_t kMostTested = 128;  // most parts of a tick in a mode that has a quiet test
-constexpr std::size_t kMostGrid = 64;     // parts of the grid: one bit of a word for each
-constexpr std::size_t kFastGrid = 8;      // parts of the grid in a mode without a quiet test
+constexpr int kHighestOrder = 13;        // highest order of the Taylor series of a part of a tick
+constexpr std::size_t kFewestParts = 8;  // number of parts of the grid in each sample of the quiet
+                                         // test
+// Largest number of parts in a tick for which a mode still has a quiet test.
+constexpr std::size_t kMostTested = 128;
+constexpr std::size_t kMostGrid = 64;  // largest number of parts of the grid, one bit of a word for
+                                       // each
+constexpr std::size_t kFastGrid = 8;   // number of parts of the grid in a mode without a quiet test
 constexpr std::size_t kMostTickParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
-constexpr Extended kRounding = 0x1p-46L;  // relative rounding error of a sum of products
+constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding error of a sum of
+                                          // products
 
 // Computes a b without the terms in which an entry of b is 0. The sums of four rows at a time stay
 // in registers, because stores in extended precision take most of the time.
@@ -63,7 +67,8 @@ ExtendedMatrix absolute(const ExtendedMatrix &a) { return a.cwiseAbs(); }
 // rate is at least twice the spectral radius of |a| and at least 1. The truncation error of a
 // Taylor series is relative to this influence.
 struct Influence {
-  Extended rate = 1;  // a power of two, in the unit of `a`
+  // Scale of `a`: a power of two in the unit of the entries of `a`.
+  Extended rate = 1;
   ExtendedMatrix sum;
 };
 
@@ -155,7 +160,7 @@ void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride
 }
 
 Extended tick_s(const ModeCache &cache) {
-  return 1.0L / (1500.0L * static_cast<Extended>(cache.parts()));
+  return 1.0L / (static_cast<Extended>(kTickRateHz) * static_cast<Extended>(cache.parts()));
 }
 
 ExtendedMatrix square_flow(const ModeCache &cache, const ModeEquations &equations) {
@@ -215,7 +220,7 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
 
   ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
   ExtendedMatrix signal = r;
-  ExtendedMatrix size = absolute(r);  // |r| |Phi|: the rounding error is relative to this
+  ExtendedMatrix size = absolute(r);  // the rounding error of a signal is relative to |r| |Phi|
   const std::size_t parts = mode.samples > 0 ? mode.samples * kFewestParts : mode.grid;
   for (std::size_t k = 0; k <= parts; ++k) {
     const bool sampled = mode.samples > 0 && k % kFewestParts == 0;
@@ -387,7 +392,7 @@ class Gram {
     ExtendedMatrix term = q;
     ExtendedMatrix sum = q;
     for (int k = 1; k <= 2 * order_ + 8; ++k) {
-      const ExtendedMatrix half = product(term, b_);  // b has few entries that are not 0
+      const ExtendedMatrix half = product(term, b_);  // Few entries of b_ differ from 0.
       const ExtendedMatrix mirrored = half.transpose();
       term = (half + mirrored) / static_cast<Extended>(k);
       sum += term / static_cast<Extended>(k + 1);
@@ -405,7 +410,8 @@ class Gram {
   std::size_t parts_ = 1;
   int order_ = 0;
   ExtendedMatrix b_;
-  std::vector<ExtendedMatrix> flows_;  // flow over 1, 2, 4 and more parts, up to half a tick
+  std::vector<ExtendedMatrix> flows_;  // flow matrices over 1, 2, 4 and more parts, up to half a
+                                       // tick
 };
 
 std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {

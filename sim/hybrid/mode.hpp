@@ -71,60 +71,64 @@ struct Mode {
   std::size_t channels = 0;
   std::size_t samples = 0;
 
-  std::size_t channel_stride = 0;  ///< padded(g), rows of one set of signals
-  std::size_t signal_place = 0;    ///< padded(n + 2), first row of the signals in `tick`
-  std::size_t tick_stride = 0;     ///< signal_place + (samples + 1) channel_stride
+  std::size_t channel_stride = 0;  ///< rows of one set of channel signals: padded(g)
+  std::size_t signal_place = 0;    ///< first row of the signals in `tick`: padded(n + 2)
+  std::size_t tick_stride = 0;     ///< number of rows of `tick`: signal_place + (samples + 1)
+                                   ///< channel_stride
   /// Matrix by columns. Its rows give the new state, the ADC signals and the signals at the
   /// instants 0, 1, ..., K of the tick.
   kernel::Vector tick;
   std::size_t curve_stride = 0;  ///< samples channel_stride
-  kernel::Vector curve;          ///< bound on the deviation from the chord, by columns
-  kernel::QuietTest quiet;       ///< the matrices above as the quiet test needs them
-  std::size_t calm_stride = 0;   ///< padded(n) + curve_stride
-  kernel::Vector calm_head;      ///< matrix by columns: A^2 z, then the rows of `curve`
-  kernel::Vector calm_tail;      ///< matrix of n columns with the rows of `curve`
-  kernel::Vector calm_doubt;     ///< rounding error of each row of `curve`
+  kernel::Vector curve;     ///< matrix of the bounds on the deviation from the chord, by columns
+  kernel::QuietTest quiet;  ///< pointers to the matrices above for the quiet test
+  std::size_t calm_stride = 0;  ///< number of rows of `calm_head`: padded(n) + curve_stride
+  kernel::Vector calm_head;   ///< matrix by columns for the second test: A^2 z, then its first term
+  kernel::Vector calm_tail;   ///< matrix by columns for the second term of the second test
+  kernel::Vector calm_doubt;  ///< rounding error of each signal and part in the second test
   /// Bounds of each channel, narrowed by the rounding error of the bounds; padded.
   kernel::Vector low;
   kernel::Vector high;
 
-  double reach = 1.0;  ///< length of a part of the grid in ticks, 1 / 2^k
+  double reach = 1.0;  ///< length of a part of the grid in ticks, a power of 1/2
   std::size_t order = 0;
-  std::size_t flow_stride = 0;  ///< padded(n), rows of one block of `taylor`
+  std::size_t flow_stride = 0;  ///< number of rows of one block of `taylor`: padded(n)
   /// Matrices (A T)^k / k! for k = 1..order below each other, by columns.
   kernel::Vector taylor;
-  std::vector<double> signal;     ///< matrix of g x c, by rows; r of a channel is its row
+  std::vector<double> signal;  ///< matrix of the channels' signals, g x c by rows; a row is called
+                               ///< r
   std::size_t series_stride = 0;  ///< padded(order + 1)
-  kernel::Vector series;          ///< [channel]: r (A T)^k / k!, k = 0..order, by columns
+  kernel::Vector series;  ///< [channel]: matrices r (A T)^k / k! for k = 0..order, by columns
   /// [channel][k]: |r| |(A T)^k / k!| N for k = 0..order, the rounding error of a Taylor
   /// coefficient.
   std::vector<double> doubt;
   std::vector<Channel> channel;
-  std::vector<std::size_t> fed;  ///< channels whose signal steps with the command
+  std::vector<std::size_t> fed;  ///< indices of the channels whose signal steps with the command
 
   std::size_t grid = 0;
-  kernel::Vector grid_flow;  ///< [k]: flow matrix of k + 1 parts, by columns
+  kernel::Vector grid_flow;  ///< [k]: flow matrix over k + 1 parts of the grid, by columns
   std::size_t grid_signal_stride = 0;
-  kernel::Vector grid_signal;  ///< [channel]: signal at the ends of the parts, by columns
+  kernel::Vector grid_signal;  ///< [channel]: matrix of the signal at the ends of the parts, by
+                               ///< columns
   std::size_t grid_dip_stride = 0;
-  kernel::Vector grid_dip;  ///< [channel]: bound on the deviation from the chord in each part, by
-                            ///< columns
+  /// [channel]: matrix of the bounds on the deviation from the chord in each part, by columns.
+  kernel::Vector grid_dip;
 
-  std::vector<double> slip;  ///< ModeEquations::slip, n x n by rows, or empty
+  std::vector<double> slip;  ///< ModeEquations::slip by rows, n x n, or empty
 
-  kernel::Vector sensor;      ///< two rows by columns: signals of ADC 0 and ADC 1
-  std::vector<double> truth;  ///< rows of all signals of the model
+  kernel::Vector sensor;      ///< matrix by columns with two rows: signals of ADC 0 and ADC 1
+  std::vector<double> truth;  ///< matrix by rows of all signals of the model
 };
 
 /// Energies of one mode: integrals over one tick, as quadratic forms of the vector z.
 struct ModeAudit {
-  std::size_t form_stride = 0;      ///< padded(supplies + dampers)
-  kernel::Vector forms;             ///< [column j][row i][supplies, then dampers], in J
-  std::vector<double> first;        ///< first factor of each supply, then of each damper
-  std::vector<double> second;       ///< second factor of each supply and damper
-  std::vector<double> store_first;  ///< rows of the storages: the two factors of an energy
+  std::size_t form_stride = 0;  ///< number of rows of `forms`: padded(supplies + dampers)
+  /// Quadratic forms of the energies in J: [column j][row i][supplies, then dampers].
+  kernel::Vector forms;
+  std::vector<double> first;   ///< rows of the first factor of each supply, then of each damper
+  std::vector<double> second;  ///< rows of the second factor of each supply, then of each damper
+  std::vector<double> store_first;  ///< rows of the first factor of each storage
   std::vector<double> store_second;
-  std::vector<double> store_constant;  ///< constant energy of each storage, in J
+  std::vector<double> store_constant;  ///< constant part of the energy of each storage, in J
 };
 
 /// Builds each mode at its first request and keeps it. Plants of one model may share a cache

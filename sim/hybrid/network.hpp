@@ -35,7 +35,7 @@ struct Channel {
 
 /// The linear equations of one mode, in SI units.
 struct ModeEquations {
-  ExtendedMatrix flow;   ///< matrix of n x (n + 2): x' = flow z
+  ExtendedMatrix flow;   ///< matrix of n x (n + 2) for the derivatives: x' = flow z
   ExtendedMatrix wires;  ///< one row for each wire
   std::vector<Channel> channels;
   /// Matrix of n x n. The product slip x is subtracted from the state x so that the ends of
@@ -80,8 +80,8 @@ class Network {
 
   /// The state with the shortest time constant of a mode.
   struct Fastest {
-    std::string state;    ///< name of a body, or of a state of the drive or a filter
-    std::string element;  ///< element with the largest effect on this state
+    std::string state;    ///< name of a body, or of a state of the drive or of a filter
+    std::string element;  ///< name of the element with the largest effect on this state
     double rate;          ///< inverse of the time constant, in 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;
@@ -94,10 +94,10 @@ class Network {
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
   const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }
-  /// powers in W
+  /// Sources and dampers; each product is a power in W.
   const std::vector<Wiring::Product> &supplies() const { return wiring_.supplies; }
-  const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }  ///< powers in W
-  /// twice the energy, in J
+  const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }
+  /// Energy stores; each product is twice an energy in J.
   const std::vector<Wiring::Product> &storages() const { return wiring_.storages; }
 
  private:

@@ -26,8 +26,8 @@ double edge_distance(double y, std::int64_t floor_y) {
 
 constexpr double kFar = 0x1p62;
 
-constexpr std::uint64_t kDacChannel = 2;  // channel number of the DAC's noise; the ADCs have 0 and
-                                          // 1
+constexpr std::uint64_t kDacChannel = 2;  // number of the DAC in the noise generator; the ADCs have
+                                          // 0 and 1
 
 // Returns a normal deviate of variance 1, computed from integers only: the sum of twelve integers
 // of 16 bits, whose standard deviation is 2^16 (to 1 part in 2^33), in half steps so that the mean
@@ -139,7 +139,7 @@ SensorCodes Plant::codes() {
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const Converter &adc = converters_[channel];
     if (!adc.present) continue;
-    // The code changes at y = 1, 2, ..., top.
+    // The ADC code changes where the scaled signal y is 1, 2, ..., top.
     double reading = value[channel];
     if (reading > adc.limit) reading = adc.limit;
     if (reading < -adc.limit) reading = -adc.limit;

@@ -32,21 +32,22 @@
 namespace forceaxis::sim {
 
 struct PlantOptions {
-  bool audit = false;  ///< compute the energy balance (about doubles the time of a tick)
-  std::size_t listed_events = 4096;  ///< number of events that events() lists; later ones are only
-                                     ///< counted
-  std::uint64_t seed = 0;            ///< seed of the noise of ADCs and DAC
+  /// Computes the energy balance, which about doubles the time of a tick.
+  bool audit = false;
+  /// Number of events that events() lists. Later events are only counted.
+  std::size_t listed_events = 4096;
+  std::uint64_t seed = 0;  ///< seed of the noise of ADCs and DAC
 };
 
 /// The codes of encoder and ADCs that the firmware reads. An encoder or ADC that the model does not
 /// have gives 0.
 struct SensorCodes {
-  std::int32_t encoder = 0;  ///< floor(x scale + 1/2), wraps at 32 bits
+  std::int32_t encoder = 0;  ///< encoder count floor(x scale + 1/2), which wraps at 32 bits
   /// Code of each ADC: clamp(floor(value * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), with
   /// the value that Adc describes. The noise depends on seed, channel and tick only, so a second
   /// conversion in a tick yields the same code.
   std::uint16_t adc[2] = {0, 0};
-  std::uint8_t switches = 0;  ///< bits SwitchBit of the model's table [switches]
+  std::uint8_t switches = 0;  ///< states of the switches of the model, one SwitchBit for each
 };
 
 /// A change of the discrete state of one element.
@@ -60,20 +61,22 @@ struct Event {
   /// segment 1 and so on of a table.
   std::string from;
   std::string to;
-  bool jump = false;  ///< caused at a tick by a new DAC code or an impulse
+  bool jump = false;  ///< A new DAC code or an impulse caused the change at a tick.
 };
 
 /// Mechanical energy since tick 0, in J: initial + supplied = kinetic + stored + dissipated +
 /// discarded + residual. The residual is the rounding error.
 struct EnergyAudit {
   double initial = 0.0;
-  double supplied = 0.0;  ///< work of the drive on body and reaction, of gravity and impulses
-  double impulses = 0.0;  ///< part of `supplied` that impulses have added
+  double supplied = 0.0;  ///< work of the drive, of gravity and of impulses
+  double impulses = 0.0;  ///< part of `supplied` that comes from impulses
   double kinetic = 0.0;
-  double stored = 0.0;     ///< energy in springs and in pressed contacts
-  double discarded = 0.0;  ///< energy of a contact's spring at a separation with overlap
+  double stored = 0.0;     ///< energy in springs and in closed contacts
+  double discarded = 0.0;  ///< spring energy of contacts that separated with an overlap
   struct Damper {
-    std::string element;  ///< spring, damper, contact, friction, brake; "drive" for b_m
+    /// Name of a spring, damper, contact, friction or brake, or "drive" for the friction b_m of a
+    /// motor.
+    std::string element;
     double energy = 0.0;
   };
   std::vector<Damper> dissipated;
@@ -152,7 +155,7 @@ class Plant {
   /// elements is "off" while the drive is disabled.
   std::vector<std::string> mode() const;
 
-  /// Throws std::logic_error if PlantOptions::audit is false.
+  /// Returns the energy balance. Throws std::logic_error if PlantOptions::audit is false.
   EnergyAudit energy() const;
 
   /// State vector: position in m and velocity in m/s of each body, then the states of the drive
@@ -177,11 +180,11 @@ class Plant {
     bool present = false;
     int top = 0;
     int zero_code = 0;
-    double limit = 0.0;  // limit of the converted value
+    double limit = 0.0;  // limit of the analog value before its conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
-    double low = 0.0;  // bounds of the signal in counts + 1/2, at which the code leaves 0 and
-                       // 2^bits - 1
+    // The code leaves 0 and 2^bits - 1 at these bounds of the signal, in counts + 1/2.
+    double low = 0.0;
     double high = 0.0;
   };
   Converter converters_[2];

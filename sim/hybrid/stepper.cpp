@@ -14,13 +14,15 @@ using kernel::dot;
 using kernel::magnitude;
 
 constexpr int kMostChangesPerTick = 5000;
-constexpr int kMostChangesPerInstant = 1000;  // highest number of changes at one instant in
+constexpr int kMostChangesPerInstant = 1000;  // largest number of changes at one instant in
                                               // settle()
-constexpr double kMoment = 0x1p-20;           // share of Mode::reach that counts as one instant
+// Time that counts as one instant, as a share of Mode::reach.
+constexpr double kMoment = 0x1p-20;
 // Factor by which the assumed rounding error grows each time that the states of switches contradict
 // each other.
 constexpr double kDoubtGrowth = 4.0;
-constexpr double kMostDoubt = 0x1p10;  // highest factor: a rounding error of 1.5e-11 of the state
+// Largest factor: a rounding error of 1.5e-11 of the state.
+constexpr double kMostDoubt = 0x1p10;
 constexpr std::size_t kRecentModes = 64;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
@@ -49,7 +51,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // the initial mode search discards no energy
+  energy_.begin();  // The search for the first mode discards no energy.
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -263,13 +265,13 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
 // state at its end.
 bool Stepper::cross(double from, double until) {
   check_finite();
-  double done = from;  // time simulated so far, in ticks
+  double done = from;  // simulated time since the start of the tick, in ticks
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;
   double doubt = 1.0;
   detector_.set_doubt(doubt);
-  // Several times the number of changes of a cascade through all switches.
+  // Limit of changes at one instant: several times the changes of a cascade through all switches.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;

@@ -96,8 +96,9 @@ class Stepper {
   std::int64_t tick_ = 0;
   std::vector<double> z_;
   double sensors_[kernel::padded(2)] = {};
-  bool sensors_in_result_ = false;  // the detector's result has the ADC signals of this instant
-  kernel::Vector chain_;            // Taylor coefficients of x, order + 1 blocks of flow_stride
+  // The result of the detector has the ADC signals of this instant.
+  bool sensors_in_result_ = false;
+  kernel::Vector chain_;  // Taylor coefficients of x: order + 1 blocks of flow_stride values
   kernel::Vector increment_;
   double powers_[64];
 
@@ -108,7 +109,7 @@ class Stepper {
 
   std::size_t listed_events_ = 0;
   std::vector<SwitchEvent> events_;
-  SwitchEvent last_{-1.0, -1, 0, 0, false};  // the event that was counted last
+  SwitchEvent last_{-1.0, -1, 0, 0, false};  // the last counted event
   bool last_listed_ = false;
   std::int64_t crossings_ = 0;
   std::int64_t jumps_ = 0;

@@ -12,7 +12,7 @@ namespace forceaxis::sim {
 enum SwitchBit : std::uint8_t {
   kLimitPos = 2,
   kLimitNeg = 4,
-  kIndex = 8,  ///< index pulse passed since the last conversion
+  kIndex = 8,  ///< The body has passed the index pulse since the last conversion.
   kHome = 16
 };
 
@@ -48,7 +48,8 @@ class SwitchBank {
  private:
   Switches places_;
   bool fitted_ = false;
-  std::optional<double> cell_;  // number of the interval between index pulses at the last call
+  // Number of the interval between index pulses in which the body was at the last call.
+  std::optional<double> cell_;
 };
 
 }  // namespace forceaxis::sim

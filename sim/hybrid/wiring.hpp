@@ -35,21 +35,22 @@ struct Wiring {
   static Term hold(int friction) { return {Term::Of::hold, friction, 1}; }
   using Terms = std::vector<Term>;
 
-  static constexpr int kAlways = -1;  ///< selector of a wire with one sum
-  static constexpr int kEnable = -2;  ///< selector between drive disabled and enabled
+  static constexpr int kAlways = -1;  ///< value of a selector for a wire with only one sum
+  static constexpr int kEnable = -2;  ///< value of a selector between drive disabled and enabled
   struct WireNode {
-    int selector;  ///< index of a switch, kAlways or kEnable
+    int selector;  ///< index of the switch that selects a sum, or kAlways or kEnable
     std::vector<Terms> cases;
   };
   struct Switch {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;       ///< bit field of the switch, not shifted
-    bool of_drive = false;  ///< the switch is held in state 0 while the drive is disabled
+    ModeKey mask = 0;       ///< mask for the bit field of the switch, not shifted
+    bool of_drive = false;  ///< While the drive is disabled, the switch has the state 0.
     int home = 0;
-    int stuck = -1;     ///< state of a friction in which its ends have the same velocity
-    int analysed = -1;  ///< initial state in linear analysis; -1: `home`
+    int stuck = -1;  ///< of a friction: state in which its ends have the same velocity
+    /// State of the switch at the start of a linear analysis; -1 for the state `home`.
+    int analysed = -1;
   };
   /// The bounds of one signal in one state of a switch; see Channel.
   struct Bounds {
@@ -66,7 +67,7 @@ struct Wiring {
   enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };
   struct FrictionEnds {
     int switch_index;
-    int velocity_a;  ///< index of a state; -1: ground
+    int velocity_a;  ///< index of a velocity in the state vector; -1: ground
     int velocity_b;
     /// Of a friction: index in `frictions` of the brake between the same two ends, or -1. While
     /// both stick, the brake transmits all of the force.
@@ -114,16 +115,17 @@ struct Wiring {
   Wire named(const std::string &name) const;
 
   std::string file;
-  std::vector<std::string> state_names;  ///< names of bodies for their position and velocity
+  std::vector<std::string> state_names;  ///< names of the bodies, for their positions and
+                                         ///< velocities
   std::vector<double> initial;
-  std::vector<Terms> derivatives;  ///< the terms of each state's derivative
-  std::vector<int> drive_states;   ///< states that are set to 0 when the drive is disabled
+  std::vector<Terms> derivatives;  ///< terms of the derivative of each state
+  std::vector<int> drive_states;   ///< indices of the states that are 0 while the drive is disabled
   std::vector<WireNode> wires;
   std::vector<Switch> switches;
   std::vector<std::vector<std::vector<Bounds>>> bounds;  ///< index [switch][state]
   int next_bit = 1;
   std::vector<BodyState> bodies;
-  std::vector<FrictionEnds> frictions;  ///< all frictions, followed by the brakes
+  std::vector<FrictionEnds> frictions;  ///< all frictions of the model, followed by the brakes
   std::vector<BrakeTimes> brakes;
   std::vector<Product> supplies;
   std::vector<Product> dampers;

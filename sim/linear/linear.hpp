@@ -26,7 +26,7 @@ struct Linear {
 struct LinearMode {
   std::map<std::string, std::string> states;
   bool free = false;  ///< contacts are open
-  bool drive = true;  ///< false: the drive is removed, and its input is drive.force
+  bool drive = true;  ///< false: the drive is removed; its force is the input drive.force
 };
 
 /// The name of an element that switches, and the names of its states as in Event.

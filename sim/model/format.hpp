@@ -27,16 +27,18 @@ inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 /// Declaration of one key of a table.
 struct KeyFormat {
   std::string_view key;
-  std::string_view form;     ///< kind of value; for a choice, its texts: "a, b, c"
-  std::string_view absent;   ///< effect of omitting the key; empty if the key is required
+  /// Kind of value, such as "number"; for a choice, its texts: "a, b, c".
+  std::string_view form;
+  /// Effect of an omitted key, such as "not limited"; empty if the key is required.
+  std::string_view absent;
   std::string_view meaning;  ///< one complete sentence
   std::optional<Dimension> dimension = std::nullopt;
   Sign sign = Sign::any;
-  double low = -kUnlimited;  ///< range of a number: low to high
+  double low = -kUnlimited;  ///< smallest and largest permitted number
   double high = kUnlimited;
-  std::optional<double> fallback = std::nullopt;  ///< value of a number if the key is omitted
-  const TableFormat *table = nullptr;             ///< format of a table, or of each table of a list
-  bool list = false;                              ///< the value is a list of tables, [[key]]
+  std::optional<double> fallback = std::nullopt;  ///< value of an omitted number
+  const TableFormat *table = nullptr;  ///< format of a value that is a table or a list of tables
+  bool list = false;                   ///< The value is a list of tables, [[key]].
 
   constexpr bool required() const { return absent.empty() && !fallback; }
 };
@@ -45,7 +47,7 @@ struct KeyFormat {
 struct TableFormat {
   std::string_view meaning;
   std::span<const KeyFormat> keys;
-  bool open = false;           ///< the table accepts keys of any name
+  bool open = false;           ///< The table accepts keys of any name.
   std::string_view when = {};  ///< the value that adds these keys, such as "type = perfect"
   std::span<const TableFormat *const> added = {};
 

@@ -56,7 +56,8 @@ inline constexpr int kFileFormat = 1;
 struct InputError : std::runtime_error {
   InputError(std::string file_name, std::string key_name, std::string text);
   std::string file;  ///< file with the error
-  std::string key;   ///< path as in the file: body[1].mass (counted from 0), parameters.m_r.value
+  /// Path of the key as in the file, such as body[1].mass (counted from 0) or parameters.m_r.value.
+  std::string key;
   std::string message;  ///< remainder of the line after file and key
 };
 
@@ -65,17 +66,18 @@ struct Parameter {
   double value = 0.0;
   std::string unit;
   std::string source;
-  std::string file;            ///< file with the last definition
-  bool used = false;           ///< an element of the model refers to the parameter
-  bool overridden = false;     ///< an Override has given the value
-  bool documentation = false;  ///< the model need not refer to the parameter
+  std::string file;            ///< name of the file with the last definition of the parameter
+  bool used = false;           ///< An element of the model refers to the parameter.
+  bool overridden = false;     ///< An override has given the value of the parameter.
+  bool documentation = false;  ///< The model need not use the parameter.
   /// Expression that gives the value, such as "m / tau"; empty if the file gives a number.
   std::string expression;
-  std::vector<std::string> refers;  ///< parameters that its expressions refer to, also an
-                                    ///< overridden expression
+  /// Names of the parameters to which its expressions refer, including an expression that an
+  /// override has replaced.
+  std::vector<std::string> refers;
 };
 
-inline constexpr int kGround = -1;  ///< index that stands for "ground" in place of a body
+inline constexpr int kGround = -1;  ///< index that means "ground" in place of a body
 
 struct Body {
   std::string name;
@@ -100,14 +102,16 @@ struct Slopes {
 struct Spring {
   std::string name;
   Ends ends;
-  Slopes stiffness;      ///< N/m, >= 0, as a function of the deflection in m
+  /// Stiffness in N/m, >= 0, as a function of the deflection in m.
+  Slopes stiffness;
   double damping = 0.0;  ///< N s/m, >= 0
 };
 
 struct Damper {
   std::string name;
   Ends ends;
-  Slopes damping;  ///< N s/m, >= 0, as a function of the velocity in m/s
+  /// Damping in N s/m, >= 0, as a function of the velocity in m/s.
+  Slopes damping;
 };
 
 struct Contact {
@@ -115,7 +119,7 @@ struct Contact {
   Ends ends;
   double stiffness = 0.0;  ///< N/m, > 0
   double damping = 0.0;    ///< N s/m, >= 0
-  double gap = 0.0;        ///< m; overlap d = x_a - x_b - gap
+  double gap = 0.0;        ///< distance in m; the overlap is d = x_a - x_b - gap
 };
 
 /// A backlash or a pair of limit stops: no force while low < d < high, and a contact outside this
@@ -125,15 +129,15 @@ struct Stop {
   Ends ends;
   double stiffness = 0.0;      ///< N/m, > 0
   double damping = 0.0;        ///< N s/m, >= 0
-  std::optional<double> low;   ///< m; the model has low, high or both
+  std::optional<double> low;   ///< lower end in m; at least one of low and high is given
   std::optional<double> high;  ///< m, >= low
 };
 
 struct Friction {
   std::string name;
   Ends ends;
-  double coulomb = 0.0;   ///< friction force while sliding: N, >= 0
-  double stiction = 0.0;  ///< breakaway force: N, >= coulomb
+  double coulomb = 0.0;   ///< friction force while sliding, in N, >= 0
+  double stiction = 0.0;  ///< breakaway force in N, at least `coulomb`
 };
 
 /// A brake. It is engaged at tick 0, and acts as a friction with the force `holding` while it is
@@ -141,16 +145,18 @@ struct Friction {
 struct Brake {
   std::string name;
   Ends ends;
-  double holding = 0.0;    ///< friction force while sticking and while sliding: N, > 0
-  double release_s = 0.0;  ///< delay from the output brake_release to the release: s, >= 0
-  double engage_s = 0.0;   ///< delay from the end of brake_release to the engaged state: s, >= 0
+  double holding = 0.0;    ///< friction force while sticking and while sliding, in N, > 0
+  double release_s = 0.0;  ///< delay in s from brake_release to the released brake, >= 0
+  double engage_s = 0.0;   ///< delay in s from the end of brake_release to the engaged brake, >= 0
 };
 
 struct Gravity {
   std::string name;
   int body = kGround;
-  std::vector<double> positions;  ///< m, in ascending order; empty if the acceleration is constant
-  std::vector<double> accelerations;  ///< m/s^2, one for each position, or one for all
+  std::vector<double> positions;      ///< positions in m, ascending; empty if the acceleration is
+                                      ///< constant
+  std::vector<double> accelerations;  ///< accelerations in m/s^2, one for each position, or one for
+                                      ///< all
 };
 
 /// DC motor with a current amplifier, after a preamplifier with tachometer feedback (Figs 4.1-4.4):
@@ -165,8 +171,8 @@ struct Gravity {
 /// (Fig 3.7). v is the velocity of the body relative to the reaction body. While the drive is
 /// disabled, i = 0 and F = -b_m / r_trans^2 * v.
 struct DcMotor {
-  bool input_tach = false;                       ///< key `input`, "command" (default) or "tach"
-  double k_preamp_cmd = 0.0;                     ///< V/V
+  bool input_tach = false;    ///< The DAC voltage is added to the tachometer voltage (key `input`).
+  double k_preamp_cmd = 0.0;  ///< V/V
   double k_preamp_fdbk = 0.0;                    ///< V/V, >= 0
   double a_preamp_fdbk = 0.0;                    ///< rad/s, > 0
   double k_tach = 0.0;                           ///< V s/rad, >= 0
@@ -177,12 +183,15 @@ struct DcMotor {
   double r_trans = 0.0;                          ///< m/rad, > 0
   double b_m = 0.0;                              ///< N m s/rad, >= 0
   double k_current = 0.0;                        ///< V/A, >= 0
-  std::optional<double> current_feedback_limit;  ///< V, > 0; empty: not limited
-  std::optional<double> preamp_limit;            ///< V, > 0; empty: not limited
-  double k_amp = 0.0;                            ///< V/V, > 0
-  std::optional<double> amp_break;               ///< V, > 0; empty: the amplifier has one slope
-  double k_amp_outer = 0.0;                      ///< V/V, >= 0; equal to k_amp without amp_break
-  std::optional<double> supply_limit;            ///< V, > 0; empty: not limited
+  std::optional<double> current_feedback_limit;  ///< limit of the current measurement in V, > 0;
+                                                 ///< empty: not limited
+  std::optional<double> preamp_limit;  ///< limit of the current command in V, > 0; empty: not
+                                       ///< limited
+  double k_amp = 0.0;                  ///< V/V, > 0
+  std::optional<double> amp_break;  ///< current error in V, > 0, at which the slope changes; empty:
+                                    ///< one slope
+  double k_amp_outer = 0.0;         ///< slope above amp_break in V/V, >= 0; k_amp without amp_break
+  std::optional<double> supply_limit;  ///< limit of the motor voltage in V, > 0; empty: not limited
 };
 
 /// The simple actuator of section 2.3: F' = a_act (k_act (velocity_per_volt u - v) - F). The force
@@ -191,14 +200,14 @@ struct FirstOrderDrive {
   double k_act = 0.0;                 ///< N s/m, > 0
   double a_act = 0.0;                 ///< rad/s, > 0
   double velocity_per_volt = 0.0;     ///< m/s per V, not 0
-  std::optional<double> force_limit;  ///< N, > 0; empty: not limited
+  std::optional<double> force_limit;  ///< limit of the drive force in N, > 0; empty: not limited
 };
 
 /// A drive without dynamics: F = force_per_volt u, limited to +-force_limit. While the drive is
 /// disabled, F = 0.
 struct PerfectDrive {
   double force_per_volt = 0.0;        ///< N/V, not 0
-  std::optional<double> force_limit;  ///< N, > 0; empty: not limited
+  std::optional<double> force_limit;  ///< limit of the drive force in N, > 0; empty: not limited
 };
 
 struct Drive {
@@ -219,31 +228,36 @@ struct Encoder {
 /// reference. The model has no switch whose position is omitted. A home switch with one end omitted
 /// is active up to the end of the travel.
 struct Switches {
-  std::optional<double> limit_neg;    ///< m: active at this position and below it
-  std::optional<double> limit_pos;    ///< m: active at this position and above it
-  std::optional<double> home_from;    ///< m: active at this position and above it,
-  std::optional<double> home_to;      ///< m: and below this position
-  std::optional<double> index;        ///< m: position of an index pulse
-  std::optional<double> index_every;  ///< m, > 0: distance between further index pulses; empty: one
-                                      ///< pulse
+  std::optional<double> limit_neg;  ///< position in m, at and below which the limit switch is
+                                    ///< active
+  std::optional<double> limit_pos;  ///< position in m, at and above which the limit switch is
+                                    ///< active
+  std::optional<double> home_from;  ///< position in m, at and above which the home switch is active
+  std::optional<double> home_to;    ///< position in m, below which the home switch is active
+  std::optional<double> index;      ///< position of an index pulse in m
+  std::optional<double> index_every;  ///< distance between further index pulses in m, > 0; empty:
+                                      ///< one pulse
 };
 
 /// Signal path of an ADC: signal, limit +-sensor_limit, first-order low pass `filter`, limit
 /// +-conditioning_limit, noise, code. All quantities have the unit of the signal.
 struct Adc {
   std::string signal;
-  std::optional<double> sensor_limit;  ///< > 0: saturation limit of the sensor
-  std::optional<double> filter;  ///< rad/s, > 0, at most 1e6: y' = filter (x - y), 0 at the start
-  std::optional<double> conditioning_limit;  ///< > 0: saturation limit of the analog electronics
+  std::optional<double> sensor_limit;  ///< magnitude at which the sensor saturates, > 0
+  /// Corner frequency of the low pass in rad/s, > 0, at most 1e6: y' = filter (x - y), with y = 0
+  /// at the start.
+  std::optional<double> filter;
+  std::optional<double> conditioning_limit;  ///< magnitude at which the analog electronics
+                                             ///< saturate, > 0
   double noise = 0.0;                        ///< rms, >= 0
-  double per_count = 0.0;                    ///< unit of the signal per count, not 0
-  int zero_code = 0;                         ///< code at signal = 0, 0..2^bits-1
-  int bits = 8;                              ///< 8..16
+  double per_count = 0.0;  ///< change of the signal for one code, in its unit per count, not 0
+  int zero_code = 0;       ///< code at the signal 0, from 0 to 2^bits - 1
+  int bits = 8;            ///< 8..16
 };
 
 struct Dac {
-  int bits = 12;        ///< 8..16, codes -2^(bits-1)..2^(bits-1)-1
-  double range = 10.0;  ///< V, > 0; the output voltage at the lowest code is -range
+  int bits = 12;        ///< resolution, 8 to 16; codes are -2^(bits-1) to 2^(bits-1)-1
+  double range = 10.0;  ///< output voltage range in V, > 0; the lowest code gives -range
   double offset = 0.0;  ///< V at code 0
   double noise = 0.0;   ///< V rms, >= 0
   double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }
@@ -277,7 +291,7 @@ struct Model {
   std::vector<Spring> springs;
   std::vector<Damper> dampers;
   std::vector<Contact> contacts;
-  std::vector<Stop> stops;  ///< backlashes and limit stops
+  std::vector<Stop> stops;  ///< backlashes and limit stops of the model
   std::vector<Friction> frictions;
   std::vector<Brake> brakes;
   std::vector<Gravity> gravities;

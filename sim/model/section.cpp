@@ -327,7 +327,8 @@ std::vector<double> Section::numbers(std::string_view key) {
   const KeyFormat &format = declared(key);
   std::vector<double> found = list(key, *format.dimension, format.sign);
   if (found.empty())
-    (void)value(key, *format.dimension, format.sign);  // always throws, because the key is missing
+    (void)value(key, *format.dimension, format.sign);  // The call throws, because the key is
+                                                       // missing.
   return found;
 }
 

@@ -95,7 +95,7 @@ class Section {
  private:
   struct Resolved {
     double value;
-    std::string origin;  // source of the value: " (parameter m_r)", or empty
+    std::string origin;  // source of the value for messages, " (parameter m_r)", or empty
   };
   std::string key_path(std::string_view key) const;
   const KeyFormat &declared(std::string_view key) const;

@@ -14,7 +14,7 @@ namespace {
 struct Spelling {
   Dimension dimension;
   std::string_view unit;
-  std::string_view name;  // name of the dimension, in its first spelling
+  std::string_view name;  // name of the dimension, given at its first spelling only
 };
 
 // The first spelling of a dimension is the one that messages use. The list in the header repeats
@@ -141,7 +141,8 @@ std::optional<Unit> parse_unit(std::string_view text) {
   Unit unit;
   bool divides = false;
   bool group = false;  // inside parentheses
-  bool gap = false;    // after a blank, which means a product between two symbols
+  // A blank was read, which means a product between two symbols.
+  bool gap = false;
   for (std::size_t i = 0; i < text.size();) {
     const char c = text[i];
     if (!is_letter(c)) {
@@ -198,8 +199,8 @@ double scaled_number(std::string number, int exponent) {
     number.resize(at);
   }
   number.append(1, 'e').append(std::to_string(exponent));
-  double value = std::numeric_limits<double>::infinity();  // remains infinite if no double has this
-                                                           // value
+  double value = std::numeric_limits<double>::infinity();  // The value remains infinite if no
+                                                           // double has it.
   (void)std::from_chars(number.data(), number.data() + number.size(), value);
   return value;
 }

@@ -97,7 +97,7 @@ bool is_quantity(std::string_view text);
 
 /// The number of a quantity, without the prefix of its unit, and the text of its unit.
 struct QuantityText {
-  double number = 0.0;  ///< infinite if no double has this value
+  double number = 0.0;  ///< number of the quantity; infinite if no double has its value
   std::string_view digits;
   std::string_view unit;
 };

@@ -395,14 +395,15 @@ TEST_F(Files, WhatCannotBeConvertedIsRefusedByName) {
             "firmware.latency_ticks: expected a whole number 0 to 1 tick, got 0.5; choose a value "
             "in that range");
   EXPECT_EQ(firmware("uncertified_force = \"75 N\""),
-            "firmware.uncertified_force: expected a number in per mille, got \"75 N\", and it "
-            "measures nothing that the model has; write a number in per mille");
+            "firmware.uncertified_force: expected a number in per mille, got \"75 N\", and the "
+            "object measures no quantity of the model; write a number in per mille");
   EXPECT_EQ(firmware("encoder_increments = \"1 mm\""),
-            "firmware.encoder_increments: expected a number in count, got \"1 mm\", and it is no "
-            "position; write a number in count");
+            "firmware.encoder_increments: expected a number in count, got \"1 mm\", and the "
+            "object is not a position; write a number in count");
   EXPECT_EQ(firmware("polarity = 128\ntarget_position = \"1 mm\""),
             "firmware.target_position: expected a number in count, got \"1 mm\", and polarity or "
-            "home_offset makes it differ from the model's; write a number in count");
+            "home_offset is not 0, so the object differs from the position of the model; write a "
+            "number in count");
   EXPECT_EQ(message(with("b_w = 363.0", "b_w = \"363\"")),
             "set.b_w: expected a damping in N s/m, got \"363\" without a unit" + advice);
   EXPECT_EQ(message(with("time_s = 0.5", "time_s = \"0.5 m\"")),

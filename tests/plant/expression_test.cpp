@@ -84,10 +84,10 @@ TEST(Expression, IsRefusedByName) {
   EXPECT_TRUE(has(refusal(model("\"m * f\"", hertz)), "cycle"));
   const std::string circle =
       refusal(model("\"m * rate\"", "rate = { value = \"k_act / m\", unit = \"1/s\" }\n"));
-  EXPECT_TRUE(has(circle, "the circle k_act -> rate -> k_act")) << circle;
+  EXPECT_TRUE(has(circle, "the circular reference k_act -> rate -> k_act")) << circle;
   const std::vector<Override> own = {{"m", std::string("2 * m")}};
   const std::string set = refusal(model("\"m / tau\""), own, "run.toml");
-  EXPECT_TRUE(has(set, "run.toml: set.m: ") && has(set, "the circle m -> m")) << set;
+  EXPECT_TRUE(has(set, "run.toml: set.m: ") && has(set, "the circular reference m -> m")) << set;
 }
 
 TEST(Expression, AnglesAreNumbers) {

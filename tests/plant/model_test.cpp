@@ -304,8 +304,8 @@ TEST(ModelRefuses, MissingAndUnused) {
                   "nothing; add this key"});
   expect_refusal(kAxis + motor + "input = \"brake\"\n",
                  {"drive.input",
-                  "expected one of command, tach, got \"brake\"; choose where "
-                  "the DAC's volts go"});
+                  "expected one of command, tach, got \"brake\"; choose the use "
+                  "of the DAC voltage"});
   expect_refusal(kAxis + with(motor, "amp_break = 2\n", ""),
                  {"drive.amp_break",
                   "expected a finite number > 0 in V beside k_amp_outer, got "

@@ -8,6 +8,7 @@ reads one line of JSON, the estimates, and only then reports the true values: a 
 import json
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,7 @@ def main(seed, count, folder):
         options = options | {"resolution_hz": 2.0, "averages": 8, "seed": int(rng.integers(2**31))}
         truth = draw(rng, model, names, options.get("set", {}))
         done = measure_result.run(model, options, truth)
-        del done.summary["plant_set"], done.summary["command"]
+        done = replace(done, summary=replace(done.summary, plant_set={}, command=""))
         out = Path(folder) / str(i)
         measure_result.write(done, out)
         truths.append(truth)

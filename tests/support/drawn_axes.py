@@ -218,7 +218,7 @@ def judged(model, truth, folder, forces, moving=None):
         "Ms": worst.Ms,
         "fS_true_Hz": worst.fS_Hz,
         "stable": worst.stable and not simulate.unstable(rows),
-        "static_error_percent": [one["static_error_percent"] for one in rows],
+        "static_error_percent": [one.static_error_percent for one in rows],
     }
 
 
@@ -229,15 +229,15 @@ def contacts(model, truth, forces, bank, designed):
         objects = designed["objects"]
         speed = objects["approach_velocity_max"] / scale
         kept = {name: objects[name] for name in simulate.KEPT if name in objects}
-        bench = simulate.Bench(plant, designed["adc_bits"], firmware=kept)
+        bench = simulate.ContactBench(plant, designed["adc_bits"], firmware=kept)
         bench.wait_for(bank)
         bench.rated_N = max(forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
         loss = {n: designed["contact_loss"][n] for n in files.LOSS if n in designed["contact_loss"]}
-        cases = [simulate.Case(force, speed) for force in forces]
+        cases = [simulate.ContactCase(force, speed) for force in forces]
         done = simulate.run([bench.job(case, bank, {}, 0, loss) for case in cases], 1)
         return [
-            simulate.row("design", case.name, {}, 0, outcome)
+            simulate.simulated_contact("design", case.name, {}, 0, outcome)
             for case, outcome in zip(cases, done, strict=True)
         ]
 

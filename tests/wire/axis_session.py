@@ -22,6 +22,7 @@ from forceaxis.axis.modbus import ModbusLink
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.commission import incident, story
 from forceaxis.objects import OBJECTS
+from forceaxis.results import to_json
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import PORT, Can, gateway, operational, until
 
@@ -73,7 +74,7 @@ def leftovers(way):
     axis = Axis(WAYS[way]())
     try:
         now = actions.state(axis)
-        found = {key: now[key] for key in ("state", "fault", "command_source")}
+        found = {key: getattr(now, key) for key in ("state", "fault", "command_source")}
         if way == "can":
             found["watched"] = axis.read("consumer_heartbeat_1")
         return found
@@ -215,7 +216,7 @@ def stopped_by_another():
             after = actions.stop(other)
         finally:
             other.close()
-        found = {"state": after["state"], "stopped_by": axis.read("stopped_by")}
+        found = {"state": after.state, "stopped_by": axis.read("stopped_by")}
         axis.enable("profile velocity")
         found["again"] = axis.read("drive_state")
     return found
@@ -235,7 +236,7 @@ def main():
     with contextlib.ExitStack() as stack:
         programs = ("axis_node", "plant_node")
         stack.enter_context(thesis_session.machine(folder, programs=programs, endless=True))
-        step("list can", lambda: list(scan.on_can("vcan0", seconds=0.2)))
+        step("list can", lambda: to_json(list(scan.on_can("vcan0", seconds=0.2))))
         step("use can", use, "can")
         step("killed can", killed, "can")
         step("bridged", bridged)
@@ -247,11 +248,11 @@ def main():
             until(lambda: operational(client), 10)
         step("incident gateway", cleared)
         step("can beside gateway", beside)
-        step("list gateway", lambda: list(scan.at_gateway(seconds=0.3)))
+        step("list gateway", lambda: to_json(list(scan.at_gateway(seconds=0.3))))
         step("use gateway", use, "gateway")
         step("killed gateway", killed, "gateway")
         step("load gateway", loaded, "gateway", folder)
-        step("list modbus", lambda: list(scan.on_modbus(URL)))
+        step("list modbus", lambda: to_json(list(scan.on_modbus(URL))))
         step("use modbus", use, "modbus")
         step("stopped", stopped_by_another)
     (folder / "found.json").write_text(json.dumps(found))

@@ -12,10 +12,10 @@ from protections import PROTECTIONS
 
 def main():
     folder = Path(sys.argv[1])
-    with link.AxisNode(link.Link("socketcan")) as node:
+    with link.AxisNode(link.LinkOptions("socketcan")) as node:
 
         def run(file):
-            result, report = link.run_with(node, file, [])
+            result, report, _ = link.run_with(node, file, [])
             link.expect_same(report)
             return result.columns()
 

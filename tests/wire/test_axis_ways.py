@@ -74,7 +74,7 @@ def test_recordings_have_every_tick(found):
     for way in ("can", "gateway"):
         samples, ticks, _, decimation = found[f"use {way}"]["capture"]
         assert (samples, ticks, decimation) == (300, 299, 1)
-    assert "cannot be read over Modbus; use --axis or --can" in found["use modbus"]["capture"]
+    assert "cannot be read over Modbus; connect over CAN" in found["use modbus"]["capture"]
 
 
 def test_an_incident_is_the_same_by_each_way(found):

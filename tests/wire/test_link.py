@@ -202,7 +202,7 @@ def test_candump_counts_a_frame_a_tick_and_direction(can):
 def test_some_cells_of_the_tables_over_lcm_are_those_in_process():
     known = tables.load()
     jobs = [known.job(c) for c in known.cells[::11]]
-    ours = link.run_many(link.Link("lcm"), jobs)
+    ours = link.run_many(link.LinkOptions("lcm"), jobs)
     for one, other in zip(ours, _core.run_many(jobs), strict=True):
         assert one == other
 
@@ -610,7 +610,7 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
             ["--node-id", "127", "--axes", "2"],
             "--node-id 127: expected ids up to 127, but the last",
         ),
-        (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, several would"),
+        (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, because several"),
         (["--node-id", "128"], "--node-id"),
         (["--serial", "-1"], "--serial"),
     ],

@@ -103,7 +103,7 @@ def generate_header(table):
         out.append(",\n".join(f"  {name} = {value}" for name, value in constants))
         out.append("\n};\n\n")
     for part, kind, type_name in STRUCTS:
-        # Widest first, so that the structure has no holes.
+        # The widest members come first, so that the structure has no padding.
         fields = sorted(
             (o for o in entries if (o["part"], o["kind"]) == (part, kind)),
             key=lambda o: -TYPES[o["type"]][0],
@@ -155,6 +155,7 @@ def generate_header(table):
         "  uint8_t stored;    /* kept by the parameter store */\n"
         "  uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */\n"
         "  uint8_t mappable;  /* AXIS_MAPPABLE_ */\n"
+        "  uint8_t not_zero;  /* 1: 0 is refused, although it lies between min and max */\n"
         "} axis_object_t;\n\n"
         "/* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32\n"
         " * bits of their values in min, max and initial. */\n"
@@ -227,7 +228,8 @@ def generate_source(table):
             f"        UINT32_C(0x{signature(o) if o['stored'] else 0:08x}), "
             f"{offset}, {block}, AXIS_TYPE_{o['type'].upper()}, "
             f"AXIS_ACCESS_{o['access'].upper()}, AXIS_WRITABLE_{o['writable'].upper()}, "
-            f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}}},\n"
+            f"{int(o['stored'])}, {int(o['node_id'])}, {int(o['mappable'])}, "
+            f"{int(o['not_zero'])}}},\n"
         )
     out.append("};\n\nconst axis_address_t axis_addresses[AXIS_ADDRESSES_COUNT] = {\n")
     for (index, sub), at in addresses(entries, specials).items():
@@ -285,6 +287,7 @@ def generate_meta(table):
         "  const char *title;      /* CANopen's name */\n"
         "  int node_id;            /* a COB-ID to whose default the node id is added */\n"
         "  int mappable;           /* AXIS_MAPPABLE_ */\n"
+        "  const char *quantity;   /* force or encoder: of what a count is a step */\n"
         "} axis_object_meta_t;\n\n"
     )
     objects = list(expand(entries))
@@ -304,7 +307,8 @@ def generate_meta(table):
             f"     {float(o['scale'])!r}, INT64_C({o['min']}), INT64_C({o['max']}), "
             f'INT64_C({o["defaults"][i]}), "{o["access"]}", "{o["writable"]}", '
             f'"{",".join(o["enum"])}", 0x{index:04X}, {sub}, {register(o, i)}, '
-            f'{int(o["stored"])}, "{title(o, i)}", {int(o["node_id"])}, {int(o["mappable"])}}},\n'
+            f'{int(o["stored"])}, "{title(o, i)}", {int(o["node_id"])}, {int(o["mappable"])}, '
+            f'"{o["quantity"]}"}},\n'
         )
     named = [(number, *named) for number, _, o, _ in objects for named in o["values"]]
     out.append(

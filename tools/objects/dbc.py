@@ -133,7 +133,7 @@ def generate(table):
     for m in sorted(messages(found), key=lambda m: m.cob_id):
         size = sum(s.bits for s in m.signals) // 8
         if m.name.endswith("_EMCY"):
-            size = 8  # four bytes stay 0
+            size = 8  # the last four bytes are 0
         out.append(f"BO_ {m.cob_id} {m.name}: {size} {m.sender}\n")
         if m.sender != HOST:
             receivers = HOST

@@ -11,7 +11,7 @@ SPECIAL_DATA_TYPES = {"TEXT": 9, "DOMAIN": 15}
 DOMAIN, VARIABLE, ARRAY, RECORD = 2, 7, 8, 9
 MANDATORY = (0x1000, 0x1001, 0x1018)
 BAUD_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
-SLOWEST_BAUD_RATE = 125  # below, the default PDOs of an axis fill the bus
+SLOWEST_BAUD_RATE = 125  # kbit/s; at lower rates the default PDOs of one axis fill the bus
 
 
 def section(name, keys):
@@ -88,8 +88,8 @@ def variable(at):
     yield "ParameterName", title(o, at.element)
     yield "ObjectType", f"0x{VARIABLE:X}"
     yield "DataType", f"0x{DATA_TYPES[o['type']]:04X}"
-    yield "AccessType", "rwr" if o["mappable"] == 2 else o["access"]  # CiA 306: sent by a PDO
-    # A command reads as another value than is written: no limits then.
+    yield "AccessType", "rwr" if o["mappable"] == 2 else o["access"]  # CiA 306: a PDO may send it
+    # The value that is read from a command differs from the written value, so it has no limits.
     if inside or o["access"] == "wo":
         if o["min"] > lowest:
             yield "LowLimit", literal(o, o["min"])

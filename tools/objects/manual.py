@@ -79,7 +79,7 @@ def default_text(o):
     if len(set(texts)) == 1:
         texts = texts[:1]
     elif o["per_index"] != o["count"]:
-        # Mappings: those of one index together, without the unused ones.
+        # The mappings of one index are combined, without the unused ones.
         n = o["per_index"]
         rows = [texts[i : i + n] for i in range(0, len(texts), n)]
         unused = value_text(o, 0)

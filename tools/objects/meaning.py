@@ -10,8 +10,8 @@ import hashlib
 import json
 import zlib
 
-# The column mappable as a number: no PDO carries the object, any PDO as far as its access allows,
-# or a TPDO alone.
+# The column `mappable` as a number: no PDO may carry the object; every PDO that its access allows
+# may carry it; only a TPDO may carry it.
 MAPPABLE = (False, True, "sent")
 
 

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 from objects.meaning import signature
 
-FILE = "released/0.1.0.csv"  # beside the table
+FILE = "released/0.1.0.csv"  # in the folder of the table
 
 
 class Released(NamedTuple):
     """A stored object of a released table."""
 
     name: str
-    facts: dict  # of its signature
+    facts: dict  # values from which its signature is computed
     default: int
 
     def fits(self, today):
@@ -26,7 +26,7 @@ class Released(NamedTuple):
 
 
 class Release(NamedTuple):
-    digest: str  # eight digits, as in its stored sets
+    digest: str  # eight digits, as in the parameter sets that it stored
     objects: dict  # {(index, sub-index): Released}
 
 

@@ -31,6 +31,8 @@ KEYS = {
     "meaning": str,
     "type": str,
     "unit": str,
+    "quantity": str,
+    "not_zero": bool,
     "scale": (int, float),
     "min": int,
     "max": int,
@@ -53,8 +55,11 @@ KEYS = {
     "stored": bool,
     "mappable": (bool, str),
 }
+# Units whose count may be one of the force or one of the encoder.
+COUNTED = ("count", "code/count")
+QUANTITIES = ("force", "encoder")
 REQUIRED = ("name", "kind", "meaning", "type", "unit", "access", "index")
-# The other kinds of entries: their keys, all required but those of OPTIONAL.
+# The keys of the other kinds of entries. All are required except those of OPTIONAL.
 SPECIAL_KEYS = {"name": str, "title": str, "meaning": str, "type": str, "index": int}
 RECORD_KEYS = {"title": str, "index": int, "count": int, "array": bool}
 BIT_KEYS = {"name": str, "address": int, "meaning": str}
@@ -67,22 +72,22 @@ class TableError(Exception):
 
 
 class Table(NamedTuple):
-    entries: list  # [[object]], one with count > 1 stays one
+    entries: list  # [[object]]; an entry with count > 1 is one element
     specials: list
-    records: dict  # index: (title, is an array)
+    records: dict  # {index: (title, whether it is an array)}
     coils: list
     discretes: list
-    digest: str  # SHA-256 of the meaning, see meaning.py
+    digest: str  # SHA-256 over the meaning of the objects, see meaning.py
     release: released.Release  # version 0.1.0
 
 
 class Address(NamedTuple):
     """The entry at a CANopen address."""
 
-    what: str  # OBJECT, COUNT, TEXT, DOMAIN
-    name: str  # of the object or special
+    what: str  # kind: OBJECT, COUNT, TEXT, DOMAIN
+    name: str  # name of the object or special
     entry: dict | None
-    element: int  # of the entry's array; of a COUNT the highest sub-index
+    element: int  # element of the array; for a COUNT the highest sub-index
 
 
 def fail(name, key, expected):
@@ -108,7 +113,8 @@ def check_keys(label, raw, keys, required):
         kinds = keys[key] if isinstance(keys[key], tuple) else (keys[key],)
         if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
             fail(label, key, "expected a value of type " + " or ".join(k.__name__ for k in kinds))
-    # Each ends up in files with a syntax of their own; in an EDS a semicolon begins a comment.
+    # These texts are copied to files with a syntax of their own. In an EDS file, a semicolon begins
+    # a comment.
     for key, others in (("title", ";"), ("meaning", ""), ("unit", "")):
         if key in raw and (
             not raw[key].strip() or re.search(rf'["\\|\x00-\x1f{others}]', raw[key])
@@ -136,6 +142,7 @@ def check_object(raw, position, known):
     o.setdefault("index_step", 0)
     o.setdefault("per_index", o["count"])
     o.setdefault("node_id", False)
+    o.setdefault("not_zero", False)
     o.setdefault("law", False)
     o.setdefault("modbus", None)
     o.setdefault("stored", o["kind"] == "parameter")
@@ -151,6 +158,7 @@ def check_object(raw, position, known):
     if o["access"] not in KIND_ACCESS[o["kind"]]:
         allowed = " or ".join(KIND_ACCESS[o["kind"]])
         fail(label, "access", f"expected {allowed} for a {o['kind']}")
+    check_quantity(label, o)
     if not 0 < float(o["scale"]) < float("inf"):
         fail(label, "scale", "expected a finite number above 0")
     if not 1 <= o["count"] <= 64:
@@ -163,6 +171,15 @@ def check_object(raw, position, known):
     if refusal := meaning.set_mappable(o, raw.get("mappable", True)):
         fail(label, "mappable", refusal)
     return o
+
+
+def check_quantity(label, o):
+    """Of what a count of the unit is a step, where the unit does not tell; else ""."""
+    if (o["unit"] in COUNTED) != ("quantity" in o):
+        other = "a value" if o["unit"] in COUNTED else "none"
+        fail(label, "quantity", f"expected {other} for the unit {o['unit']}")
+    if o.setdefault("quantity", "") not in ("", *QUANTITIES):
+        fail(label, "quantity", f"{one_of(QUANTITIES)}, got {o['quantity']!r}")
 
 
 def check_texts(label, o, raw, known):
@@ -229,6 +246,10 @@ def check_range(label, o, raw, known):
         fail(label, "min", "expected no range beside an enum")
     o.setdefault("min", 0 if texts else lowest)
     o.setdefault("max", len(texts) - 1 if texts else highest)
+    if o["not_zero"] and not (o["min"] < 0 < o["max"] or 0 in (o["min"], o["max"])):
+        fail(label, "not_zero", "expected false, the range does not contain 0")
+    if o["not_zero"] and 0 in o.get("defaults", [o["default"]]):
+        fail(label, "default", "expected another value than 0")
     if not lowest <= o["min"] <= highest:
         fail(label, "min", f"expected {lowest} to {highest}, got {o['min']}")
     if not o["min"] <= o["max"] <= highest:
@@ -241,7 +262,7 @@ def check_range(label, o, raw, known):
     o.setdefault("defaults", [o["default"]] * o["count"])
     if len(o["defaults"]) != o["count"]:
         fail(label, "defaults", f"expected {o['count']} values, got {len(o['defaults'])}")
-    # The value that a command reads as need not be one that may be written.
+    # The value that is read from a command need not be a value that may be written.
     low, high = (lowest, highest) if o["kind"] == "command" else (o["min"], o["max"])
     for value in o["defaults"]:
         if type(value) is not int or not low <= value <= high:
@@ -263,7 +284,7 @@ def check_addresses(label, o):
         fail(label, "sub", "expected 1 or more: sub-index 0 says how many there are")
     if not 0 <= o["sub"] <= 255 - in_one:
         fail(label, "sub", f"expected 0 to {255 - in_one}, got {o['sub']}")
-    # CiA 301: communication, manufacturer, standardised profile.
+    # The areas of CiA 301: communication, manufacturer, standardised profile.
     part = o["part"]
     for index in (first, canopen_address(o, count - 1)[0]):
         if (index < 0x2000 and part != "canopen") or (index >= 0x6000 and part != "drive"):

@@ -964,61 +964,61 @@ enum {
 };
 
 typedef struct {
-  uint32_t excitation_frequency; /* frequency of the sine, at the start of a sweep; below 750 [3.49246e-07 Hz] */
-  int32_t excitation_sweep; /* rate at which the sine's frequency rises: a chirp; it folds at 750 Hz, and only the end of a period starts it again [0.0005238689 Hz/s] */
-  int32_t excitation_period; /* ticks after which the waveform starts again, noise with the same values; 0 means never [tick] */
-  int32_t force_setpoint; /* wanted force f_d, in counts of an 8-bit ADC [1/256 count] */
-  int32_t force_tare; /* force subtracted from the reading, in counts of an 8-bit ADC [1/256 count] */
-  int32_t position_setpoint; /* wanted position; pursued when written in, or for, position mode; the axis stops at a soft limit on the way to it [count] */
+  uint32_t excitation_frequency; /* frequency of the sine, and start frequency of a sweep; below 750 Hz [3.49246e-07 Hz] */
+  int32_t excitation_sweep; /* rate at which the frequency of the sine rises; above 750 Hz the frequency aliases, and the sweep starts again only at the end of excitation_period [0.0005238689 Hz/s] */
+  int32_t excitation_period; /* ticks after which the waveform starts again, the noise with the same values; 0 means that the waveform does not start again [tick] */
+  int32_t force_setpoint; /* set-point f_d of the force, in counts of an 8-bit ADC [1/256 count] */
+  int32_t force_tare; /* force that is subtracted from the measured force, in counts of an 8-bit ADC [1/256 count] */
+  int32_t position_setpoint; /* set-point of the position; acts if it was written in position mode or for the next position mode; the axis stops at a soft limit before it [count] */
   uint32_t profile_velocity_max; /* speed limit of the trapezoidal profile [1/65536 count/tick] */
   uint32_t profile_acceleration_max; /* acceleration limit of the trapezoidal profile [1/65536 count/tick^2] */
-  int32_t position_min; /* soft limit: below it no negative code is put out; the smallest value means none [count] */
-  int32_t position_max; /* soft limit: above it no positive code is put out; the largest value means none [count] */
-  int32_t following_error_max; /* largest distance of position and set-point in position mode; 0 means off [count] */
+  int32_t position_min; /* soft limit: below this position no negative code is output; the smallest value means no limit [count] */
+  int32_t position_max; /* soft limit: above this position no positive code is output; the largest value means no limit [count] */
+  int32_t following_error_max; /* largest distance between position and set-point in position mode; 0 means off [count] */
   int32_t speed_max; /* largest speed while a mode is active; 0 means off [count/tick] */
   int32_t force_max; /* largest magnitude of the force while a mode is active; 0 means off [1/256 count] */
-  int32_t contact_force; /* magnitude of the reading above which the axis counts as in contact [1/256 count] */
+  int32_t contact_force; /* magnitude of the measured force above which the axis counts as in contact [1/256 count] */
   int32_t tare_band; /* largest magnitude of a tare; 0 means any, and that force_tare may be written while the axis is enabled [1/256 count] */
-  int16_t open_loop_code; /* DAC code put out in open-loop mode, and about which excitation mode swings [code] */
-  uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is uniform within it [code] */
-  uint16_t excitation_seed; /* where the waveform starts: another seed is another noise; of a sine the phase, in 1/65536 turn [1] */
-  uint16_t excitation_hold; /* ticks that each value of the noise is held, which limits its band; a new number waits until the value held runs out [tick] */
+  int16_t open_loop_code; /* DAC code that is output in open-loop mode, and mean value of the output in excitation mode [code] */
+  uint16_t excitation_amplitude; /* largest magnitude of the excitation; the noise is distributed uniformly between its negative and positive value [code] */
+  uint16_t excitation_seed; /* start value of the waveform: each seed gives another noise; the start phase of the sine in 1/65536 turn [1] */
+  uint16_t excitation_hold; /* ticks for which each value of the noise is output, which limits its bandwidth; a new number acts after the present value [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
   uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned reading, 2^(adc_bits-1) for a signed one [1] */
   uint16_t position_gain; /* gain k_p of the position law; 0 means that no position is followed: the axis does not move in position, velocity and homing modes, nor approach a contact in force modes 4 and 10 [1/256 code/count] */
-  uint16_t velocity_gain; /* gain k_d of the position law, on counts per tick [1/256 code tick/count] */
-  uint16_t output_limit; /* largest magnitude of the DAC code; 2048 leaves the range of the DAC [code] */
+  uint16_t velocity_gain; /* gain k_d of the position law, on the velocity in counts per tick [1/256 code tick/count] */
+  uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
   uint8_t mode; /* requested mode; set back to disabled by a fault [enum] */
-  uint8_t excitation_waveform; /* what is added to open_loop_code in excitation mode [enum] */
-  int8_t force_sign; /* sign of the force reading, +1 or -1: compression must come out positive [1] */
+  uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
+  int8_t force_sign; /* sign of the measured force, +1 or -1; select it so that compression is positive [1] */
   uint8_t adc_bits; /* resolution of both ADC channels; a code of 2^adc_bits or more is a fault [1] */
   uint8_t profile_enable; /* how the position set-point is approached [enum] */
-  uint8_t latency_ticks; /* ticks from reading the sensors until the code computed from them is put out [tick] */
-  uint8_t bump_decay_shift; /* n: the bias that the next change of mode or gain leaves shrinks by 2^-n a tick; 0: that change leaves none [1] */
+  uint8_t latency_ticks; /* ticks from reading the sensors until the code that is computed from them is output [tick] */
+  uint8_t bump_decay_shift; /* exponent n of the bias after a change of mode or gain: the bias shrinks by 2^-n in each tick; 0 means that the next change leaves no bias [1] */
 } axis_params_t;
 
 typedef struct {
-  uint32_t tick_count; /* ticks since power-up, wraps [tick] */
-  int32_t position; /* encoder count, wraps [count] */
+  uint32_t tick_count; /* ticks since power-up, modulo 2^32 [tick] */
+  int32_t position; /* encoder count, modulo 2^32 [count] */
   int32_t velocity; /* difference of the last two encoder counts [count/tick] */
-  int32_t force; /* force after zero, sign and tare, in counts of an 8-bit ADC [1/256 count] */
-  int32_t profile_position; /* set-point the position law sees; the position itself outside position mode [count] */
+  int32_t force; /* measured force after zero code, sign and tare, in counts of an 8-bit ADC [1/256 count] */
+  int32_t profile_position; /* set-point of the position law; outside position mode the position itself [count] */
   int32_t profile_velocity; /* speed of the trapezoidal profile [1/65536 count/tick] */
-  int32_t position_error; /* profile_position minus position, wrap-safe [count] */
-  int32_t bump_bias; /* bias that a change of mode or gain left in the output [1/65536 code] */
-  int32_t force_integral; /* what the integral of the force law puts out [1/65536 code] */
+  int32_t position_error; /* profile_position minus position, modulo 2^32 [count] */
+  int32_t bump_bias; /* bias in the output that a change of mode or gain has left [1/65536 code] */
+  int32_t force_integral; /* output of the integral of the force law [1/65536 code] */
   uint16_t force_raw; /* ADC code of the force sensor [1] */
   uint16_t current_raw; /* ADC code of the motor current [1] */
-  int16_t dac_code; /* code put out in the latest tick [code] */
-  int16_t command_code; /* code computed in the latest tick, before any limit; with latency_ticks 1 it is put out one tick later [code] */
+  int16_t dac_code; /* DAC code that was output in the latest tick [code] */
+  int16_t command_code; /* code computed in the latest tick, before any limit; with latency_ticks 1 it is output one tick later [code] */
   uint8_t active_mode; /* mode of the latest tick [enum] */
   uint8_t fault; /* first fault since the last reset [enum] */
-  uint8_t limit_reason; /* what limits dac_code [enum] */
+  uint8_t limit_reason; /* limit that bounds dac_code in the latest tick [enum] */
   uint8_t digital_inputs; /* bits: 0 enable chain closed, 1 positive limit switch, 2 negative limit switch, 3 index [1] */
 } axis_signals_t;
 
 typedef struct {
-  uint32_t bank_integral[4]; /* rate of the integral, per second; 0 is without [2.235174e-05 1/s] */
+  uint32_t bank_integral[4]; /* rate of the integral, per second; 0 means no integral [2.235174e-05 1/s] */
   uint32_t bank_crc[4]; /* CRC-32 of the bank's other values as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
   int32_t bank_coefficient[60]; /* b0, b1, b2, a1, a2 of each section, a0 = 1 [1/67108864 1] */
   uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, version of the force law and signature of the objects that it computes with; written by the tool that designed the bank, 0 is none [1] */
@@ -1027,18 +1027,18 @@ typedef struct {
   uint16_t bank_velocity_gain[4]; /* damping on the encoder's velocity, in codes per count a tick [1/256 code tick/count] */
   uint16_t certificate_date[4]; /* when the bank was designed, days since 1984-01-01 [1] */
   uint16_t certificate_ms[4]; /* largest magnitude of the sensitivity function over the tolerances [1/1000 1] */
-  uint16_t certificate_stiffness[4]; /* by how much the stiffness of the workpiece may be off [per mille] */
-  uint16_t certificate_mass[4]; /* by how much the mass of the workpiece may be off [per mille] */
-  uint16_t uncertified_force; /* part of force_limit that bounds the force asked for in every mode that controls force while the law has no certificate that fits [per mille] */
-  uint16_t uncertified_output; /* largest magnitude of the code that the law puts out in these modes meanwhile, beside output_limit; 2048 is without a limit [code] */
+  uint16_t certificate_stiffness[4]; /* tolerance of the stiffness of the workpiece [per mille] */
+  uint16_t certificate_mass[4]; /* tolerance of the mass of the workpiece [per mille] */
+  uint16_t uncertified_force; /* share of force_limit that bounds the demanded force in every mode that controls force while no certificate matches the law [per mille] */
+  uint16_t uncertified_output; /* largest magnitude of the code of the force law while no certificate matches the law, in addition to output_limit; 2048 means no limit [code] */
   uint8_t force_bank; /* bank of the force law; 0 is force_gain alone. A bank is selected only while its bank_state is valid, and not written while it is selected [1] */
-  uint8_t bank_sections[4]; /* sections of second order that the force error passes through [1] */
+  uint8_t bank_sections[4]; /* number of second-order sections that filter the force error [1] */
   uint8_t certificate_required; /* whether force_gain alone, bank 0, is restricted too, since it has no certificate [enum] */
 } law_params_t;
 
 typedef struct {
   uint8_t bank_state[4]; /* whether the bank can be selected, and if not, why [enum] */
-  uint8_t certificate_state[4]; /* whether the certificate of the bank fits, and if not, which part of it [enum] */
+  uint8_t certificate_state[4]; /* whether the certificate matches the bank, and otherwise the part of the certificate that does not match [enum] */
 } law_signals_t;
 
 typedef struct {
@@ -1055,57 +1055,57 @@ typedef struct {
   uint32_t recorder_count; /* samples that can be read [1] */
   uint32_t recorder_capacity; /* samples of the present recording when it is done [1] */
   uint32_t recorder_trigger_index; /* index of the first sample at or after the trigger [1] */
-  uint8_t recorder_state; /* what the recorder does [enum] */
+  uint8_t recorder_state; /* state of the recorder [enum] */
 } recorder_signals_t;
 
 typedef struct {
   uint32_t following_error_window; /* largest following error; 4294967295 means off [count] */
-  uint32_t position_window; /* distance from the target at which it counts as reached [count] */
-  int32_t target_position; /* wanted position [count] */
-  int32_t home_offset; /* position that homing gives the place where the axis stands [count] */
-  int32_t position_limit_min; /* targets below it are drawn to it; the smallest value means none; force is bound by 2016h alone [count] */
-  int32_t position_limit_max; /* targets above it are drawn to it; the largest value means none; force is bound by 2017h alone [count] */
-  uint32_t encoder_increments; /* encoder counts in that many motor revolutions [count] */
-  uint32_t encoder_revolutions; /* motor revolutions in that many encoder counts [1] */
-  uint32_t gear_motor_revolutions; /* motor revolutions in that many revolutions of the driving shaft [1] */
-  uint32_t gear_shaft_revolutions; /* revolutions of the driving shaft in that many motor revolutions [1] */
-  uint32_t feed; /* user's position units in that many revolutions of the driving shaft; 0: the user's unit is the encoder count [1] */
-  uint32_t feed_shaft_revolutions; /* revolutions of the driving shaft in that feed [1] */
+  uint32_t position_window; /* distance from the target below which the target counts as reached [count] */
+  int32_t target_position; /* target of the position [count] */
+  int32_t home_offset; /* position that the place found by homing gets [count] */
+  int32_t position_limit_min; /* smallest target; a smaller target is replaced by this limit; the smallest value means no limit; a force is limited by 2016h alone [count] */
+  int32_t position_limit_max; /* largest target; a larger target is replaced by this limit; the largest value means no limit; a force is limited by 2017h alone [count] */
+  uint32_t encoder_increments; /* encoder counts in encoder_revolutions motor revolutions [count] */
+  uint32_t encoder_revolutions; /* motor revolutions in which the encoder counts encoder_increments [1] */
+  uint32_t gear_motor_revolutions; /* motor revolutions in gear_shaft_revolutions revolutions of the driving shaft [1] */
+  uint32_t gear_shaft_revolutions; /* revolutions of the driving shaft in gear_motor_revolutions motor revolutions [1] */
+  uint32_t feed; /* position units of the user in feed_shaft_revolutions revolutions of the driving shaft; 0: the unit of the user is the encoder count [1] */
+  uint32_t feed_shaft_revolutions; /* revolutions of the driving shaft to which feed refers [1] */
   uint32_t position_unit; /* name of the user's position unit by CiA 303-2, 0xFA010000 is um; changes no value [1] */
   uint32_t velocity_unit; /* name of the user's velocity unit by CiA 303-2, 0xFA010300 is um/s; changes no value [1] */
-  uint32_t velocity_max; /* bound of every target and profile velocity [count/s] */
+  uint32_t velocity_max; /* largest magnitude of every target velocity and profile velocity [count/s] */
   uint32_t trajectory_velocity; /* speed of profile position [count/s] */
   uint32_t trajectory_acceleration; /* acceleration of the profiles [count/s^2] */
   uint32_t trajectory_deceleration; /* deceleration of the profiles, and of slowing down [count/s^2] */
   uint32_t quick_stop_deceleration; /* deceleration of the quick-stop ramp [count/s^2] */
-  int32_t target_velocity; /* wanted velocity [count/s] */
+  int32_t target_velocity; /* target of the velocity [count/s] */
   int32_t velocity_offset; /* added to the velocity demand in the cyclic modes of position and velocity [count/s] */
-  uint32_t rated_force; /* the force of 1000 per mille [mN] */
+  uint32_t rated_force; /* force that corresponds to 1000 per mille [mN] */
   uint32_t force_slope; /* rate at which the force mode changes its force [per mille/s] */
-  uint32_t force_scale; /* force of one count of an 8-bit reading [uN] */
+  uint32_t force_scale; /* force of one count of an 8-bit ADC [uN] */
   uint32_t approach_velocity_max; /* speed at which the force modes approach out of contact [count/s] */
   uint32_t stiffness; /* force per position error in the stiffness and impedance modes, reading counts per encoder count [1/65536 count/count] */
   uint32_t damping; /* force per velocity error in the damping and impedance modes, reading counts per encoder count a tick [1/256 count tick/count] */
-  uint32_t homing_travel; /* how far from its start homing may go [count] */
-  uint32_t homing_timeout; /* how long homing may take [ms] */
-  uint32_t homing_retract; /* how far homing on contact goes back from the first contact [count] */
+  uint32_t homing_travel; /* largest distance of homing from its start [count] */
+  uint32_t homing_timeout; /* longest duration of homing [ms] */
+  uint32_t homing_retract; /* distance by which homing on contact moves back from the first contact [count] */
   uint32_t homing_speed[2]; /* speeds of homing: toward the switch, and slow, for the place [count/s] */
   uint32_t homing_acceleration; /* acceleration of homing [count/s^2] */
   int32_t interpolation_setpoint; /* target_position under its other address: writing one writes both [count] */
   int32_t excitation_force_max; /* a reading above this ends the excitation in the same tick [1/256 count] */
   int32_t excitation_force_min; /* a reading below this ends the excitation in the same tick [1/256 count] */
-  uint32_t excitation_travel; /* a position further than this from where the excitation started ends it in the same tick; 0 is without bound [count] */
+  uint32_t excitation_travel; /* largest distance from the position at which the excitation started; beyond it the excitation ends in the same tick; 0 means off [count] */
   uint32_t touch_velocity_max; /* largest speed out of contact of the modes that press without an approach of their own, -1, -6, -7 and -8; 0 means off [count/s] */
-  uint32_t contact_travel_max; /* how far the axis may move on in the direction of pressing from where a force mode first touched; beyond it is the fault contact_travel; 0 means off [count] */
-  uint32_t approach_timeout; /* how long a force mode may press or approach without contact; beyond it is the fault no_contact; 0 means off [ms] */
-  uint32_t approach_travel_max; /* how far the axis may move meanwhile; beyond it is the fault no_contact; 0 means off [count] */
-  int32_t force_ripple_max; /* swing of the reading within 100 ms above which an unchanged demand counts as a limit cycle; 0 means off [1/256 count] */
-  uint32_t force_shaper_amplitude[3]; /* their amplitudes, whose sum is 65536 [1/65536 1] */
-  uint32_t motion_shaper_amplitude[3]; /* their amplitudes, whose sum is 65536 [1/65536 1] */
+  uint32_t contact_travel_max; /* largest distance that the axis may move in the direction of pressing after the first contact of a force mode, before the fault contact_travel; 0 means off [count] */
+  uint32_t approach_timeout; /* longest time that a force mode may press or approach without contact, before the fault no_contact; 0 means off [ms] */
+  uint32_t approach_travel_max; /* largest distance that the axis may move without contact in a force mode, before the fault no_contact; 0 means off [count] */
+  int32_t force_ripple_max; /* largest ripple of the measured force within 100 ms at an unchanged demand; more counts as a limit cycle; 0 means off [1/256 count] */
+  uint32_t force_shaper_amplitude[3]; /* amplitudes of the impulses of the force shaper; their sum is 65536 [1/65536 1] */
+  uint32_t motion_shaper_amplitude[3]; /* amplitudes of the impulses of the motion shaper; their sum is 65536 [1/65536 1] */
   int32_t force_jump_max; /* largest change of the reading from one tick to the next; beyond it the fault force_jump; 0 means off [1/256 count] */
-  int32_t tare_noise; /* largest difference between two readings while the tare is taken [1/256 count] */
-  int32_t calibration_reading[8]; /* reading of force at a point of the calibration [1/256 count] */
-  int32_t calibration_force[8]; /* force that a reference showed at this point [mN] */
+  int32_t tare_noise; /* largest difference between two ADC codes of the force during the measurement of the tare [1/256 count] */
+  int32_t calibration_reading[8]; /* measured force at a point of the calibration [1/256 count] */
+  int32_t calibration_force[8]; /* force that the reference sensor showed at this point of the calibration [mN] */
   uint16_t controlword; /* CiA 402 controlword; each write is carried out at once [1] */
   int16_t abort_connection_option; /* when the owner of the axis is lost: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop [1] */
   int16_t quick_stop_option; /* 0 disable at once, 1 slow down then disable, 2 quick-stop ramp then disable, 5 and 6 the same ramps but stay in quick stop [1] */
@@ -1113,35 +1113,35 @@ typedef struct {
   int16_t disable_operation_option; /* on disable operation: 0 disable at once, 1 slow down first [1] */
   int16_t halt_option; /* on halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
   int16_t fault_reaction_option; /* on a fault that leaves the sensors usable: 0 disable at once, 1 slow down first, 2 quick-stop ramp first [1] */
-  uint16_t following_error_timeout; /* how long the window may be left [ms] */
-  uint16_t position_window_time; /* how long the position must stay in the window [ms] */
-  uint16_t velocity_window; /* distance from the target velocity at which it counts as reached [count/s] */
-  uint16_t velocity_window_time; /* how long the velocity must stay in the window [ms] */
-  uint16_t velocity_threshold; /* below it the axis counts as standing [count/s] */
-  uint16_t velocity_threshold_time; /* how long it must stay below [ms] */
-  int16_t target_force; /* wanted contact force [per mille] */
+  uint16_t following_error_timeout; /* time for which the following error may exceed following_error_window [ms] */
+  uint16_t position_window_time; /* time for which the position must stay in position_window before the target counts as reached [ms] */
+  uint16_t velocity_window; /* distance from the target velocity below which the target counts as reached [count/s] */
+  uint16_t velocity_window_time; /* time for which the velocity must stay in velocity_window before the target counts as reached [ms] */
+  uint16_t velocity_threshold; /* speed below which the axis counts as at standstill [count/s] */
+  uint16_t velocity_threshold_time; /* time for which the speed must stay below velocity_threshold before the axis counts as at standstill [ms] */
+  int16_t target_force; /* target of the contact force [per mille] */
   int16_t force_offset; /* added to target_force in the modes force and cyclic force [per mille] */
-  uint16_t force_limit; /* bound of the demanded force in both directions [per mille] */
-  uint16_t force_limit_positive; /* bound of the demanded force that presses on the workpiece, beside force_limit [per mille] */
-  uint16_t force_limit_negative; /* bound of the demanded force that pulls, its magnitude, beside force_limit [per mille] */
+  uint16_t force_limit; /* largest magnitude of the demanded force in both directions [per mille] */
+  uint16_t force_limit_positive; /* largest demanded force that presses on the workpiece, in addition to force_limit [per mille] */
+  uint16_t force_limit_negative; /* largest magnitude of a demanded force that pulls, in addition to force_limit [per mille] */
   uint16_t contact_loss_dwell; /* time for which the force modes 4 and 10 go on with the force law after contact was lost, before the axis approaches again [ms] */
-  uint16_t contact_loss_cap; /* largest code that presses meanwhile; 2048 is without a cap [code] */
+  uint16_t contact_loss_cap; /* largest code that presses during contact_loss_dwell; 2048 means no bound [code] */
   uint16_t excitation_code; /* amplitude at the output of the force law [code] */
   uint16_t excitation_force; /* amplitude at the set-point of the force law [1/256 count] */
   uint16_t excitation_ramp; /* time in which the amplitude rises from 0 at the start, and falls to 0 at the stop [ms] */
-  uint16_t limit_cycle_losses; /* contacts lost within limit_cycle_window that count as a limit cycle; 0 means off [1] */
-  uint16_t first_motion_code; /* largest magnitude of the code that the test puts out [code] */
-  uint16_t first_motion_counts; /* counts by which the encoder must move; the test ends with the fault runaway at eight times as many [count] */
-  uint16_t first_motion_speed; /* speed above which the test ends with the fault runaway [count/tick] */
-  uint16_t force_railed_time; /* time for which the reading may be at an end of its range where it guides the axis, before the fault force_railed; 0 means off [ms] */
+  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window that counts as a limit cycle; 0 means off [1] */
+  uint16_t first_motion_code; /* largest magnitude of the code that the test before the first motion outputs [code] */
+  uint16_t first_motion_counts; /* encoder counts by which the test before the first motion must move the axis; the fault runaway follows at eight times as many [count] */
+  uint16_t first_motion_speed; /* speed above which the test before the first motion ends with the fault runaway [count/tick] */
+  uint16_t force_railed_time; /* time for which the ADC code of the force may be at an end of its range before the fault force_railed; 0 means off [ms] */
   uint16_t force_stuck_travel; /* counts by which the axis may move in contact within force_stuck_time while the reading stays the same, before the fault force_stuck; 0 means off [count] */
-  uint16_t force_stuck_time; /* time in which the axis must move so far [ms] */
-  uint16_t force_disconnected_code; /* magnitude of the code that counts as pressing: an axis that stands at it without a contact has the fault force_disconnected; 0 means off [code] */
-  uint16_t force_disconnected_time; /* time for which it must stand so [ms] */
-  uint16_t force_disconnected_travel; /* counts by which an axis that stands may move in that time [count] */
-  uint16_t calibration_linearity_max; /* linearity error up to which a calibration is accepted [1/100 per mille] */
+  uint16_t force_stuck_time; /* time within which the axis must move by force_stuck_travel for the fault force_stuck [ms] */
+  uint16_t force_disconnected_code; /* magnitude of the code that counts as pressing: an axis that is at standstill with it without contact gets the fault force_disconnected; 0 means off [code] */
+  uint16_t force_disconnected_time; /* time for which the axis must be at standstill before the fault force_disconnected [ms] */
+  uint16_t force_disconnected_travel; /* encoder counts by which the axis may move within force_disconnected_time and still count as at standstill [count] */
+  uint16_t calibration_linearity_max; /* largest linearity error of a calibration that is accepted [1/100 per mille] */
   uint16_t calibration_date; /* day of the calibration, days since 1984-01-01; 0 means none [1] */
-  uint16_t calibration_validity; /* days for which a calibration is valid; 0 means without end [1] */
+  uint16_t calibration_validity; /* days for which a calibration is valid; 0 means that it does not expire [1] */
   uint16_t date; /* today, days since 1984-01-01, as a master writes it; 0 means unknown [1] */
   int8_t modes_of_operation; /* requested mode of operation; those below 0 are this firmware's own [1] */
   uint8_t polarity; /* bits: 7 position, 6 velocity: wire values are negated [1] */
@@ -1151,54 +1151,54 @@ typedef struct {
   int8_t interpolation_exponent; /* power of ten of the period, in s [1] */
   uint8_t excitation_point; /* where the waveform is added: at the output of the force law, or at its set-point [enum] */
   uint8_t contact_unstable_option; /* what a limit cycle leads to: the warning alone; half of the force law's gain, at most three times, then the fault contact_unstable; that fault at once [enum] */
-  uint8_t limit_cycle_window; /* time within which contacts are lost as often as limit_cycle_losses says [10 ms] */
-  uint8_t force_ripple_time; /* for how long it must be above [100 ms] */
+  uint8_t limit_cycle_window; /* time within which the contact losses of limit_cycle_losses are counted [10 ms] */
+  uint8_t force_ripple_time; /* time for which the ripple must exceed force_ripple_max [100 ms] */
   uint8_t force_shaper_impulses; /* impulses that the demanded force of the modes 4, 10 and -1 is shaped by; 0 is off [1] */
-  uint8_t force_shaper_delay[3]; /* their delays, the first of them 0 and each longer than the one before [tick] */
+  uint8_t force_shaper_delay[3]; /* delays of the impulses of the force shaper; the first is 0 and each is longer than the one before [tick] */
   uint8_t motion_shaper_impulses; /* impulses that the trajectory of the modes 1, 3, 8, 9, -5 to -8 is shaped by; 0 is off [1] */
-  uint8_t motion_shaper_delay[3]; /* their delays, the first of them 0 and each longer than the one before [tick] */
+  uint8_t motion_shaper_delay[3]; /* delays of the impulses of the motion shaper; the first is 0 and each is longer than the one before [tick] */
   uint8_t first_motion_test; /* whether the first enabling since power-up begins with a test of sensors, amplifier and signs by a small motion; switched on at power-up where the parameter store holds no set [enum] */
-  uint8_t tare_averaging; /* the mean is that of 2^n ticks [1] */
-  uint8_t calibration_points; /* points of the calibration: the first ones of the two arrays [1] */
+  uint8_t tare_averaging; /* exponent n: the tare is the mean of 2^n ticks [1] */
+  uint8_t calibration_points; /* number of points of the calibration: the first ones of calibration_reading and calibration_force [1] */
 } drive_params_t;
 
 typedef struct {
   uint32_t supported_drive_modes; /* bits: 0 pp, 2 pv, 3 tq, 5 hm, 7 csp, 8 csv, 9 cst, 16 manufacturer [1] */
-  int32_t position_demand; /* position the trajectory asks for [count] */
+  int32_t position_demand; /* position of the trajectory [count] */
   int32_t position_internal; /* encoder count [count] */
   int32_t position_actual; /* position [count] */
   int32_t following_error; /* position demand minus position [count] */
   int32_t velocity_sensor; /* velocity over one tick, unfiltered [count/s] */
-  int32_t velocity_demand; /* velocity the trajectory asks for [count/s] */
+  int32_t velocity_demand; /* velocity of the trajectory [count/s] */
   int32_t velocity_actual; /* velocity, mean of the last 16 ticks [count/s] */
   uint32_t drive_inputs; /* bits: 0 negative limit switch, 1 positive limit switch, 2 index, 16 enable chain [1] */
-  int32_t excitation_value; /* what was added in this tick: codes at the output, counts of the reading at the set-point [1/256 1] */
-  int32_t force_peak; /* largest reading since force control was switched on [1/256 count] */
-  int32_t force_ripple; /* swing of the reading in the last 100 ms, while force_ripple_max is not 0 [1/256 count] */
-  int32_t first_motion_moved; /* counts moved at first_motion_code_reached, from the place where the axis stood [count] */
-  int32_t first_motion_force; /* change of the force reading by the motion out [1/256 count] */
+  int32_t excitation_value; /* excitation of this tick: codes at the output, or counts of the measured force at the set-point [1/256 1] */
+  int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
+  int32_t force_ripple; /* largest minus smallest measured force of the last 100 ms, while force_ripple_max is not 0 [1/256 count] */
+  int32_t first_motion_moved; /* encoder counts moved until first_motion_code_reached, from the position at standstill [count] */
+  int32_t first_motion_force; /* change of the measured force during the motion away from the start [1/256 count] */
   uint16_t statusword; /* CiA 402 statusword [1] */
   uint16_t error_code; /* CiA 402 code of the latched fault, 0 without one [1] */
-  int16_t force_demand; /* force the force law is asked for [per mille] */
+  int16_t force_demand; /* set-point of the force law [per mille] */
   int16_t force_actual; /* contact force [per mille] */
   int16_t current_actual; /* code of the motor current, per mille of its range [per mille] */
-  uint16_t contact_losses; /* contacts lost since force control was switched on [1] */
-  int16_t first_motion_code_reached; /* code at which the motion out ended [code] */
+  uint16_t contact_losses; /* number of contact losses since the start of force control [1] */
+  int16_t first_motion_code_reached; /* code at which the motion away from the start ended [code] */
   uint16_t calibration_linearity; /* largest distance of a point from the line, per mille of the span of the reference forces [1/100 per mille] */
-  int8_t modes_of_operation_display; /* mode of operation in force [1] */
+  int8_t modes_of_operation_display; /* active mode of operation [1] */
   uint8_t drive_state; /* state of the CiA 402 machine [enum] */
   uint8_t stopped_by; /* who else than its owner stopped the axis: it is not enabled again until the owner has sent a controlword that does not enable [enum] */
   int8_t homing_methods[11]; /* homing methods that inputs_fitted allows; 0 for none [1] */
-  uint8_t contact; /* 1 while the magnitude of the reading is above contact_force [1] */
-  uint8_t excitation_state; /* what the excitation in a force mode does, or why it ended or was refused [enum] */
-  uint8_t limit_cycle; /* 1 while contact is lost that often, or the force swings that much [1] */
+  uint8_t contact; /* 1 while the magnitude of the measured force is above contact_force [1] */
+  uint8_t excitation_state; /* state of the excitation in a force mode, or the reason for its end or refusal [enum] */
+  uint8_t limit_cycle; /* 1 while limit_cycle_losses are reached or the force ripple exceeds force_ripple_max for force_ripple_time [1] */
   uint8_t force_saturated; /* 1 while the force reading is at an end of its range [1] */
-  uint8_t gain_halvings; /* how often the force law's gain was halved since the axis was enabled [1] */
-  uint8_t force_shaper_state; /* whether the force shaper is in force, and if not, why [enum] */
-  uint8_t motion_shaper_state; /* whether the motion shaper is in force, and if not, why [enum] */
-  uint8_t first_motion_result; /* what the test before the first motion has found [enum] */
-  uint8_t tare_state; /* what came of it [enum] */
-  uint8_t calibration_state; /* what came of it [enum] */
+  uint8_t gain_halvings; /* number of times that the gain of the force law was halved since the axis was enabled [1] */
+  uint8_t force_shaper_state; /* whether the force shaper is active, and otherwise the reason [enum] */
+  uint8_t motion_shaper_state; /* whether the motion shaper is active, and otherwise the reason [enum] */
+  uint8_t first_motion_result; /* result of the test before the first motion [enum] */
+  uint8_t tare_state; /* result of the last tare: state of its measurement, or the reason of its refusal [enum] */
+  uint8_t calibration_state; /* result of the last calibration, or the reason of its refusal [enum] */
   uint8_t calibration_expired; /* 1 if date is beyond calibration_date plus calibration_validity [1] */
 } drive_signals_t;
 
@@ -1206,8 +1206,8 @@ typedef struct {
   uint32_t sync_cob_id; /* COB-ID of SYNC; the axis consumes it [1] */
   uint32_t emcy_cob_id; /* COB-ID of EMCY; bit 31: off [1] */
   uint32_t consumer_heartbeat[4]; /* a node whose heartbeat is watched: id in bits 16 to 22, time in ms in bits 0 to 15 [1] */
-  uint32_t configuration_date; /* of the verified configuration, days since 1984-01-01; 0 after a stored parameter was changed [1] */
-  uint32_t configuration_time; /* of the verified configuration, ms since midnight; 0 after a stored parameter was changed [1] */
+  uint32_t configuration_date; /* day on which the configuration was verified, days since 1984-01-01; 0 after a stored parameter was changed [1] */
+  uint32_t configuration_time; /* time at which the configuration was verified, ms since midnight; 0 after a stored parameter was changed [1] */
   uint32_t sdo_modbus_receive; /* COB-ID of requests, from a gateway for its Modbus clients; bit 31: not valid [1] */
   uint32_t sdo_modbus_transmit; /* COB-ID of answers, to a gateway for its Modbus clients; bit 31: not valid [1] */
   uint32_t sdo_lcm_receive; /* COB-ID of requests, from a gateway for its LCM clients; bit 31: not valid [1] */
@@ -1218,26 +1218,26 @@ typedef struct {
   uint32_t tpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
   uint16_t emcy_inhibit_time; /* shortest time from one EMCY to the next [100 us] */
   uint16_t producer_heartbeat_time; /* time from one heartbeat to the next; 0 means none [ms] */
-  uint16_t rpdo_timeout[4]; /* longest time from one to the next while the drive is enabled; 0 means none [ms] */
-  uint16_t tpdo_inhibit_time[4]; /* shortest time from one to the next [100 us] */
-  uint16_t tpdo_event_time[4]; /* longest time from one to the next; 0 means none [ms] */
+  uint16_t rpdo_timeout[4]; /* longest time between two RPDOs while the drive is enabled; 0 means not monitored [ms] */
+  uint16_t tpdo_inhibit_time[4]; /* shortest time between two TPDOs [100 us] */
+  uint16_t tpdo_event_time[4]; /* longest time between two TPDOs; 0 means no event timer [ms] */
   uint8_t error_history_count; /* entries of the error history; 0 clears it [1] */
   uint8_t sync_counter_overflow; /* largest value of the counter in SYNC, 2 to 240; 0: SYNC has no counter [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
   uint8_t rpdo_transmission[4]; /* 0 to 240: taken over at the next SYNC, 254 and 255 at once [1] */
-  uint8_t rpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
+  uint8_t rpdo_mapped[4]; /* number of mapped objects; 0 while the mapping is written [1] */
   uint8_t tpdo_transmission[4]; /* 0 at a SYNC after a change, 1 to 240 at every n-th SYNC, 254 and 255 on change and by the event timer [1] */
   uint8_t tpdo_sync_start[4]; /* counter of the SYNC that counts as the first; 0: any; without effect while SYNC has no counter [1] */
-  uint8_t tpdo_mapped[4]; /* objects mapped; 0 while the mapping is written [1] */
+  uint8_t tpdo_mapped[4]; /* number of mapped objects; 0 while the mapping is written [1] */
 } canopen_params_t;
 
 typedef struct {
   uint32_t device_type; /* CiA 402 servo drive [1] */
   uint32_t error_history[8]; /* latest emergency first: error code, and the fault in bits 16 to 23; SDO: refused where there is none [1] */
-  uint32_t vendor_id; /* 0: none assigned [1] */
+  uint32_t vendor_id; /* vendor number of CiA; 0: none is assigned [1] */
   uint32_t product_code; /* one axis with force control [1] */
   uint32_t revision_number; /* major and minor, 16 bits each [1] */
-  uint32_t serial_number; /* of the port [1] */
+  uint32_t serial_number; /* serial number that the port gives [1] */
   uint32_t sdo_server_receive; /* COB-ID of requests, from CANopen [1] */
   uint32_t sdo_server_transmit; /* COB-ID of answers, to CANopen [1] */
   uint16_t sync_count; /* SYNCs received [1] */
@@ -1246,13 +1246,13 @@ typedef struct {
 } canopen_signals_t;
 
 typedef struct {
-  uint16_t watchdog; /* a source other than canopen is lost when it writes nothing for that long [ms] */
+  uint16_t watchdog; /* time without a write after which an owner other than canopen is lost [ms] */
   uint16_t stored_bit_rate; /* bit rate of CAN after the next reset of the node, one of CiA 301 that the port supports [kbit/s] */
-  uint8_t command_source; /* bus that may write; another one acquires the axis by writing its own number while it is disabled, or is given it by its owner [enum] */
-  uint8_t unsupervised_owner; /* what comes of enabling the axis for a canopen master whose end nobody would notice: neither a heartbeat nor an RPDO of it is watched [enum] */
+  uint8_t command_source; /* bus that owns the axis and may write; another bus becomes the owner by writing its own number while the axis is disabled, or the owner writes that number [enum] */
+  uint8_t unsupervised_owner; /* reaction to enabling by a canopen master of which neither a heartbeat nor an RPDO is monitored [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
   uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, where the board's straps select none [1] */
-  uint8_t blackbox_option; /* whether the last second before an error is kept while nobody records [enum] */
+  uint8_t blackbox_option; /* whether the black box keeps the last second before an error while no recording is running [enum] */
 } device_params_t;
 
 typedef struct {
@@ -1266,16 +1266,16 @@ typedef struct {
   uint32_t core_fault_hfsr; /* status of the fault: HFSR of the core [1] */
   uint32_t core_fault_bfar; /* address of the fault where CFSR says that it is valid: BFAR of the core [1] */
   uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
-  uint16_t overruns; /* ticks that came too late [1] */
+  uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
-  uint16_t can_lost; /* CAN frames that were lost: input or output full [1] */
+  uint16_t can_lost; /* number of CAN frames that were lost because a queue was full [1] */
   uint16_t incident_error_code; /* error_code of the incident [1] */
-  uint16_t incident_later; /* errors since the incident [1] */
+  uint16_t incident_later; /* number of errors since the incident [1] */
   uint16_t board_state; /* what the board finds, a sum: 1 internal oscillator in use, 2 brown-out reset not at its level, 4 image damaged, 8 RAM failed, 16 supply low, 32 ADC reference out of band, 64 DAC not at its code, 128 amp_enable not at its level, 256 tick beside the second clock, 512 tick not compared yet [1] */
-  int16_t tick_deviation; /* length of the tick beside a second clock, against what it was at power-up [1/1000 1] */
-  uint8_t store_state; /* what the parameter store did last [enum] */
+  int16_t tick_deviation; /* deviation of the length of the tick against a second clock, from its value at power-up [1/1000 1] */
+  uint8_t store_state; /* result of the last action of the parameter store [enum] */
   uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
-  uint8_t blackbox_state; /* what the black box does; recorder: a recording has its buffer, until the recorder is stopped [enum] */
+  uint8_t blackbox_state; /* state of the black box; recorder: a recording uses its buffer until the recorder is stopped [enum] */
   uint8_t incident_fault; /* fault of the incident [enum] */
   uint8_t incident_stored; /* incident that a power cut leaves: the first since power-up, one in 24 hours [enum] */
   uint8_t reset_cause; /* what has reset the processor, a sum: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 not known [1] */
@@ -1327,6 +1327,7 @@ typedef struct {
   uint8_t stored;    /* kept by the parameter store */
   uint8_t node_id;   /* a COB-ID: the node id is added to the initial value */
   uint8_t mappable;  /* AXIS_MAPPABLE_ */
+  uint8_t not_zero;  /* 1: 0 is refused, although it lies between min and max */
 } axis_object_t;
 
 /* Indexed by object number; entry 0 is unused. Objects of type u32 carry the 32

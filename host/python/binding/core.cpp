@@ -1,4 +1,5 @@
-// The Python side of the in-process run: experiments in, NumPy arrays out.
+// The Python interface of the run in one process: experiments are its input, NumPy arrays are its
+// output.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -47,7 +48,7 @@ Criterion criterion_from(const py::dict &d) {
   c.peak_force_max_percent = limit("peak_force_max_percent");
   c.contact_losses_max = limit("contact_losses_max");
   c.saturated_max_s = limit("saturated_max_s");
-  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // or names
+  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // true, or names of contacts
   return c;
 }
 
@@ -106,7 +107,7 @@ std::vector<std::string> contact_names(const forceaxis::sim::Model &model) {
   return names;
 }
 
-// The table [expect], or None.
+// Returns the table [expect], or None.
 py::object expect_of(const Experiment &e) {
   return e.expect ? py::object(::to_dict(*e.expect)) : py::none();
 }
@@ -119,7 +120,7 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
-// Why the experiment cannot be run with its [verdict], or None.
+// Returns the reason for which the experiment cannot be run with its [verdict], or None.
 py::object unjudged(const Experiment &e) {
   try {
     forceaxis::host::expect_judged(e);
@@ -129,7 +130,7 @@ py::object unjudged(const Experiment &e) {
   }
 }
 
-// The inputs of an experiment, without running it.
+// Returns the inputs of an experiment without running it.
 py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
                 const std::optional<std::string> &text) {
   const Experiment e = forceaxis::host::load_experiment(file, overrides, text);
@@ -162,7 +163,7 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   return d;
 }
 
-// Experiment files, each read once.
+// Experiment files that are read only once.
 class Experiments {
  public:
   ExperimentFile &operator[](const std::string &file) {
@@ -181,7 +182,8 @@ struct Outcome {
   std::optional<Criterion> criterion;
   std::vector<std::string> overridden;
   RunResult run;
-  std::string error;  // of a failed run, whose other members are not set
+  // Error of a failed run; the other members are then not set.
+  std::string error;
 };
 
 py::dict to_dict(const Outcome &o) {
@@ -201,7 +203,8 @@ py::dict to_dict(const Outcome &o) {
   return d;
 }
 
-// Metrics and verdict only. Jobs are independent, so the number of threads changes no result.
+// Computes many runs and returns only metrics and verdicts. The runs are independent, so the number
+// of threads changes no result.
 py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::object &progress,
                   bool keep_going, const py::object &finished, Experiments *experiments) {
   Experiments own;
@@ -210,10 +213,10 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   std::vector<Outcome> outcomes(jobs.size());
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
-  std::mutex mutex;  // guards the three below
+  std::mutex mutex;  // guards the next three variables
   std::condition_variable changed;
   std::exception_ptr failure;
-  std::vector<std::size_t> fresh;  // done and not yet reported
+  std::vector<std::size_t> fresh;  // runs that are complete and not yet reported
   unsigned working = std::max(1U, std::min(threads, static_cast<unsigned>(jobs.size())));
 
   const auto run_job = [&](std::size_t i) {
@@ -276,7 +279,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   return py::cast(results);
 }
 
-// The four characters that a record's first word spells in memory.
+// Returns the four characters that the first word of a record has in memory.
 std::string magic_text(std::uint32_t magic) {
   std::string text;
   for (int shift = 0; shift < 32; shift += 8) text += static_cast<char>(magic >> shift & 0xFF);
@@ -287,6 +290,7 @@ std::string magic_text(std::uint32_t magic) {
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The firmware's tick around the plant, in process.";
+  static_assert(static_cast<int>(forceaxis::sim::kTickRateHz) == FX_TICK_RATE_HZ);
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
   m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
   m.attr("SIMULATOR_HASH") = FORCEAXIS_SIMULATOR_HASH;

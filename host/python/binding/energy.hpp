@@ -1,5 +1,5 @@
 #pragma once
-// The energy audit as Python sees it.
+// Converts the energy audit to Python.
 #include <pybind11/pybind11.h>
 
 #include "sim/hybrid/plant.hpp"

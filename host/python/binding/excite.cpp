@@ -1,5 +1,6 @@
-// The system under test of the signal analyzer: the plant alone, driven by volts on a fine clock,
-// or the running firmware with it, whose excitation mode generates the codes.
+// The system under test of the signal analyzer: either the plant alone, driven by a voltage with a
+// fine time step, or the plant with the running firmware, whose excitation mode generates the
+// codes.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -33,7 +34,8 @@ struct AxisDeleter {
   void operator()(fw_t *axis) const { axis_host_destroy(axis); }
 };
 
-constexpr double kLargest = 1e15;  // of any recorded value; beyond it nothing is a measurement
+// Limit of the magnitude of any recorded value. A larger value is not a valid measurement.
+constexpr double kLargest = 1e15;
 
 class Excited {
  public:
@@ -79,7 +81,7 @@ class Excited {
     const axis_object_meta_t &meta = forceaxis::host::object_meta(*number);
     const double raw = std::floor(value / meta.scale + 0.5);
     const bool fits = raw >= static_cast<double>(meta.min) && raw <= static_cast<double>(meta.max);
-    // A u32 object is passed as the same 32 bits.
+    // An unsigned 32-bit object is passed with the same bits.
     const auto bits = static_cast<std::uint32_t>(fits ? static_cast<std::int64_t>(raw) : 0);
     if (!fits || fw_object_write(axis_.get(), FW_SOURCE_LOCAL, *number,
                                  static_cast<std::int32_t>(bits)) != FW_OK)
@@ -90,7 +92,8 @@ class Excited {
     static const std::vector<std::string> kCodes = {"adc0", "adc1", "encoder", "dac_code"};
     if (!axis_) power_up();
     std::vector<std::string> names;
-    std::vector<int> code(columns.size(), -1);  // which code; else the next signal
+    // Index of the code of each column, or -1 if the column is the next signal.
+    std::vector<int> code(columns.size(), -1);
     for (std::size_t i = 0; i < columns.size(); ++i) {
       const auto found = std::find(kCodes.begin(), kCodes.end(), columns[i]);
       if (found != kCodes.end())
@@ -129,7 +132,8 @@ class Excited {
     return rows;
   }
 
-  // How many samples of the last volts() or codes() each switching element spent in each state.
+  // Returns the number of samples of the last volts() or codes() in which each switching element
+  // had each state.
   std::map<std::string, std::int64_t> states() const {
     std::map<std::string, std::int64_t> counts;
     for (const auto &[mode, count] : met_)
@@ -137,7 +141,7 @@ class Excited {
     return counts;
   }
 
-  // Bits of ADC 0 and 1; 0: not present.
+  // Returns the resolution in bits of ADC 0 and ADC 1; 0 if the model does not have the ADC.
   std::vector<int> adc_bits() const {
     std::vector<int> bits;
     for (const auto &adc : plant_->model().adc) bits.push_back(adc ? adc->bits : 0);
@@ -145,7 +149,8 @@ class Excited {
   }
 
  private:
-  // The ADCs of a plant may differ in width; the firmware has one parameter, set to the wider.
+  // The ADCs of a plant may have different resolutions. The firmware has one parameter for both,
+  // which is set to the higher one.
   void power_up() {
     if (plant_->parts() != 1) throw std::invalid_argument("the firmware's tick has one part");
     axis_.reset(axis_host_create());
@@ -167,7 +172,8 @@ class Excited {
     return places;
   }
 
-  // Builds the mode's texts, which is slow, only when an element has changed its state.
+  // Builds the texts of the mode only after an element has changed its state, because this takes
+  // much time.
   void count_mode() {
     const std::int64_t changes = plant_->crossings() + plant_->jumps();
     if (changes != changes_) here_ = met_.try_emplace(plant_->mode(), 0).first;
@@ -183,7 +189,8 @@ class Excited {
   }
 
   std::unique_ptr<Plant> plant_;
-  std::map<std::vector<std::string>, std::int64_t> met_;  // modes, and samples in each
+  // Number of samples for each set of states of all elements.
+  std::map<std::vector<std::string>, std::int64_t> met_;
   std::map<std::vector<std::string>, std::int64_t>::iterator here_;
   std::int64_t changes_ = -1;
   std::unique_ptr<fw_t, AxisDeleter> axis_;

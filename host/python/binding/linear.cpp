@@ -40,7 +40,8 @@ py::dict linear(const std::filesystem::path &file, const std::vector<std::string
   return d;
 }
 
-// The drive's parameters by their keys, those that act where it is linear about zero error.
+// Returns the parameters of the drive by their keys. Only parameters that act in the linear range
+// around zero error are included.
 py::dict drive_values(const forceaxis::sim::Drive &drive) {
   using py::literals::operator""_a;
   if (const auto *perfect = std::get_if<forceaxis::sim::PerfectDrive>(&drive.type))
@@ -56,7 +57,7 @@ py::dict drive_values(const forceaxis::sim::Drive &drive) {
                   "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
 }
 
-// The facts that an analysis needs of a model besides its equations.
+// Returns the data of a model that an analysis needs besides the equations.
 py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   const Model model = load(file, overrides);
   const auto name = [&](int body) {

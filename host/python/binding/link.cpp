@@ -93,7 +93,7 @@ py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::
   return py::make_tuple(std::move(result), report);
 }
 
-// Ticks of which a replay keeps the trace: ten minutes, some 100 MB.
+// Largest number of ticks for which a replay keeps the trace: ten minutes, about 100 MB.
 constexpr std::int64_t kLongestTrace = 900'001;
 
 py::tuple replay(const std::filesystem::path &file) {

@@ -1,5 +1,5 @@
-// An axis to commission: firmware before plant in process, its objects accessed as over a bus, its
-// time passing only when it is asked to.
+// A simulated axis for commissioning: firmware and plant in one process. The caller accesses its
+// objects as over a bus, and its time advances only on request.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -51,7 +51,7 @@ class LiveAxis {
     config_.hardware = "simulator";
     firmware_ = std::make_unique<FirmwareSide>(
         experiment_, forceaxis::host::FirmwareOptions{.config = &config_});
-    can_frame_t start{};  // NMT: operational, all nodes
+    can_frame_t start{};  // NMT command "start" to all nodes
     start.length = 2;
     start.data[0] = 1;
     fw_can_receive(firmware_->axis(), &start);

@@ -9,11 +9,12 @@
 #include "sim/model/model.hpp"
 #include "sim/model/text.hpp"
 
-// Parameter name to a number in its own unit, or to a text: a quantity or another parameter's name.
+// Maps the name of a parameter to its new value: a number in the unit of the parameter, or a text
+// with a quantity or the name of another parameter.
 using Overrides = std::map<std::string, std::variant<double, std::string>>;
 
-// The model of a file with these overrides. Throws InputError, also for an override that nothing in
-// the model uses: it would have no effect.
+// Returns the model of a file with these overrides. Throws InputError. An override that nothing in
+// the model uses has no effect and is an error too.
 inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overrides &overrides) {
   std::vector<forceaxis::sim::Override> values;
   for (const auto &[name, value] : overrides) values.push_back({name, value});

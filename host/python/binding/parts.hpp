@@ -1,5 +1,5 @@
 #pragma once
-// The parts of the module, one file each.
+// The functions that add the parts of the Python module, with one file for each part.
 #include <pybind11/pybind11.h>
 
 void add_bench(pybind11::module_ &m);    // bench.cpp

@@ -1,4 +1,5 @@
-// The plant alone for Python: codes in, codes and truth out, for laws and checks written there.
+// The plant without firmware for Python: DAC codes are its input, sensor codes and true signals are
+// its output. Python code can implement control laws and checks with it.
 #include "sim/hybrid/plant.hpp"
 
 #include <pybind11/numpy.h>

@@ -1,5 +1,5 @@
 #pragma once
-// A finished run as a Python object, and helpers of the functions that make one.
+// Converts a finished run to a Python object, with helper functions for the conversion.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -24,7 +24,7 @@ pybind11::array_t<T> column(const Rows &rows, Get get) {
   return values;
 }
 
-// settle_s is None where the force does not settle.
+// settle_s is None if the force does not settle.
 inline pybind11::dict to_dict(const forceaxis::host::HeldForce &f) {
   pybind11::dict d;
   d["setpoint_N"] = f.setpoint_N;
@@ -63,7 +63,7 @@ inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
   return d;
 }
 
-// A value that is infinite, of a force that never settles, is None.
+// An infinite value, of a force that never settles, becomes None.
 inline pybind11::list to_list(const std::vector<forceaxis::host::Missed> &missed) {
   pybind11::list list;
   for (const auto &m : missed) {
@@ -97,7 +97,8 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   return d;
 }
 
-// Column of codes -> its physical quantity: quantity = (code - zero) * per_code, in `unit`.
+// Maps each column of codes to its physical quantity: quantity = (code - zero) * per_code, in
+// `unit`.
 inline pybind11::dict converters_of(const forceaxis::sim::Model &model) {
   pybind11::dict d;
   const auto add = [&d](const char *column, const std::string &signal, std::string_view unit,
@@ -124,7 +125,7 @@ struct Result {
   forceaxis::host::Experiment experiment;
   forceaxis::host::RunResult run;
 
-  // The values of a traced object in its unit.
+  // Returns the values of a traced object in its unit.
   template <class T>
   pybind11::array_t<T> object_column(std::size_t place, const axis_object_meta_t &meta) const {
     const std::size_t rows = run.records.size();
@@ -166,7 +167,7 @@ struct Result {
     return d;
   }
 
-  // The objects of [trace] and their units.
+  // Returns the objects of [trace] and their units.
   pybind11::dict objects() const {
     pybind11::dict d;
     for (const std::uint16_t object : experiment.traced) {
@@ -230,7 +231,7 @@ struct Result {
   }
 };
 
-// Parameters of the model that [set] or --set overrides.
+// Returns the names of the model parameters that [set] or --set overrides.
 inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   std::vector<std::string> names;
   for (const auto &p : model.parameters) {
@@ -239,7 +240,7 @@ inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   return names;
 }
 
-// Whether Python has been interrupted; for runs that release the interpreter's lock.
+// Returns whether Python has been interrupted, for runs that release the interpreter's lock.
 inline bool interrupted() {
   const pybind11::gil_scoped_acquire acquire;
   return PyErr_CheckSignals() != 0;

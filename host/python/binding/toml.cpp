@@ -33,7 +33,7 @@ double quantity(const std::string &text) {
   throw forceaxis::sim::InputError("quantity", text, "expected a number with a unit");
 }
 
-// "> 0", "0 to 600", or nothing.
+// Returns "> 0", "0 to 600", or an empty text.
 std::string range_of(const forceaxis::sim::KeyFormat &key) {
   using forceaxis::sim::Sign;
   if (!key.dimension) return "";
@@ -51,7 +51,7 @@ std::string range_of(const forceaxis::sim::KeyFormat &key) {
   }
 }
 
-// Adds a table and those within it, in the order in which they are declared.
+// Adds a table and the tables within it, in the order of their declaration.
 void add_tables(py::list &tables, const std::string &path, const std::string &header,
                 const forceaxis::sim::TableFormat &format) {
   py::list keys;

@@ -1,8 +1,9 @@
 #pragma once
-// TOML for Python: the product has one reader of it.
+// The TOML reader for Python. C++ and Python use the same parser.
 #include <pybind11/pybind11.h>
 
 #include "sim/model/toml_forward.hpp"
 
-// dict, list, str, int, float, bool; keys in the order of the file; dates and times as text.
+// Returns values of type dict, list, str, int, float or bool. Keys have the order of the file.
+// Dates and times become texts.
 pybind11::dict to_dict(const toml::table &table);

@@ -1,27 +1,96 @@
 # What the public modules use of the compiled module; the rest of it is not typed.
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
+
+import numpy as np
 
 class InputError(ValueError): ...
 class SimulationError(RuntimeError): ...
 
 TICKS_PER_SECOND: int
 
+FIRMWARE_HASH: str
+SIMULATOR_HASH: str
+
 class Result:
     """A finished run with its trace."""
-    def __getattr__(self, name: str) -> Any: ...
+
+    title: str
+    figure: str
+    shows: str
+    model: str
+    plot: dict[str, Any]
+    verdict: str
+    missed: list[dict[str, Any]]
+    fault: str
+    trace_hash: str
+    firmware_hash: str
+    overridden: list[str]
+    inputs_hash: str
+    seed: int
+    edge_margin: float
+    event_count: int
+    refused: list[dict[str, Any]]
+    events: list[tuple[float, str, str, str]]
+    energy: dict[str, Any]
+    metrics: dict[str, Any]
+    criterion: dict[str, Any] | None
+    tick: np.ndarray[Any, np.dtype[np.uint32]]
+    objects: dict[str, str]
+    setpoints: list[tuple[float, float]]
+    impulses: list[tuple[float, str, float]]
+    contacts: list[str]
+    signal_units: dict[str, str]
+    converters: dict[str, dict[str, Any]]
+    def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]: ...
+
+class Experiments:
+    """Experiment files as they were first read."""
+
+class _Parameter(TypedDict):
+    value: float
+    unit: str
+
+class Inputs(TypedDict):
+    """What inputs() reads of an experiment; its metrics and tables are dicts as in Result."""
+
+    title: str
+    model: str
+    contacts: list[str]
+    converters: dict[str, dict[str, Any]]
+    firmware: dict[str, float]
+    expect: dict[str, Any] | None
+    inputs_hash: str
+    criterion: dict[str, Any] | None
+    unjudged: str | None
+    parameters: dict[str, _Parameter]
+    unused: list[str]
 
 def inputs(
     experiment: str | Path, overrides: Sequence[str] = ..., text: str | None = ...
-) -> dict[str, Any]: ...
+) -> Inputs: ...
 def run(
     experiment: str | Path,
     overrides: Sequence[str] = ...,
     firmware_hash: bool = ...,
     text: str | None = ...,
 ) -> Result: ...
-def run_many(jobs: Sequence[tuple[str, Sequence[str]]], **options: Any) -> list[dict[str, Any]]: ...
+def run_linked(
+    experiment: str, overrides: Sequence[str], kind: str, run_id: int, **options: Any
+) -> tuple[Result, dict[str, Any]]: ...
+def run_on_chip(
+    experiment: str, overrides: Sequence[str], *pipes: int, timeout_s: float, trace: bool
+) -> tuple[Result, dict[str, Any]]: ...
+def replay(journal: str) -> tuple[Result, dict[str, Any]]: ...
+def run_many(
+    jobs: Sequence[tuple[str, Sequence[str]]],
+    threads: int = ...,
+    progress: Callable[[int, int], None] | None = ...,
+    keep_going: bool = ...,
+    finished: Callable[[int, dict[str, Any]], None] | None = ...,
+    experiments: object = ...,
+) -> list[dict[str, Any]]: ...
 def judge(
     criterion: dict[str, Any], metrics: dict[str, Any], fault: str
 ) -> tuple[str, list[dict[str, Any]]]: ...

@@ -29,6 +29,7 @@ class AxisObject(NamedTuple):
     title: str  # CANopen's name
     node_id: bool  # a COB-ID to whose default the node id is added
     mappable: int  # 0: no PDO carries it, 1: any, as its access allows, 2: a TPDO alone
+    quantity: str  # of what a count of the unit is a step: "force", "encoder"; "" where unit tells
     values: tuple[tuple[int, str], ...]  # names of single raw values of an object that is no enum
 
 
@@ -47,23 +48,23 @@ COILS = tuple(AxisBit(**bit) for bit in _core.coils())
 DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 
 
-def certificate(bank_crc, adc_bits, force_scale):
+def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
     """{object: raw value} of the certificate of a bank with this CRC, made for an ADC of so many
     bits and a force_scale in uN; an object's name goes on with _ and the bank's number."""
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 
-def default(name):
+def default(name: str) -> float:
     """Engineering value of an object as it is delivered."""
     known = BY_NAME[name]
     return known.default * known.scale
 
 
-def unit_in_words(known):
-    """The unit of an object for a reader: of what its counts and codes are. Readings of the force
-    have counts of 8 bits, in fractions; whole counts are the encoder's."""
+def unit_in_words(known: AxisObject) -> str:
+    """The unit of an object for a reader: of what its counts and codes are. A count of force is one
+    of an 8-bit ADC."""
     unit = "" if known.unit == "1" else known.unit
-    of_force = known.scale != 1.0 if unit == "count" else known.name != "position_gain"
+    of_force = known.quantity == "force"
     force, encoder = "count of force", "encoder count"
     words = {
         "count": force if of_force else encoder,

@@ -35,3 +35,18 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: "; did you mean NAME?", or an empty text."""
     meant = difflib.get_close_matches(name, list(known), 2, 0.65)
     return f"; did you mean {' or '.join(meant)}?" if meant else ""
+
+
+def option_words(**options: object) -> list[str]:
+    """Options of a program as the words of a command line, named as parameters of Python are:
+    lcm_url="x" becomes --lcm-url x. True gives the option alone, a list gives the option once for
+    each value, and None, False and an empty text give no option."""
+    words = []
+    for name, given in options.items():
+        option = f"--{name.replace('_', '-')}"
+        if isinstance(given, bool):
+            words += [option] * given
+        else:
+            values = given if isinstance(given, list | tuple) else [given]
+            words += [word for v in values if v not in (None, "") for word in (option, str(v))]
+    return words

@@ -18,7 +18,7 @@ from forceaxis.experiments import link
 from forceaxis.paths import EXPERIMENTS
 from forceaxis.thesis import tables
 
-CHIP = link.Link("pil-stm32")
+CHIP = link.LinkOptions("pil-stm32")
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
 
@@ -37,11 +37,11 @@ FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 def test_the_trace_is_that_of_the_run_in_process(name, overrides):
     path = EXPERIMENTS / name
     here = _core.run(str(path), overrides)
-    result, report = link.run(CHIP, path, overrides)
-    assert report["same"]
-    assert report["hashes"]["axis"] == here.trace_hash
+    result, report, _ = link.run(CHIP, path, overrides)
+    assert report.same
+    assert report.hashes.axis == here.trace_hash
     # Each interrupt did a tick, and no tick was done without one.
-    assert report["interrupts"] == report["ticks"] == len(here.tick)
+    assert report.interrupts == report.ticks == len(here.tick)
     assert result.refused == here.refused
     assert len(set(result.columns()["dac"])) > 5  # it was driven
 

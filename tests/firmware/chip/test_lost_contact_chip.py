@@ -5,11 +5,11 @@ import pytest
 from forceaxis import _core
 from forceaxis.experiments import link
 
-CHIP = link.Link("pil-stm32")
+CHIP = link.LinkOptions("pil-stm32")
 
 
 def on_the_chip(file):
-    result, report = link.run(CHIP, file, [])
+    result, report, _ = link.run(CHIP, file, [])
     link.expect_same(report)
     return result.columns()
 

@@ -3,12 +3,12 @@
 from forceaxis.experiments import link
 from protections import PROTECTIONS, documented
 
-CHIP = link.Link("pil-stm32")
+CHIP = link.LinkOptions("pil-stm32")
 
 
 def test_protections_act_as_documented(tmp_path):
     def run(file):
-        result, report = link.run(CHIP, file, [])
+        result, report, _ = link.run(CHIP, file, [])
         link.expect_same(report)
         return result.columns()
 

@@ -188,7 +188,7 @@ def planted(name, old, new):
         ("max = 16", "max = 15"),
         ("min = 8", "min = 7"),
         ('type = "u8"', 'type = "u16"'),
-        ('unit = "1"', 'unit = "count"'),
+        ('unit = "1"', 'unit = "count"\nquantity = "force"'),
         ('unit = "1"', 'unit = "1"\nscale = 2'),
     ],
 )

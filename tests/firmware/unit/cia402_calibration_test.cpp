@@ -44,8 +44,10 @@ TEST_F(Calibration, TwoPointsGiveTheScale) {
   // 0 N at 1 count, 250 N at 101 counts: 2.5 N a count.
   Give({{256, 0}, {101 * 256, 250000}});
   Set(AXIS_OBJ_FORCE_SCALE, 1);
+  Set(AXIS_OBJ_CONFIGURATION_DATE, 5);
   Set(AXIS_OBJ_CALIBRATE, 1);
   EXPECT_EQ(State(), AXIS_CALIBRATION_STATE_DONE);
+  EXPECT_EQ(Read(AXIS_OBJ_CONFIGURATION_DATE), 0) << "not the verified configuration any more";
   EXPECT_EQ(Read(AXIS_OBJ_FORCE_SCALE), 2500000);
   EXPECT_EQ(Read(AXIS_OBJ_CALIBRATION_LINEARITY), 0);
   // What is derived from the scale follows: 40 counts are 100 N, all of the rated force.

@@ -141,6 +141,30 @@ TEST_F(Tare, IsRefusedBeyondTheBand) {
   }
 }
 
+TEST_F(Tare, IsNotWrittenBeyondABandThatBecameSmaller) {
+  Set(AXIS_OBJ_TARE, 1);
+  Step(10, 15);
+  axis_outputs_t outputs{};
+  fw_prepare(&fw_);
+  fw_control(&fw_, &inputs_, &outputs);
+  (void)fw_report(&fw_);
+  Set(AXIS_OBJ_TARE_BAND, 9 * 256);  // after the last reading, before the tare is written
+  fw_between(&fw_);
+  EXPECT_EQ(State(), AXIS_TARE_STATE_REFUSED_BAND);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_TARE), 0);
+}
+
+TEST_F(Tare, KeepsTheStampOfTheVerifiedConfiguration) {
+  Set(AXIS_OBJ_CONFIGURATION_DATE, 5);
+  Set(AXIS_OBJ_TARE, 1);
+  Step(10, 16);
+  EXPECT_EQ(State(), AXIS_TARE_STATE_DONE);
+  EXPECT_EQ(Read(AXIS_OBJ_FORCE_TARE), 2560);
+  EXPECT_EQ(Read(AXIS_OBJ_CONFIGURATION_DATE), 5);
+  Set(AXIS_OBJ_FORCE_TARE, 100);  // by a user: another configuration
+  EXPECT_EQ(Read(AXIS_OBJ_CONFIGURATION_DATE), 0);
+}
+
 TEST_F(Tare, IsRefusedWithoutAReading) {
   for (int code : {0, 255}) {
     PowerUp(8, 128);

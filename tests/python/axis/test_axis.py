@@ -15,6 +15,7 @@ from forceaxis._core import InputError
 from forceaxis.axis import actions, quantity
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.link import NoAnswer, Refused
+from forceaxis.axis.scan import ScannedAxis
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.cli import live_options
@@ -118,9 +119,9 @@ def test_what_the_axis_refuses_is_status_1():
         (["--axis", "1", "--can", "can0"], "expected one way to an axis"),
         (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
         (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
-        (["--can", "nocan7"], "--can nocan7: expected a CAN interface that is up"),
+        (["--can", "nocan7"], "--can: nocan7: expected a CAN interface that is up"),
         (["--can", "can0", "--node", "126"], "node 126, own node 126: expected two numbers"),
-        (["--modbus", "http://x"], "--modbus http://x: expected tcp://HOST[:PORT], or a serial"),
+        (["--modbus", "http://x"], "--modbus: http://x: expected tcp://HOST[:PORT], or a serial"),
         (["--sim", "nowhere.toml"], "nowhere.toml"),
     ],
 )
@@ -229,7 +230,7 @@ def test_nothing_moves_without_a_position_gain(tmp_path, verb):
     out = ["--out", tmp_path / "out"] if verb.startswith("measure") else []
     done = forceaxis(*verb.split(), "--sim", CONTACT, *out)
     text = refusal(done, 1)
-    assert "expected a position_gain" in text and "`--set firmware.position_gain=4`" in text
+    assert "expected a position_gain" in text and "firmware.position_gain of its experiment" in text
     assert not (tmp_path / "out").exists()
 
 
@@ -262,7 +263,7 @@ def test_reset_and_stop(axis):
     axis.set(target_velocity=-5000)
     axis.link.wait(0.5)
     now = actions.stop(axis)
-    assert (now["state"], now["fault"]) == ("switch on disabled", "none")
+    assert (now.state, now.fault) == ("switch on disabled", "none")
     assert said(forceaxis("axis", "stop", *SIM)).startswith("stopped: switch on disabled")
     assert said(forceaxis("axis", "reset", *SIM)).startswith("reset: switch on disabled")
 
@@ -308,7 +309,7 @@ def test_an_interrupt_of_a_verb_that_only_reads_is_one_line(monkeypatch):
 
 
 def test_tare_at_rest_and_the_reason_where_it_is_refused(axis):
-    assert actions.tare(axis) == {"force_tare": 0.0, "force": 0.0}
+    assert actions.tare(axis) == actions.TareResult(force_tare=0.0, force=0.0)
     axis.enable("profile velocity")
     with pytest.raises(Refused, match="tare: not in this state of the axis"):
         actions.tare(axis)
@@ -320,7 +321,7 @@ def test_calibration_by_points(axis):
     found = actions.calibrate(axis, [(0.0, 0.0), (20.0, 50.0), (40.0, 100.2)])
     # Least squares by NumPy.
     slope = np.polyfit([0.0, 20.0, 40.0], [0.0, 50.0, 100.2], 1)[0]
-    assert found["force_scale_N_per_count"] == pytest.approx(slope, abs=1e-6)
+    assert found.force_scale_N_per_count == pytest.approx(slope, abs=1e-6)
     assert axis.read("date") > 15_000  # days since 1984
     with pytest.raises(Refused, match="calibration refused spread"):
         actions.calibrate(axis, [(0.0, 0.0), (20.0, 50.0)])
@@ -476,7 +477,10 @@ def test_a_closed_link_frees_the_file_of_its_store(tmp_path):
 
 
 def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
-    resets = "; `forceaxis axis reset --sim sim/experiments/contact.toml` resets the fault$"
+    done = forceaxis("axis", "move", *SIM, "5000", "--speed", "2000")
+    told = "; `forceaxis axis reset --sim sim/experiments/contact.toml` resets the fault"
+    assert refusal(done, 1).endswith(told)
+    resets = r"; reset_fault\(\) resets the fault$"
     with pytest.raises(NoAnswer, match=f"fault force_max.*{resets}"):
         actions.move(axis, 5000, 2000)
     for enabling in (
@@ -489,12 +493,11 @@ def test_a_fault_is_named_in_words_with_the_command_that_resets_it(axis):
 
 
 def test_a_list_fits_80_columns_with_the_longest_words():
-    longest = {
-        "id": 127, "name": "forceaxis", "version": "0.1.0 904ee356 0123456", "table": "904ee356",
-        "state": "fault reaction active", "mode": "cyclic synchronous torque",
-        "fault": max(BY_NAME["fault"].enum, key=len), "owner": "canopen", "note": "silent " * 20,
-    }  # fmt: skip
-    shown = list(table_of([longest, dict.fromkeys(longest) | {"id": 1}]))
+    longest = ScannedAxis(
+        127, "forceaxis", "0.1.0 904ee356 0123456", "904ee356", "fault reaction active",
+        "cyclic synchronous torque", max(BY_NAME["fault"].enum, key=len), "canopen", "silent " * 20,
+    )  # fmt: skip
+    shown = list(table_of([longest, ScannedAxis(1)]))
     assert max(map(len, shown)) <= 80
     assert shown[0].split() == ["id", "name", "version", "table", "state", "fault"]
     assert "current sensor failed" in shown[1] and shown[1].index("0.1.0") == shown[0].index("ver")

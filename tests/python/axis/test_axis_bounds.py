@@ -294,7 +294,7 @@ def test_values_of_a_live_axis_have_units_wherever_a_scale_is_known(words, found
 
 def test_a_length_without_a_scale_is_refused_with_what_would_give_it(axis, tmp_path):
     axis.link.counts_per_metre = None
-    with pytest.raises(InputError, match=r"target_position: .*10 mm; .*--model MODEL.*6092h"):
+    with pytest.raises(InputError, match=r"target_position: .*10 mm; .*give a model.*6092h"):
         axis.set(target_position="10 mm")
     axis.link.use_model(CONTACT.parents[1] / "models/laboratory.toml")
     axis.set(target_position="10 mm")
@@ -343,7 +343,7 @@ def test_a_retract_is_bounded():
         axis.arm(["velocity_actual", "force"], 3000)
         found = axis.retract("2 mm", "4 mm/s")
         held = axis.link.recording(5.0)
-        assert found["force"] == 0 and axis.read("drive_state") == "ready_to_switch_on"
+        assert found.force == 0 and axis.read("drive_state") == "ready_to_switch_on"
         # The velocity comes in steps of 1500 / 16, and the law overshoots by a tenth.
         assert -1.3 * 4 * MM < held.values("velocity_actual").min() < -0.7 * 4 * MM
         assert held.values("force").max() < 40

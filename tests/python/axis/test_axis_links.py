@@ -232,7 +232,7 @@ def test_modbus_words_signs_and_widths(registers, low_first):
 
 def test_modbus_refuses_what_has_no_register_before_it_sends(registers):
     link = ModbusLink("tcp://somewhere")
-    with pytest.raises(Refused, match="bank_gain_1: it has no Modbus register; use --axis or --"):
+    with pytest.raises(Refused, match="bank_gain_1: it has no Modbus register; connect"):
         link.write({"force_gain": 1, "bank_gain_1": 1})
     with pytest.raises(Refused, match="bank_gain_1"):
         link.read(["force_gain", "bank_gain_1"])

@@ -100,9 +100,7 @@ def test_a_dump_makes_another_axis_the_same(owned, tmp_path, everything):
     }
     loaded = params.load(second, file)
     assert (loaded.changed, loaded.managed) == (before, [])
-    assert loaded.bank == {
-        "force_bank": 1, "bank_state": "valid", "certificate_state": "fits",
-    }  # fmt: skip
+    assert loaded.bank == params.BankState(1, "valid", "fits")
     assert params.differences(second, file) == []
     # Measurements stay each axis' own until they are asked for.
     assert second.read("force_tare") == -2.0
@@ -266,7 +264,7 @@ def test_a_bank_of_a_design_is_written_over_the_selected_one(owned, tmp_path):
     assert {d.name for d in loaded.changed} == {
         "bank_gain_1", "bank_integral_1", "bank_crc_1", "certificate_hash_1", "certificate_parts_1",
     }  # fmt: skip
-    assert loaded.bank["certificate_state"] == "fits"
+    assert loaded.bank.certificate_state == "fits"
     assert axis.get("bank_gain_1", "force_bank", "watchdog") == {
         "bank_gain_1": 4.37109375, "force_bank": 1, "watchdog": 400,
     }  # fmt: skip

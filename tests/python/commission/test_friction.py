@@ -473,7 +473,7 @@ def test_identify_fit_frees_the_friction_that_was_measured(press, rubbed):
 
 def test_a_design_about_measured_responses_frees_their_friction(press, rubbed, tmp_path):
     model = press / "model.toml"
-    order = outcome.Order(str(model), over=OVER)
+    order = outcome.DesignOrder(str(model), over=OVER)
     folders = [str(rubbed / name) for name in ("free", "60N")]
     found = design._identified(order, folders, ())
     values = [found.overrides[name] for name in ("k_w", "m_w")]

@@ -57,13 +57,13 @@ def test_responses_are_those_of_the_plant_and_bounds_hold_in_every_tick(axis_fil
         assert 0.2 * force < level.swing < 0.6 * force
     for level in (free, *levels):
         compared = level.measured.compare()
-        assert compared["p_value"] > 1e-3, compared
-        assert compared["inside"] > 0.85
-        assert compared["coherent"] > 50
+        assert compared.p_value > 1e-3, compared
+        assert compared.inside > 0.85
+        assert compared.coherent > 50
         # The band is no wider than it has to be: a workpiece 5 % heavier is seen.
         if not level.measured.free:
             heavier = level.measured.predict({"m_w": 1.05 * 6.6})
-            assert level.measured.compare(heavier)["p_value"] < 1e-3
+            assert level.measured.compare(heavier).p_value < 1e-3
 
 
 def test_a_simulated_axis_and_its_model_measure_the_same(axis_file):

@@ -21,6 +21,8 @@ from forceaxis.cli import live_options
 from forceaxis.commission import as_found, margins, tune, tune_fit, tune_page, tune_steps
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
+from forceaxis.design.banks import bank_figures
+from forceaxis.design.certificate import NoPFigures
 from forceaxis.design.changes import Design
 from forceaxis.design.search import Goal
 from forceaxis.linear import over, plant_set
@@ -95,12 +97,13 @@ def quick(asked, _out, say):
         ranges = plant_set.ranges_of(plant.model, asked.over, plant.overrides)
         plants = plant_set.PlantSet(str(plant.model), plant.overrides, ranges)
         bits = plant.facts.required_reading.bits
-        problem = reduced.Problem(plants, Goal(ms=asked.ms, ms_late=asked.ms_late, adc_bits=bits))
+        goal = Goal(ms=asked.ms, ms_late=asked.ms_late, adc_bits=bits)
+        problem = reduced.ShortSearch(plants, goal)
         found = problem.designed()
-        bank, worst = problem.exact(found["bank"])
+        bank, worst = problem.exact(found.bank)
         units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
-        return outcome.Outcome(
-            asked, plants, units, bits, bank, outcome.plain(worst), {}, Bank(0.0), [],
+        return outcome.DesignOutcome(
+            asked, plants, units, bits, bank, worst, NoPFigures(), [],
             reduced.NAME, "",
         )  # fmt: skip
 
@@ -210,7 +213,7 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
     assert summary["refused"] is None
     assert summary["stored"]
     assert summary["seconds"].keys() == set(tune.STEPS)
-    assert summary["bank"].keys() == outcome.bank_summary(Bank(1.0)).keys()
+    assert summary["bank"].keys() == vars(bank_figures(Bank(1.0))).keys()
     assert {"fS_Hz", "fT_Hz", "Ms", "Ms_late", "gain_margin"} <= summary["worst"].keys()
     assert summary["Ms_predicted"] == summary["worst"]["Ms"]
     assert summary["Ms_verified"] == max(one["Ms"] for one in summary["levels"].values())

@@ -9,19 +9,33 @@ import pytest
 from forceaxis import _core, linear, paths
 from forceaxis.bench import bench
 from forceaxis.cli import main as cli
-from forceaxis.design import advise, advise_text
+from forceaxis.cli.advise_text import describe
+from forceaxis.design import advise
 from forceaxis.linear import loops
+from forceaxis.results import to_json
 from scipy import optimize
+
+
+class Advised(dict):
+    """The JSON of an advice; `advice` is the result itself."""
+
+    def __init__(self, advice):
+        super().__init__(to_json(advice))
+        self.advice = advice
+
+
+def advised(*given, **named):
+    return Advised(advise.advise(advise.AdviceOrder(*given, **named)))
 
 
 @pytest.fixture(scope="module")
 def laboratory():
-    return advise.advise("laboratory", runs="none")
+    return advised("laboratory", runs="none")
 
 
 @pytest.fixture(scope="module")
 def workpiece():
-    return advise.advise("fig4_19", runs="none")
+    return advised("fig4_19", runs="none")
 
 
 def row(result, start):
@@ -83,7 +97,7 @@ def test_a_row_is_the_changed_models_limit(laboratory, start, how):
     ],
 )
 def test_a_grip_pad_makes_the_other_figure(model, start, same):
-    found = row(advise.advise(model, runs="none"), start)
+    found = row(advised(model, runs="none"), start)
     wanted = loops.force_loop(same).limit()
     assert found["critical_gain"] == pytest.approx(wanted.gain, rel=1e-9)
     assert found["frequency_hz"] == pytest.approx(wanted.frequency_hz, rel=1e-9)
@@ -165,7 +179,7 @@ def test_what_a_bank_can_hold_is_the_law_that_it_stands_for(workpiece):
 
 def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
     over = ("k_w=30%,m_w=30%",)
-    result = advise.advise("fig4_19", runs="none", over=over, modes="all")
+    result = advised("fig4_19", runs="none", over=over, modes="all")
     rows = [r for r in result["rows"] if r["in_firmware"]]
     fS = [(r["over"] or {"fS_Hz": 0.0})["fS_Hz"] for r in rows]
     assert fS == sorted(fS, reverse=True)
@@ -187,9 +201,9 @@ def test_over_a_set_the_designed_bank_is_a_row_and_the_worst_member_counts():
             peaks.append(S.max())
     assert present["fS_Hz"] == pytest.approx(min(bandwidths), rel=1e-2)
     assert 1.5 < max(peaks) <= 2.02  # the search judges on a grid
-    text = advise_text.describe(result)
+    text = describe(result.advice)
     assert "designed bank" in text and "not in the firmware" in text and "fS over" in text
-    assert max(map(len, advise_text.describe(result, 80).splitlines())) <= 80
+    assert max(map(len, describe(result.advice, 80).splitlines())) <= 80
     json.dumps(result, allow_nan=False)
 
 
@@ -211,32 +225,32 @@ def test_doubling_the_damping_of_fig_5_4_raises_what_limit_gives(workpiece):
     ],
 )
 def test_the_limiting_mode_is_named(model, element, label, how):
-    mode = advise.advise(model, runs="none")["limiting_mode"]
+    mode = advised(model, runs="none")["limiting_mode"]
     assert (mode["element"], mode["label"], mode["how"]) == (element, label, how)
     assert mode["name"] == f"{element} ({mode['body']})"
 
 
 def test_the_drive_alone_limits_a_rigid_axis():
-    result = advise.advise("fig4_11", runs="none")
+    result = advised("fig4_11", runs="none")
     assert result["limiting_mode"]["name"] == "none"
-    assert "lag of drive" in advise_text.describe(result)
+    assert "lag of drive" in describe(result.advice)
     # 4.3.5: the base's colocated mode does not limit either.
-    assert advise.advise("fig4_17", runs="none")["limiting_mode"]["name"] == "none"
+    assert advised("fig4_17", runs="none")["limiting_mode"]["name"] == "none"
 
 
 def test_without_a_limit_there_is_nothing_to_compare_with():
-    result = advise.advise("fig2_3", timing="continuous")
+    result = advised("fig2_3", timing="continuous")
     assert result["present"]["critical_gain"] is None and result["limiting_mode"] is None
     assert "simulated" not in result["present"]  # the firmware samples
     hold = row(result, "hold of one tick")
     assert hold["critical_gain"] == pytest.approx(halved("fig2_3"), rel=1e-6)
     assert hold["ratio"]["critical_gain"] is None
-    assert "no limit" in advise_text.describe(result)
+    assert "no limit" in describe(result.advice)
 
 
 @pytest.fixture(scope="module")
 def simulated():
-    return advise.advise(paths.EXPERIMENTS / "contact.toml", runs="all", threads=2)
+    return advised(paths.EXPERIMENTS / "contact.toml", runs="all", threads=2)
 
 
 def test_the_simulated_limit_is_where_the_verdict_turns(simulated):
@@ -251,7 +265,7 @@ def test_the_simulated_limit_is_where_the_verdict_turns(simulated):
     )
     assert 0.3 < found["of_limit"] < 0.9
     assert simulated["present_gain"] == 5.0 and simulated["timing"] == "zoh"
-    assert max(map(len, advise_text.describe(simulated, 80).splitlines())) <= 80
+    assert max(map(len, describe(simulated.advice, 80).splitlines())) <= 80
 
 
 def test_a_pad_that_is_put_in_runs_as_the_model_with_a_pad(simulated, tmp_path):
@@ -285,9 +299,9 @@ def test_simulated_rows_run_the_changed_axis(simulated):
 
 def test_a_model_without_an_experiment_gets_a_first_contact():
     """laboratory: the same plant and settings as contact.toml, so the same limit."""
-    result = advise.advise("laboratory", threads=2)
+    result = advised("laboratory", threads=2)
     assert result["experiment"] is None
-    contact = advise.advise(paths.EXPERIMENTS / "contact.toml", threads=2)
+    contact = advised(paths.EXPERIMENTS / "contact.toml", threads=2)
     assert result["present"] == contact["present"]
 
 
@@ -297,11 +311,11 @@ def test_an_experiments_own_values_and_delay_count(tmp_path):
     text = text.replace("latency_ticks = 0", "latency_ticks = 1")
     text = text.replace("[firmware]", "[set]\nb_w = 363.0\n\n[firmware]")
     (tmp_path / "e.toml").write_text(text)
-    result = advise.advise(tmp_path / "e.toml", runs="none")
+    result = advised(tmp_path / "e.toml", runs="none")
     assert result["timing"] == "zoh+1"
     wanted = halved("laboratory", {"b_w": 363.0}, delay=1)
     assert result["present"]["critical_gain"] == pytest.approx(wanted, rel=1e-6)
-    over = advise.advise(tmp_path / "e.toml", {"b_w": 8.25}, "zoh", runs="none")
+    over = advised(tmp_path / "e.toml", {"b_w": 8.25}, "zoh", runs="none")
     assert over["present"]["critical_gain"] == pytest.approx(halved("laboratory"), rel=1e-6)
 
 

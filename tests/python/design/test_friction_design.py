@@ -75,7 +75,7 @@ def test_a_friction_that_is_a_number_of_the_file_is_varied_too(press):
     path = press / "plain.toml"
     path.write_text(plain + "\n")
     with changes.Design(str(path)) as design:
-        bench = simulate.Bench(design, 12)
+        bench = simulate.ContactBench(design, 12)
         (seals,) = bench.frictions
         assert dict(seals.declared_N) == {"seals_coulomb": 40.0, "seals_stiction": 50.0}
         assert seals.most_N == 100.0
@@ -85,7 +85,7 @@ def test_what_presses_on_out_of_contact_slides(press):
     """The code of a speed against the most friction: with the drive's own slope of force over
     speed, D = 2 pi 40 Hz times 29.74 kg, 80 N take 10.7 mm/s of 250 mm/s at 2048 codes."""
     with changes.Design(str(press / "contact.toml")) as design:
-        bench = simulate.Bench(design, 12)
+        bench = simulate.ContactBench(design, 12)
         found = bench.press_speed_code(0.01)
     mass = 19.74 + 10.0
     most = 80.0 / (2 * math.pi * 40.0 * mass)

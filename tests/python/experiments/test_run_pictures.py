@@ -62,9 +62,17 @@ def test_a_strike_that_nothing_survives_is_drawn():
     import matplotlib.pyplot as plt
     from forceaxis.design import compliance
 
-    row = {"p_fS_Hz": 5.0, "fS_Hz": 9.0, "p_static_error": 0.1, "motion_m": 1e-4}
-    rows = [{**row, "stiffness": k, "p_strike_N_s": 0.0, "strike_N_s": 0.0} for k in (1e5, 4e5)]
-    result = {"model": "x.toml", "element": "k_s", "present": 2e5, "over": [], "rows": rows}
+    rows = [
+        compliance.CompliancePoint(
+            stiffness=k, p_fS_Hz=5.0, fS_Hz=9.0, p_static_error=0.1, static_error=0.0,
+            motion_m=1e-4, p_strike_N_s=0.0, strike_N_s=0.0, p_bank=None, bank=None,
+        )
+        for k in (1e5, 4e5)
+    ]  # fmt: skip
+    result = compliance.Compliance(
+        model="x.toml", element="k_s", unit="N/m", present=2e5, over=[], adc_bits=8,
+        setpoint_N=75.0, strike_max_N_s=1.0, rows=rows,
+    )  # fmt: skip
     figure = compliance.figure(result)
     last = figure.axes[-1]
     assert last.get_yscale() == "linear" and last.get_ylim()[0] < 0

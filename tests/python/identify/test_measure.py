@@ -12,6 +12,7 @@ import verbs
 from forceaxis import _core, linear
 from forceaxis._core import InputError
 from forceaxis.cli import main as cli
+from forceaxis.cli.measure import command_line, in_words
 from forceaxis.identify import measure
 from forceaxis.identify import result as measure_result
 from forceaxis.identify.setup import read_setup
@@ -84,12 +85,12 @@ def test_tachometer_input_of_the_drive_is_the_linear_input():
 def test_true_model_fits_and_a_tenth_more_mass_is_seen(target, options, heavier):
     inside, rejected, caught = [], 0, 0
     for seed in SEEDS:
-        true = measure_result.run(target, options | {"seed": seed}).summary["comparison"]
-        wrong = measure_result.run(target, options | {"seed": seed}, heavier).summary["comparison"]
-        assert true["coherent"] > 0.9 * true["points"]
-        inside.append(true["inside"])
-        rejected += not true["fits"]
-        caught += not wrong["fits"]
+        true = measure_result.run(target, options | {"seed": seed}).summary.comparison
+        wrong = measure_result.run(target, options | {"seed": seed}, heavier).summary.comparison
+        assert true.coherent > 0.9 * true.points
+        inside.append(true.inside)
+        rejected += not true.fits
+        caught += not wrong.fits
     assert np.mean(inside) >= 0.93
     assert rejected <= 2
     assert caught == 20
@@ -113,54 +114,54 @@ def test_other_excitations_outputs_and_inputs_fit_too(options):
     """Of eight seeds at most two are rejected at 5 % (chance: 0.6 %)."""
     base = {"resolution_hz": 1.0, "band_hz": [1, 100]} | options
     compared = [measure.measure("fig3_12", base | {"seed": s}).compare() for s in range(8)]
-    assert sum(not c["fits"] for c in compared) <= 2
-    assert np.mean([c["inside"] for c in compared]) >= 0.9
+    assert sum(not c.fits for c in compared) <= 2
+    assert np.mean([c.inside for c in compared]) >= 0.9
 
 
 def test_an_axis_that_drifts_away_is_measured_all_the_same():
     """A bias drives the free axis at constant speed: the ramp is taken out of its position."""
     drift = {"inject": "codes", "output": "encoder", "bias": 20, "level": 200, "band_hz": [1, 30]}
     compared = [measure.measure("fig3_10", drift | {"seed": s}).compare() for s in range(6)]
-    assert sum(not c["fits"] for c in compared) <= 2
-    assert min(c["coherent"] for c in compared) == 59
+    assert sum(not c.fits for c in compared) <= 2
+    assert min(c.coherent for c in compared) == 59
 
 
 @pytest.mark.parametrize("model", ["fig2_29", "fig4_14", "fig4_19", "fig4_25", "full_axis"])
 def test_contacts_may_be_clamped(model):
     force = {"output": "sensor.spring_force", "clamped": True, "band_hz": [1, 100], "seed": 3}
-    assert measure.measure(model, force | {"level": 0.05}).compare()["fits"]
-    assert measure.measure(model, force | {"inject": "codes", "level": 15}).compare()["fits"]
+    assert measure.measure(model, force | {"level": 0.05}).compare().fits
+    assert measure.measure(model, force | {"inject": "codes", "level": 15}).compare().fits
 
 
 def test_a_contact_that_does_not_stay_as_the_model_has_it_is_told():
     force = {"output": "sensor.force", "band_hz": [2, 100], "averages": 4}
     lost = measure_result.run("fig4_19", force)
-    share = lost.summary["contact"]["sensor"]
+    share = lost.summary.contact["sensor"]
     assert 0 < share < 0.1
-    (hint,) = lost.summary["hints"]
+    (hint,) = lost.summary.hints
     assert f"apart {100 * (1 - share):.3g} % of the time" in hint and "press harder" in hint
-    assert hint in measure_result.describe(lost.summary)
+    assert hint in in_words(lost.summary)
     kept = measure_result.run("fig4_19", force | {"bias": 1.0, "level": 0.02})
-    assert kept.summary["contact"] == {"sensor": 1.0} and kept.summary["hints"] == []
+    assert kept.summary.contact == {"sensor": 1.0} and kept.summary.hints == []
     codes = force | {"inject": "codes", "output": "adc0", "bias": 100, "level": 15}
-    assert measure_result.run("fig4_19", codes).summary["contact"] == {"sensor": 1.0}
+    assert measure_result.run("fig4_19", codes).summary.contact == {"sensor": 1.0}
 
     free = {"free": True, "output": "robot.velocity", "band_hz": [2, 60], "level": 0.3}
     met = measure_result.run("fig4_17", free).summary
-    assert met["contact"]["sensor"] > 0 and "--set approach=0.5" in met["hints"][0]
+    assert met.contact["sensor"] > 0 and "--set approach=0.5" in met.hints[0]
     apart = measure_result.run("fig4_17", free | {"set": {"approach": 0.5}}).summary
-    assert apart["contact"] == {"sensor": 0.0} and apart["hints"] == []
+    assert apart.contact == {"sensor": 0.0} and apart.hints == []
     clamped = measure_result.run("fig4_19", force | {"clamped": True}).summary
-    assert clamped["contact"] == {} and clamped["hints"] == []
+    assert clamped.contact == {} and clamped.hints == []
 
 
 def test_the_rounding_of_the_input_is_told():
     codes = {"inject": "codes", "output": "drive.current", "level": 20, "band_hz": [1, 50]}
-    hints = measure_result.run("fig3_9", codes | {"input": "encoder"}).summary["hints"]
+    hints = measure_result.run("fig3_9", codes | {"input": "encoder"}).summary.hints
     assert "too small" in hints[0]
-    assert measure_result.run("fig3_9", codes).summary["hints"] == []
+    assert measure_result.run("fig3_9", codes).summary.hints == []
     volts = {"input": "drive.current", "output": "drive.tach", "band_hz": [1, 50]}
-    assert measure_result.run("fig3_9", volts).summary["hints"] == []
+    assert measure_result.run("fig3_9", volts).summary.hints == []
 
 
 def test_hann_begins_where_taking_out_the_mean_does_not_reach():
@@ -196,31 +197,32 @@ def test_files_of_a_measurement_are_written_all_or_none(tmp_path):
 
 def test_the_noise_is_held_no_longer_than_the_firmware_can():
     slow = {"inject": "codes", "level": 20, "band_hz": [0.004, 0.006], "averages": 4}
-    assert measure.measure("fig3_9", slow).compare()["points"] == 1
+    assert measure.measure("fig3_9", slow).compare().points == 1
 
 
 def test_the_command_to_repeat_a_measurement_is_exact():
     low, high = 2.00000123, 50.0000045
-    done = measure_result.run("fig3_9", {"band_hz": [low, high], "output": "drive.current"})
-    assert f"--band {low!r}:{high!r}" in done.summary["command"]
-    assert done.summary["title"] == ""  # the file's is that of another signal
+    options = {"band_hz": [low, high], "output": "drive.current"}
+    assert f"--band {low!r}:{high!r}" in command_line("fig3_9", options, {})
+    done = measure_result.run("fig3_9", options)
+    assert done.summary.title == ""  # the file's is that of another signal
 
 
 def test_a_saturated_converter_is_told():
     codes = {"inject": "codes", "output": "adc0", "excitation": "sine", "points": 4}
     done = measure_result.run("fig3_12", codes | {"level": 200})
     assert 0.01 < done.measured.saturated < 0.9
-    assert not done.summary["comparison"]["fits"]
-    assert "at an end of the ADC" in measure_result.describe(done.summary)
+    assert not done.summary.comparison.fits
+    assert "at an end of the ADC" in in_words(done.summary)
     for kind in ({}, {"excitation": "noise", "window": "hann"}):
         assert measure.measure("fig3_12", codes | {"level": 60} | kind).saturated == 0
 
 
 def test_contact_is_kept_by_a_bias():
     kept = {"inject": "codes", "output": "adc0", "bias": 100, "level": 15, "band_hz": [1, 100]}
-    assert measure.measure("fig4_19", kept).compare()["fits"]
+    assert measure.measure("fig4_19", kept).compare().fits
     lost = measure.measure("fig4_19", kept | {"bias": 5, "level": 60})
-    assert not lost.compare()["fits"]
+    assert not lost.compare().fits
     assert np.median(lost.coherence) < 0.9
 
 
@@ -237,19 +239,16 @@ def test_noise_is_what_the_converters_make():
 
 
 def test_p_values_are_uniform():
-    p = [
-        measure.measure("fig3_6", {"seed": s, "averages": 8}).compare()["p_value"]
-        for s in range(40)
-    ]
+    p = [measure.measure("fig3_6", {"seed": s, "averages": 8}).compare().p_value for s in range(40)]
     assert stats.kstest(p, "uniform").pvalue > 0.01
 
 
 def test_measurement_follows_the_plant_not_the_model():
     nominal = measure.measure("fig3_9")
     moved = measure.measure("fig3_9", plant_set={"rotor_mass": 1.1 * 79.53})
-    assert not moved.compare()["fits"]
-    assert moved.compare(moved.predict({"rotor_mass": 1.1 * 79.53}))["fits"]
-    ratio = moved.readings()["corner_hz"] / nominal.readings()["corner_hz"]
+    assert not moved.compare().fits
+    assert moved.compare(moved.predict({"rotor_mass": 1.1 * 79.53})).fits
+    ratio = moved.readings().corner_hz / nominal.readings().corner_hz
     truth = [
         linear.linearise(
             "fig4_5", outputs=["drive.tach"], overrides={"k_amp": 582, "rotor_mass": m}
@@ -264,7 +263,7 @@ def test_measurement_follows_the_plant_not_the_model():
     assert ratio == pytest.approx(corners[1] / corners[0], rel=2e-3)
     # With the same parameter the model agrees.
     same = measure_result.run("fig3_9", {"set": {"rotor_mass": 1.1 * 79.53}})
-    assert same.summary["comparison"]["fits"]
+    assert same.summary.comparison.fits
 
 
 def test_same_seed_same_measurement():
@@ -301,21 +300,21 @@ def test_there_are_seven():
 @pytest.mark.parametrize("name", READINGS)
 def test_measurement_of_the_thesis_runs_and_fits(name):
     done = measure_result.run(name)
-    assert done.summary["verdict"] == "the model fits"
-    assert done.summary["comparison"]["inside"] >= 0.9
-    assert done.summary["coherence_median"] > 0.99
+    assert done.summary.verdict == "the model fits"
+    assert done.summary.comparison.inside >= 0.9
+    assert done.summary.coherence_median > 0.99
     gain, corner, crossing = READINGS[name]
-    readings = done.summary["readings"]
-    assert readings["low_gain"] == pytest.approx(gain, rel=0.02)
-    assert readings["low_gain"] == pytest.approx(abs(done.model[0]), rel=0.01)
+    readings = done.summary.readings
+    assert readings.low_gain == pytest.approx(gain, rel=0.02)
+    assert readings.low_gain == pytest.approx(abs(done.model[0]), rel=0.01)
     if corner:
-        assert readings["corner_hz"] == pytest.approx(corner, rel=0.02)
+        assert readings.corner_hz == pytest.approx(corner, rel=0.02)
     else:
-        assert readings["corner_hz"] is None
+        assert readings.corner_hz is None
     if crossing:
-        assert readings["phase_crossings"][0]["frequency_hz"] == pytest.approx(crossing, rel=0.02)
+        assert readings.phase_crossings[0].frequency_hz == pytest.approx(crossing, rel=0.02)
     else:
-        assert readings["phase_crossings"] == []
+        assert readings.phase_crossings == []
 
 
 def test_preamplifier_is_flat():

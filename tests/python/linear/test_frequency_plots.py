@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from forceaxis import drawing, linear, paths
 from forceaxis.cli import main as cli
-from forceaxis.design import advice_plot
+from forceaxis.design import advice_plot, advise
 from forceaxis.linear import beam, curves, limits, locus, loops, modes, plots
 from forceaxis.thesis import figures as thesis_figures
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -364,12 +364,20 @@ def test_a_users_axis_has_its_name_and_no_reference(tmp_path):
     model = folder / "model.toml"
     model.write_text((paths.MODELS / "fig4_19.toml").read_text().replace(
         'parameters_file = "', f'parameters_file = "{paths.MODELS}/'))  # fmt: skip
-    row = {"change": "grip pad", "thesis": "5.1", "ratio": {"critical_gain": 2, "crossover_hz": 2}}
-    advice = {"rows": [row] * 9, "gain_margin": 2, "timing": "zoh", "limiting_mode": None}
+    figures = {"critical_gain": 1.0, "known_to": None, "frequency_hz": 9.0}
+    row = advise.AdviceRow(
+        **figures, change="grip pad", kind="grip", thesis="5.1", in_firmware=True,
+        ratio=advise.Ratios(2.0, None, None, 2.0),
+    )  # fmt: skip
+    advice = advise.Advice(
+        model="", experiment=None, title="", timing="zoh", unit="V/N", gain_margin=2.0, factor=2.0,
+        limiting_mode=None, present=advise.PresentDesign(**figures), next_crossing=None,
+        reference_hz=None, present_gain=None, over=[], modes=None, rows=[row] * 9,
+    )  # fmt: skip
     for file, name, change in (
         (model, "press", "grip pad"),
         ("fig4_19", "fig4_19", "grip pad [5.1]"),
     ):
-        figure = advice_plot.figure(advice | {"model": str(file)})
+        figure = advice_plot.figure(replace(advice, model=str(file)))
         assert figure._suptitle.get_text() == f"{name}, sampled"
         assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [change] * 9

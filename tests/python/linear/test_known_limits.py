@@ -7,7 +7,8 @@ import pytest
 from click.testing import CliRunner
 from forceaxis import paths
 from forceaxis.cli import main as cli
-from forceaxis.design import advise, advise_text, new
+from forceaxis.cli.advise_text import describe
+from forceaxis.design import advise, new
 from forceaxis.linear import locus, loops, over, plant_set, plots, request, stability
 from forceaxis.report import axes
 
@@ -55,12 +56,12 @@ def test_the_largest_gain_of_a_set_is_none_that_is_known():
 
 def test_a_table_of_advice_gives_a_bound():
     found = advise.performance(loops.force_loop(MODEL))
-    assert (found["critical_gain"], found["known_to"]) == (None, KNOWN_TO)
-    assert found["crossover_hz"] > 0  # of half of that gain
-    none = dict.fromkeys(found) | {"in_firmware": True}
+    assert (found.critical_gain, found.known_to) == (None, KNOWN_TO)
+    assert found.crossover_hz > 0  # of half of that gain
+    none = advise.Performance(critical_gain=None, known_to=None, frequency_hz=None)
     # One that is stable at every gain is better than one of which this is not known.
-    assert advise.rank(none) < advise.rank(found | {"in_firmware": True})
-    text = advise_text.describe(advise.advise(MODEL, runs="none"))
+    assert advise.rank(none, True) < advise.rank(found, True)
+    text = describe(advise.advise(advise.AdviceOrder(MODEL, runs="none")))
     assert re.search(r"present design +> 7\.5 ", text), text
     assert "limit        none: stable up to 7.5 V/N, above which rounding decides" in text
     assert not re.search("every gain|no limit(?! up to)", text), text

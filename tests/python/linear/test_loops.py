@@ -461,7 +461,7 @@ def test_law_parameters_are_required_and_refused():
             given = {n: v for n, v in PARAMETERS[law].items() if n != missing}
             with pytest.raises(InputError, match=f"{missing}: expected with law"):
                 loops.force_loop("fig4_19", law, **given)
-    with pytest.raises(InputError, match="--derivative-s: expected for another law, p has no"):
+    with pytest.raises(InputError, match="derivative_s: expected for another law, p has no"):
         loops.force_loop("fig4_19", derivative_s=1.0)
     with pytest.raises(InputError, match="expected a number > 0, got -1"):
         loops.force_loop("fig4_19", "pd", derivative_s=-1.0)

@@ -164,12 +164,12 @@ def test_a_value_that_changes_is_seen(tmp_path):
 def test_the_element_that_cuts_the_path_is_named(tmp_path):
     path = model(tmp_path, ("guide", "bed"), play=2e-4)
     for modes, said in (
-        ({"guide": "stuck"}, r"while guide is stuck; --mode guide=forward gives one"),
+        ({"guide": "stuck"}, r"while guide is stuck; `states` guide=forward gives one"),
         (
             {"gear_spring.high": "apart"},
-            r"while gear_spring.high is apart; --mode gear_spring.high=",
+            r"while gear_spring.high is apart; `states` gear_spring.high=",
         ),
-        ({"sensor": "apart"}, r"while sensor is apart; --mode sensor=pressed gives one"),
+        ({"sensor": "apart"}, r"while sensor is apart; `states` sensor=pressed gives one"),
     ):
         with pytest.raises(InputError, match=r"expected a path from drive.command.*" + said):
             loops.force_loop(path, modes=modes)

@@ -13,10 +13,11 @@ import pytest
 import tomlkit
 import verbs
 from forceaxis import _core, drawing, linear
+from forceaxis.cli import design_text
 from forceaxis.design import (
+    certificate,
     changes,
     data_sheet,
-    files,
     for_set,
     new,
     outcome,
@@ -24,6 +25,8 @@ from forceaxis.design import (
     search,
     simulate,
 )
+from forceaxis.design.banks import bank_figures
+from forceaxis.design.certificate import WorstFigures
 from forceaxis.linear import over
 from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member
@@ -38,23 +41,24 @@ BANKS = {
     12: Bank(6.08, 8.0, 0.0, ((5.790171, -11.321576, 5.681603, -1.556226, 0.706424),)),
 }
 P = Bank(1.0)
+FIGURES = ("fS_Hz", "fT_Hz", "Ms", "gain_margin", "phase_margin_deg")
 
 
 def answer(plants, goal, progress=None, factor=1.0):
     bank = BANKS[goal.adc_bits]
     bank = Bank(factor * bank.force_gain, bank.integral_rad_per_s, 0.0, bank.sections).quantised()
-    worst = {name: 1.0 for name in for_set.FIGURES} | {"Ms_late": 2.0, "member": {"k_w": 1.0}}
+    worst = WorstFigures(1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 0.0, {"k_w": 1.0})
     rows = [
-        {"name": "P", "bank": P, "worst": worst},
-        {"name": "PI and one biquad", "bank": bank, "worst": worst},
+        search.StructureDesign("P", bank_figures(P), worst),
+        search.StructureDesign("PI and one biquad", bank_figures(bank), worst),
     ]
-    return search.Found(
+    return search.SearchResult(
         bank,
         worst,
-        worst | {"force_gain": 1.0},
+        certificate.p_figures(worst, P),
         rows,
         "Nothing.",
-        rows[1]["name"],
+        rows[1].name,
         lambda name: None,
     )
 
@@ -68,7 +72,7 @@ def found(monkeypatch):
 @pytest.fixture
 def order():
     def order(text=EXPERIMENT, over="k_w=30%,m_w=30%", **given):
-        return outcome.Order(str(text), (over,), threads=2, **given)
+        return outcome.DesignOrder(str(text), (over,), threads=2, **given)
 
     return order
 
@@ -83,8 +87,8 @@ def test_json_is_as_promised(found):
     assert [c / COEFFICIENT_STEP for c in section] == [
         round(c * 2**26) for c in BANKS[8].sections[0]
     ]
-    assert {*for_set.FIGURES, "member"} <= told["worst"].keys()
-    assert {*for_set.FIGURES, "force_gain"} <= told["p"].keys()
+    assert {*FIGURES, "member"} <= told["worst"].keys()
+    assert {*FIGURES, "force_gain"} <= told["p"].keys()
     rows = [r for r in told["simulated"] if r["law"] == "design"]
     # Six cases on the nominal plant and two members, and the experiment itself.
     assert [r["verdict"] for r in rows] == ["stable"] * (6 * 3 + 1)
@@ -149,8 +153,8 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
 def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order):
     monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=3.5))
 
-    def worst(plants, timings, law, bank):
-        return over.Worst(True, Ms=bank.force_gain, member={"Ms": (Member(), timings[0])})
+    def worst(plants, timings, spec):
+        return over.Worst(True, Ms=spec.bank.force_gain, member={"Ms": (Member(), timings[0])})
 
     monkeypatch.setattr(over, "worst", worst)
     done = for_set.design(order(FINE, "k_w=30%", latency="0"))
@@ -158,12 +162,12 @@ def test_a_gain_that_contact_does_not_bear_is_reduced(found, monkeypatch, order)
     assert done.bank.force_gain == pytest.approx(
         3.5 * 6.08 * simulate.BACKOFF**done.backoffs, abs=GAIN_STEP
     )
-    assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
-    assert done.worst["Ms"] == done.bank.force_gain  # the reduced bank's
-    text = outcome.describe(done)
+    assert {r.verdict for r in done.rows if r.law == "design"} == {"stable"}
+    assert done.worst.Ms == done.bank.force_gain  # the reduced bank's
+    text = design_text.describe(done)
     assert f"took the gain down {done.backoffs} times" in text
     # Of each cut: the case that it is for and the limit that was missed, with number and unit.
-    assert len(done.summary()["gain_cuts"]) == done.backoffs
+    assert len(done.result().gain_cuts) == done.backoffs
     for cut in done.cuts:
         assert cut.failed > 0 and cut.case.startswith("contact ") and cut.text in text
         assert re.match(r"[a-zA-Z_]+ ([0-9.]+|never)", cut.why)
@@ -180,22 +184,22 @@ def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
 
     def two(plants, goal, progress=None):
         steep, calm = (answer(plants, goal, factor=factor) for factor in (3.5, 1.0))
-        calm = replace(calm, chosen="PI", worst=calm.worst | {"fS_Hz": other})
+        calm = replace(calm, chosen="PI", worst=replace(calm.worst, fS_Hz=other))
         rows = [
-            steep.structures[1] | {"worst": steep.worst | {"fS_Hz": 2.0}},
-            calm.structures[1] | {"worst": calm.worst, "name": "PI"},
+            replace(steep.structures[1], worst=replace(steep.worst, fS_Hz=2.0)),
+            replace(calm.structures[1], worst=calm.worst, name="PI"),
         ]
         return replace(steep, structures=rows, instead={"PI": calm}.get)
 
-    def worst(plants, timings, law, bank):
+    def worst(plants, timings, spec):
         return over.Worst(True, fS_Hz=left, member={"fS_Hz": (Member(), timings[0])})
 
     monkeypatch.setattr(search, "search", two)
     monkeypatch.setattr(over, "worst", worst)
     done = for_set.design(order(FINE, "k_w=30%", latency="0"))
-    assert (done.chosen, done.worst["fS_Hz"]) == (taken, other if taken == "PI" else left)
+    assert (done.chosen, done.worst.fS_Hz) == (taken, other if taken == "PI" else left)
     assert (done.backoffs == 0) == (taken == "PI")
-    assert {r["verdict"] for r in done.rows if r["law"] == "design"} == {"stable"}
+    assert {r.verdict for r in done.rows if r.law == "design"} == {"stable"}
 
 
 def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):
@@ -209,7 +213,7 @@ def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):
 # only has to settle and to hold.
 def test_each_case_is_judged_by_what_was_asked(found, order):
     with changes.Design(str(FINE)) as design:
-        bench = simulate.Bench(design, 12)
+        bench = simulate.ContactBench(design, 12)
         for case in bench.cases:
             asked = tomllib.loads(bench.text(case, BANKS[12]))["verdict"]
             assert asked["contact_held"] and asked["force_ripple_max_count"] == 3.0
@@ -226,27 +230,27 @@ def test_each_case_is_judged_by_what_was_asked(found, order):
     head, *table = outcome.cases(done.rows), *outcome.CASE_HEAD
     assert {"losses", "worst peak N", "saturated ms"} < set(table) and len(head[0]) == len(table)
     for row in done.rows:
-        assert row["losses"] >= 0 and row["peak_N"] > 0 and row["saturated_ms"] >= 0
+        assert row.losses >= 0 and row.peak_N > 0 and row.saturated_ms >= 0
 
 
 def test_forces_and_approach_are_the_users(found, order):
     done = for_set.design(order(latency="0", forces_N=(75.0, 30.0), approach_mm_per_s=5.0))
-    cases = {row["case"] for row in done.rows}
+    cases = {row.case for row in done.rows}
     for text in ("contact 30 N at 5 mm/s", "contact 75 N at 5 mm/s", "contact 30 N at 2.5 mm/s"):
         assert text in cases
     assert not [
         c for c in cases if c.startswith("contact") and " 30 N" not in c and "75 N" not in c
     ]
     one = for_set.design(order(latency="0", forces_N=(50.0,)))
-    own = {row["case"] for row in one.rows if row["case"].startswith("contact")}
+    own = {row.case for row in one.rows if row.case.startswith("contact")}
     assert own and all(" 50 N " in case for case in own)
     for given, words in (
         (
             {"forces_N": (30.0, 5000.0)},
-            "--force: 5000 N: expected at most 637.5 N, what the sensor",
+            "forces_N: 5000 N: expected at most 637.5 N, what the sensor",
         ),
-        ({"forces_N": (0.5,)}, "--force: 0.5 N: expected at least 2.5 N"),
-        ({"approach_mm_per_s": 1e-6}, "--approach: expected 1 to"),
+        ({"forces_N": (0.5,)}, "forces_N: 0.5 N: expected at least 2.5 N"),
+        ({"approach_mm_per_s": 1e-6}, "approach_mm_per_s: expected 1 to"),
     ):
         with pytest.raises(package.InputError, match=words):
             for_set.design(order(**given))
@@ -265,15 +269,16 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
 
     def soft(*arguments):
         got = answer(*arguments)
-        rows = [got.structures[0], got.structures[1] | {"name": "PI", "bank": pi}]
-        return replace(got, bank=pi, chosen="PI", structures=rows, p={"force_gain": 0.0})
+        law = replace(got.structures[1], name="PI", bank=bank_figures(pi))
+        rows = [got.structures[0], law]
+        return replace(got, bank=pi, chosen="PI", structures=rows, p=certificate.NoPFigures())
 
     monkeypatch.setattr(search, "search", soft)
     sheet = data_sheet.collect({"workpiece_stiffness_n_per_m": "2e4"})
     new.write(tmp_path / "soft", *sheet)
     out = tmp_path / "law"
     done = for_set.design(order(tmp_path / "soft/model.toml", latency="0", **given), out)
-    text = outcome.describe(done)
+    text = design_text.describe(done)
     run = package.run(str(out / "contact.toml"))
     lost = run.metrics["contact_losses_run"]
     head, rows = outcome.CASE_HEAD, outcome.cases(done.rows)
@@ -301,7 +306,7 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
 def test_a_part_that_the_approach_does_not_reach_is_not_blamed_on_the_law():
     model = ROOT / "tests/system/verdicts/model.toml"
     with changes.Design(str(model), {"k_flexure": 1e6}) as design:
-        bench = simulate.Bench(design, 12)
+        bench = simulate.ContactBench(design, 12)
         with pytest.raises(package.InputError) as refused:
             simulate.safe(bench, Bank(5.0, 5.0), [{}], (0,), 2)
     text = str(refused.value)
@@ -312,12 +317,13 @@ def test_a_part_that_the_approach_does_not_reach_is_not_blamed_on_the_law():
 
 def test_cap_and_dwell_bear_what_is_promised():
     with changes.Design(str(FINE)) as design:
-        bench = simulate.Bench(design, 12)
+        bench = simulate.ContactBench(design, 12)
         bank = BANKS[12].quantised()
         loss = simulate.choose_loss(bench, bank, (0,), 2)
-        assert loss["strike_N_s"] > loss["strike_default_N_s"] > 0
-        objects = {name: loss[name] for name in files.LOSS}
-        case = simulate.Case(bench.setpoints_N[0], bench.cases[0].speed_m_per_s, loss["strike_N_s"])
+        assert loss.strike_N_s > loss.strike_default_N_s > 0
+        objects = loss.objects
+        speed = bench.cases[0].speed_m_per_s
+        case = simulate.ContactCase(bench.setpoints_N[0], speed, loss.strike_N_s)
         # Without a dwell the axis approaches at once, which is what the choice saves it from.
         jobs = [bench.job(case, bank, {}, 0, kept) for kept in (objects, {"contact_loss_dwell": 0})]
         assert [r["verdict"] for r in package.run_many(jobs)] == ["stable", "unstable"]
@@ -325,7 +331,7 @@ def test_cap_and_dwell_bear_what_is_promised():
 
 def test_a_coarser_adc_keeps_range_and_gain():
     with changes.Design("fig4_19") as design:
-        coarse, fine = simulate.Bench(design, 8), simulate.Bench(design, 16)
+        coarse, fine = simulate.ContactBench(design, 8), simulate.ContactBench(design, 16)
         assert coarse.count_N == fine.count_N == 2.5
         assert coarse.facts.required_reading.bits == 8
         assert coarse.setpoints_N == fine.setpoints_N == [30.0, 75.0, 150.0]
@@ -375,13 +381,13 @@ def test_without_simulation_the_bank_is_written_all_the_same(found, tmp_path):
 def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch, order, tmp_path):
     def alone(*arguments):
         got = answer(*arguments)
-        got.structures[0]["worst"] = None
-        return replace(got, p={"force_gain": 0.0})
+        rows = [replace(got.structures[0], worst=None), *got.structures[1:]]
+        return replace(got, structures=rows, p=certificate.NoPFigures())
 
     monkeypatch.setattr(search, "search", alone)
     done = for_set.design(order(latency="1"), tmp_path / "law")
-    assert {r["law"] for r in done.rows} == {"design"}
-    assert "P " in outcome.describe(done)
+    assert {r.law for r in done.rows} == {"design"}
+    assert "P " in design_text.describe(done)
     assert (tmp_path / "law/index.html").read_text().count("<img") == 4
 
 
@@ -408,16 +414,16 @@ def test_a_failure_on_the_way_leaves_nothing(found, monkeypatch, tmp_path, order
 def test_a_designed_bank_bears_1000_workpieces(order, text, error):
     done = for_set.design(order(text))
     assert done.backoffs == 0
-    held = [r for r in done.rows if r["law"] == "design" and r["case"] == text.stem]
+    held = [r for r in done.rows if r.law == "design" and r.case == text.stem]
     assert len(held) == 2
     for row in held:
         assert row["static_error_percent"] <= error
         assert row["peak_N"] <= 80
         assert row["settle_ms"] <= 160  # 154 since the search begins sections lower, 118 before
-    objects = {name: done.loss[name] for name in files.LOSS}
+    objects = done.loss.objects
     members = for_set.random_members(done.plants, 1000, 17)
     with changes.Design(str(text)) as design:
-        bench = simulate.Bench(design, done.bits)
+        bench = simulate.ContactBench(design, done.bits)
         rows = simulate.simulate(bench, done.bank, members, (0,), objects, 2)
         late = simulate.simulate(bench, done.bank, members[:200], (1,), objects, 2)
     assert len(rows) == 6000

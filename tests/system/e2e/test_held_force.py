@@ -53,7 +53,7 @@ def test_a_run_says_what_it_held(name, error_percent, overshoot_percent, settle_
     assert settle_s[0] <= held["settle_s"] <= settle_s[1]
     outside = time_s[np.abs(force_N - held["held_N"]) > 0.05 * held["held_N"]]
     assert held["from_s"] + held["settle_s"] == pytest.approx(outside[-1] + 1 / 1500)
-    line = next(x for x in summary_of.describe(done.summary).splitlines() if x.startswith("held"))
+    line = next(x for x in summary_of.describe(done.result).splitlines() if x.startswith("held"))
     assert f"{held['held_N']:.4g} N of 75 N" in line and f"({held['error_percent']:.3g} %)" in line
 
 
@@ -77,9 +77,9 @@ def test_a_negative_sign_of_the_sensor_is_considered(tmp_path):
 
 def test_without_force_control_nothing_is_said():
     for name in ("position_step", "press_hold_retract", "homing"):
-        summary = runs.run(EXPERIMENTS / f"{name}.toml").summary
-        assert summary["metrics"]["held_force"] is None
-        assert "\nheld " not in summary_of.describe(summary)
+        done = runs.run(EXPERIMENTS / f"{name}.toml")
+        assert done.result.metrics.held_force is None
+        assert "\nheld " not in summary_of.describe(done.result)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_design_is_refused_where_the_fit_is(measured):
         (("bode", "--of", "loop"), "--of: expected without --measured"),
         (("bode", "--output", "encoder"), "--output: expected without --measured"),
         (("bode", "--measured", "free"), "expected responses between the same signals"),
-        (("bode", "--measured", "nowhere"), "expected response.npz as forceaxis measure --out"),
+        (("bode", "--measured", "nowhere"), "expected response.npz as forceaxis measure"),
     ],
 )
 def test_what_does_not_belong_to_it_is_one_line(measured, words, text):

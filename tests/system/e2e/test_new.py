@@ -16,6 +16,7 @@ from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.quantity import Force
 from forceaxis.axis.sim import SimLink
+from forceaxis.cli import new_text
 from forceaxis.design import changes, data_sheet, new, own_axis, simulate
 from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
@@ -103,8 +104,8 @@ def test_a_friction_that_no_setpoint_overcomes_is_said(tmp_path):
     """At three quarters of the sensor's range this law pushes with some 690 N, and the run without
     that friction stays one of contact."""
     said = written(tmp_path, guide_coulomb_n=800)
-    assert said["setpoint_N"] == 375
-    (text,) = said["doubts"]
+    assert said.setpoint_N == 375
+    (text,) = said.doubts
     pushes = float(re.search(r"pushes with (\S+) N", text)[1])
     assert "--guide-coulomb-n 800" in text and "never comes into contact" in text
     expected = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["expect"]["verdict"]
@@ -121,11 +122,11 @@ def test_the_held_share_of_a_vertical_axis_has_the_weight_in_it(tmp_path, deg, s
     )
     held = ran(tmp_path, "contact.toml")["metrics"]["final_force_N"]
     count_N = 500 / 2048  # of the reading
-    assert held == pytest.approx(said["held_share"] * said["setpoint_N"], abs=count_N)
-    (line,) = [text for key, text in new.described(said) if key == "set-point"]
-    assert line.endswith(f"holds {100 * said['held_share']:.3g} %, the weight's part included")
+    assert held == pytest.approx(said.held_share * said.setpoint_N, abs=count_N)
+    (line,) = [text for key, text in new_text.describe(said) if key == "set-point"]
+    assert line.endswith(f"holds {100 * said.held_share:.3g} %, the weight's part included")
     share = re.search(r"it holds (\S+) % of", (tmp_path / "mine/contact.toml").read_text())
-    assert float(share[1]) == pytest.approx(100 * said["held_share"], rel=1e-5)
+    assert float(share[1]) == pytest.approx(100 * said.held_share, rel=1e-5)
 
 
 @pytest.mark.parametrize("sheet", ["small stage", "gantry", "belt axis"])
@@ -232,8 +233,8 @@ def test_the_law_of_a_soft_part_does_not_pump(tmp_path):
     sections = ((0.645044, -1.131496, 0.61566, -1.148851, 0.278058),)
     designed = Bank(78.84, 1.351, 0.0, sections).quantised()
     with changes.Design(folder / "contact.toml") as plant:
-        _, text, _ = own_axis._settled(plant, folder, 12, designed)
-        fastest = simulate.Bench(plant, 12)
+        text = own_axis._settled(plant, folder, 12, designed).text
+        fastest = simulate.ContactBench(plant, 12)
         before = fastest.text(fastest.largest, designed, {})
     (folder / "held.toml").write_text(text)
     held = ran(tmp_path, "held.toml")

@@ -7,17 +7,19 @@ import pty
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import verbs
 from forceaxis import _core, objects, paths
+from forceaxis.cli import sweep_text
 from forceaxis.experiments import alone, plots, sweep_plots, sweep_runs, trace
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summary_of
 from forceaxis.experiments import sweep as sweeps
-from forceaxis.experiments.points import Axis
+from forceaxis.experiments.points import SweepParameter
 
 ROOT = Path(__file__).resolve().parents[3]
 EXPERIMENTS = ROOT / "sim/experiments"
@@ -34,21 +36,21 @@ def lively():
 
 @pytest.mark.parametrize("name", ["contact", "contact_unstable", "press_hold_retract", "homing"])
 def test_no_count_is_said_without_of_what(name):
-    summary = runs.run(EXPERIMENTS / f"{name}.toml").summary
-    text = "\n".join(value for key, value in summary_of.rows(summary) if key != "experiment")
+    done = runs.run(EXPERIMENTS / f"{name}.toml")
+    text = "\n".join(value for key, value in summary_of.rows(done.result) if key != "experiment")
     assert not re.search(BARE, text), text
 
 
 def test_a_verdict_says_why_in_newton_and_over_which_window(lively):
     """A count of the force reading is 2.5 N in this model, ten of them are allowed."""
-    stable = runs.run(EXPERIMENTS / "contact.toml").summary
-    count = stable["metrics"]["force_ripple_count"]
+    stable = runs.run(EXPERIMENTS / "contact.toml").result
+    count = stable.metrics.force_ripple_count
     assert summary_of.verdict_text(stable) == (
         f"stable: contact held, force ripple {2.5 * count:.3g} N of 25 N allowed ({count:.3g} of "
         "10 counts of the force reading at 8 bits), over the last 1 s"
     )
     metrics = lively.summary["metrics"]
-    text = summary_of.verdict_text(lively.summary)
+    text = summary_of.verdict_text(lively.result)
     assert text.startswith(f"unstable: contact lost {metrics['contact_losses']} times")
     assert f"{2.5 * metrics['force_ripple_count']:.3g} N above the 25 N allowed" in text
     assert text.endswith(", over the last 0.5 s")
@@ -56,10 +58,10 @@ def test_a_verdict_says_why_in_newton_and_over_which_window(lively):
 
 def test_twelve_bits_have_the_same_size_of_count():
     """4096 codes over the range of 256: a count at 8 bits is sixteen codes."""
-    converters = runs.run(EXPERIMENTS / "hold_biquad_12bit.toml").summary["converters"]
-    assert converters["adc0"]["bits"] == 12
+    converters = runs.run(EXPERIMENTS / "hold_biquad_12bit.toml").result.converters
+    assert converters["adc0"].bits == 12
     size, unit = summary_of.size_of_count("force", converters)
-    assert (size, unit) == (pytest.approx(16 * abs(converters["adc0"]["per_code"])), "N")
+    assert (size, unit) == (pytest.approx(16 * abs(converters["adc0"].per_code)), "N")
 
 
 def test_every_unit_of_counts_and_codes_says_of_what():
@@ -211,8 +213,8 @@ def test_colour_and_width_on_a_terminal_none_in_a_pipe():
 def grid(*rows):
     """(axes, verdicts) of a map drawn as text: S, U, or . for one that failed."""
     axes = [
-        Axis("y", 0, 1, values=tuple(float(i) for i in range(len(rows)))),
-        Axis("x", 0, 1, values=tuple(float(i) for i in range(len(rows[0])))),
+        SweepParameter("y", 0, 1, values=tuple(float(i) for i in range(len(rows)))),
+        SweepParameter("x", 0, 1, values=tuple(float(i) for i in range(len(rows[0])))),
     ]
     kinds = {"S": "stable", "U": "unstable", ".": ""}
     return axes, np.array([kinds[c] for c in "".join(rows)])
@@ -235,7 +237,7 @@ def test_a_cell_that_stands_alone(rows, found):
 
 
 def test_the_order_of_given_values_does_not_matter():
-    axes = [Axis("x", 1, 5, values=(5.0, 1.0, 3.0, 2.0, 4.0))]
+    axes = [SweepParameter("x", 1, 5, values=(5.0, 1.0, 3.0, 2.0, 4.0))]
     verdict = np.array(["unstable", "stable", "unstable", "stable", "unstable"])
     assert alone.find(axes, verdict) == []
     verdict = np.array(["unstable", "unstable", "stable", "unstable", "unstable"])
@@ -244,7 +246,10 @@ def test_the_order_of_given_values_does_not_matter():
 
 
 def test_around_a_corner_and_on_a_logarithmic_axis():
-    axes = [Axis("x", 1, 100, True, (1.0, 10.0, 100.0)), Axis("y", 0, 2, values=(0.0, 1.0, 2.0))]
+    axes = [
+        SweepParameter("x", 1, 100, True, (1.0, 10.0, 100.0)),
+        SweepParameter("y", 0, 2, values=(0.0, 1.0, 2.0)),
+    ]
     near = alone.around(axes, (1.0, 2.0))
     assert near == [(1.0, 1.5), (pytest.approx(10**0.5), 2.0), (pytest.approx(10**0.5), 1.5)]
 
@@ -264,24 +269,24 @@ def test_a_map_marks_them_and_refine_looks_closer(tmp_path, monkeypatch):
 
     monkeypatch.setattr(_core, "run_many", judged)
     grid = {"firmware.force_gain": "2:6:3", "firmware.force_setpoint": "10:30:3"}
-    given = (EXPERIMENTS / "contact.toml", grid)
-    done = sweeps.sweep(*given)
+    given = sweeps.SweepRequest(EXPERIMENTS / "contact.toml", grid)
+    done = sweeps.sweep(given)
     (one,) = done.summary["alone"]
     assert one == {"firmware.force_gain": 4.0, "firmware.force_setpoint": 20.0,
                    "verdict": "stable", "around": None, "alike": None}  # fmt: skip
-    line = dict(sweeps.describe(done))["alone"]
+    line = dict(sweep_text.rows(done))["alone"]
     assert line.endswith("stable, its neighbours are not; --refine looks closer")
 
-    done = sweeps.sweep(*given, out=tmp_path, refine=True)
+    done = sweeps.sweep(replace(given, refine=True), out=tmp_path)
     (one,) = done.summary["alone"]
     assert (one["around"], one["alike"]) == (8, 2)  # at set-points 15 and 25
     assert len(done.columns["verdict"]) == 9  # the grid stays a grid
     assert len((tmp_path / "closer.csv").read_text().splitlines()) == 9
     assert "--refine" in done.summary["command"]
-    assert "around it" in dict(sweeps.describe(done))["alone"]
+    assert "around it" in dict(sweep_text.rows(done))["alone"]
     grid["firmware.force_setpoint"] = "26:30:2"
-    even = sweeps.sweep(*given, refine=True)
-    assert dict(sweeps.describe(even))["alone"] == "no point: nothing to look closer at"
+    even = sweeps.sweep(replace(given, refine=True))
+    assert dict(sweep_text.rows(even))["alone"] == "no point: nothing to look closer at"
     figure = sweep_plots.sweep(done)
     assert "stands alone" in [t.get_text() for t in figure.legends[0].get_texts()]
     (newton,) = figure.axes[0].child_axes

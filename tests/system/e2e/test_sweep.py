@@ -21,6 +21,7 @@ from forceaxis.experiments import points as points_of
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_runs
+from forceaxis.experiments.sweep import SweepRequest
 
 ROOT = Path(__file__).resolve().parents[3]
 CONTACT = "sim/experiments/contact.toml"
@@ -179,7 +180,9 @@ def test_threads_change_nothing(tmp_path):
         gains = {"firmware.force_gain": "1:16:9", "k_s": "8e4:2e5:3:log"}
         brief = ["experiment.duration_s=0.3"]
         columns.append(
-            sweeps.sweep(ROOT / CASE_B, grid=gains, overrides=brief, threads=threads).columns
+            sweeps.sweep(
+                SweepRequest(ROOT / CASE_B, grid=gains, overrides=brief), threads=threads
+            ).columns
         )
     for name in columns[0]:
         np.testing.assert_array_equal(columns[0][name], columns[1][name])
@@ -192,9 +195,11 @@ def test_threads_change_nothing(tmp_path):
 def test_a_boundary_is_where_it_is_by_hand(swing):
     """floor(1000 a + 1/2) - floor(-1000 a + 1/2) is 101 from a = 0.0505 on, and 201 from 0.1005."""
     found = sweeps.sweep(
-        swing,
-        grid={"verdict.position_ripple_max_count": [100, 200]},
-        bisect={"reach": "0.01:0.5:1e-4"},
+        SweepRequest(
+            swing,
+            grid={"verdict.position_ripple_max_count": [100, 200]},
+            bisect={"reach": "0.01:0.5:1e-4"},
+        )
     )
     for i, edge in enumerate((0.0505, 0.1005)):
         stable, unstable = found.columns["boundary"][i], found.columns["unstable_at"][i]
@@ -205,9 +210,11 @@ def test_a_boundary_is_where_it_is_by_hand(swing):
 
 def test_a_boundary_may_have_its_stable_side_above(swing):
     found = sweeps.sweep(
-        swing,
-        bisect={"verdict.position_ripple_max_count": "50:400:0.5"},
-        overrides=["reach=0.1"],
+        SweepRequest(
+            swing,
+            bisect={"verdict.position_ripple_max_count": "50:400:0.5"},
+            overrides=["reach=0.1"],
+        )
     )
     stable, unstable = found.columns["boundary"][0], found.columns["unstable_at"][0]
     assert unstable < 200 <= stable <= unstable + 0.5
@@ -330,12 +337,12 @@ def test_one_percent_of_failing_runs_is_reported_and_the_rest_is_run(swing, tmp_
 
 def test_a_plant_that_cannot_be_stepped_and_an_object_that_is_refused_are_rows(swing):
     # Rates of sqrt(k / m): 1, 1e3, 1e6 and 1e9 / s; modes are built up to 1.2e7.
-    stiff = sweeps.sweep(swing, grid={"k": "1:1e18:4:log"})
+    stiff = sweeps.sweep(SweepRequest(swing, grid={"k": "1:1e18:4:log"}))
     assert [bool(e) for e in stiff.columns["error"]] == [False, False, False, True]
     assert math.isnan(stiff.columns["position_ripple_count"][3])
-    gains = sweeps.sweep(ROOT / CASE_B, grid={"firmware.force_gain": [4, 256, 5]})
+    gains = sweeps.sweep(SweepRequest(ROOT / CASE_B, grid={"firmware.force_gain": [4, 256, 5]}))
     assert ["255.99" in e for e in gains.columns["error"]] == [False, True, False]
-    whole = sweeps.sweep(ROOT / CASE_B, grid={"firmware.latency_ticks": [0, 0.5, 1]})
+    whole = sweeps.sweep(SweepRequest(ROOT / CASE_B, grid={"firmware.latency_ticks": [0, 0.5, 1]}))
     assert ["whole" in e for e in whole.columns["error"]] == [False, True, False]
 
 
@@ -463,18 +470,18 @@ def test_a_worker_with_other_files_or_firmware_says_so(swing):
     identity = sweep_runs.identity_of(swing, [])
     assert len(sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])) == 1
     for name in identity:
-        with pytest.raises(sweep_runs.Refused, match=name):
+        with pytest.raises(sweep_runs.WorkerDiffers, match=name):
             sweep_runs.run_chunk(str(swing), [], identity | {name: "0" * 64}, [["reach=0.02"]])
     swing.write_text(SWING.replace("100.0", "101.0"))
-    with pytest.raises(sweep_runs.Refused, match="inputs_hash"):
+    with pytest.raises(sweep_runs.WorkerDiffers, match="inputs_hash"):
         sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])
     swing.unlink()
-    with pytest.raises(sweep_runs.Refused, match="expected a readable file, got none"):
+    with pytest.raises(sweep_runs.WorkerDiffers, match="expected a readable file, got none"):
         sweep_runs.run_chunk(str(swing), [], identity, [["reach=0.02"]])
 
 
 def test_the_python_side_refuses_as_the_command_does():
     with pytest.raises(InputError, match="finite"):
-        sweeps.sweep(ROOT / CONTACT, grid={"k_s": [1.0, math.nan]})
+        sweeps.sweep(SweepRequest(ROOT / CONTACT, grid={"k_s": [1.0, math.nan]}))
     with pytest.raises(InputError, match="one parameter"):
-        sweeps.sweep(ROOT / CONTACT, bisect={"k_s": "1:2:.1", "m_w": "1:2:.1"})
+        sweeps.sweep(SweepRequest(ROOT / CONTACT, bisect={"k_s": "1:2:.1", "m_w": "1:2:.1"}))

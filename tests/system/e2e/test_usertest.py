@@ -108,8 +108,9 @@ def response(values, **how):
     """measure() on a made-up response, one value a tick."""
     expect = expectations.read("e.toml", {"expect": {"signal": "x", **how}})
     columns = {"x": np.asarray(values, float), "time_s": np.arange(len(values)) / 1500}
-    summary = {"verdict": None, "fault": "none", "metrics": {}, "trace_hash": "0"}
-    done = SimpleNamespace(experiment="e.toml", columns=columns, summary=summary)
+    metrics = SimpleNamespace(held_force=None)
+    result = SimpleNamespace(verdict=None, fault="none", metrics=metrics, trace_hash="0")
+    done = SimpleNamespace(experiment="e.toml", columns=columns, result=result)
     return expectations.measure(done, expect, []).values
 
 

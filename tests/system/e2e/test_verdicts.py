@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import verbs
+from forceaxis.cli import sweep_text
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summaries
 from forceaxis.experiments import sweep as sweeps
@@ -18,7 +19,7 @@ CASES = tomllib.loads((HERE / "cases.toml").read_text())["case"]
 
 
 def run(case):
-    """The summary of a case's run."""
+    """The run of a case."""
     name = case["experiment"]
     file = HERE / name if name.endswith(".toml") else ROOT / f"sim/experiments/{name}.toml"
     text = file.read_text()
@@ -27,7 +28,7 @@ def run(case):
         text = text.replace(*case["replace"])
     if "at" in case:
         text += f"\n{case['at']}\n"
-    return runs.run(file, case.get("set", []), text=text).summary
+    return runs.run(file, case.get("set", []), text=text)
 
 
 def test_there_are_forty_of_every_kind():
@@ -37,7 +38,8 @@ def test_there_are_forty_of_every_kind():
 
 @pytest.mark.parametrize("case", CASES, ids=[case["what"] for case in CASES])
 def test_the_verdict_is_what_its_user_wanted_to_know(case):
-    summary = run(case)
+    done = run(case)
+    summary = done.summary
     assert summary["verdict"] == case["verdict"], summary["because"]
     assert bool(summary["because"]) == bool(summary["missed"]) == (case["verdict"] != "stable")
     assert case.get("because", "") in "\n".join(summary["because"])
@@ -47,7 +49,7 @@ def test_the_verdict_is_what_its_user_wanted_to_know(case):
         assert {"limit", "bound", "unit"} < one.keys()
     if case["verdict"] == "not_met":
         assert {one["verdict"] for one in summary["missed"]} == {"not_met"}
-    assert summaries.verdict_text(summary).startswith(case["verdict"])
+    assert summaries.verdict_text(done.result).startswith(case["verdict"])
 
 
 def test_a_setpoint_beyond_the_sensor_is_warned_of():
@@ -61,18 +63,16 @@ def test_a_setpoint_beyond_the_sensor_is_warned_of():
 
 # A count of the press's reading at 8 bits is 300 N / 128: it ends at 127.9 counts.
 def test_a_map_is_not_green_beyond_the_sensor(tmp_path):
-    done = sweeps.sweep(
-        HERE / "contact.toml",
-        {"firmware.force_setpoint": "32,96,160,200", "firmware.force_gain": "3.5,7"},
-        out=tmp_path / "map",
-    )
+    grid = {"firmware.force_setpoint": "32,96,160,200", "firmware.force_gain": "3.5,7"}
+    request = sweeps.SweepRequest(HERE / "contact.toml", grid)
+    done = sweeps.sweep(request, out=tmp_path / "map")
     beyond = done.columns["firmware.force_setpoint"] > 128
     assert set(done.columns["verdict"][~beyond]) == {"stable"}
     assert set(done.columns["verdict"][beyond]) == {"not_met"}
     assert done.summary["counts"]["not_met"] == 4 and done.summary["counts"]["unstable"] == 0
     (warning,) = done.summary["warnings"]
     assert "4 of 8 points" in warning and "375 N" in warning
-    shown = dict(sweeps.describe(done))
+    shown = dict(sweep_text.rows(done))
     assert shown["verdict"] == "4 stable, 0 unstable, 4 not met"
     assert "never in contact" not in (tmp_path / "map/plot.svg").read_text()
 
@@ -80,10 +80,11 @@ def test_a_map_is_not_green_beyond_the_sensor(tmp_path):
 # Between two verdicts that are both not stable there is no boundary of stability.
 def test_a_boundary_is_where_stable_ends_whatever_follows():
     search = {"firmware.force_setpoint": "100:200:1"}
-    done = sweeps.sweep(HERE / "contact.toml", bisect=search)
+    done = sweeps.sweep(sweeps.SweepRequest(HERE / "contact.toml", bisect=search))
     assert 127 <= done.columns["boundary"][0] <= 128 <= done.columns["unstable_at"][0] <= 129
     assert done.columns["beyond"][0] == "not_met"
-    done = sweeps.sweep(HERE / "contact.toml", bisect={"firmware.force_gain": "0:20:1"})
+    search = {"firmware.force_gain": "0:20:1"}
+    done = sweeps.sweep(sweeps.SweepRequest(HERE / "contact.toml", bisect=search))
     assert done.columns["note"][0] == "no change: never_in_contact at 0, unstable at 20"
 
 

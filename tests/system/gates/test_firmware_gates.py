@@ -505,7 +505,31 @@ BAD_TABLES = {
     "enum_of": ('enum_of = "mode"', 'enum_of = "force"', "object active_mode: enum_of: expected"),
     "count": ("count = 8", "count = 0", "object recorder_signal: count: expected 1 to 64"),
     "truncated": ('name = "mode"', 'name = "mo', "object table: expected TOML"),
-    "meaning": ('"wanted velocity"', '"a|b"', "object target_velocity: meaning: expected one line"),
+    "meaning": (
+        '"target of the velocity"',
+        '"a|b"',
+        "object target_velocity: meaning: expected one line",
+    ),
+    "missing quantity": (
+        'quantity = "force"\n',
+        "",
+        "object force_gain: quantity: expected a value for the unit code/count",
+    ),
+    "quantity of another unit": (
+        'unit = "code"',
+        'unit = "code"\nquantity = "force"',
+        "object open_loop_code: quantity: expected none for the unit code",
+    ),
+    "unknown quantity": (
+        'quantity = "force"',
+        'quantity = "length"',
+        "object force_gain: quantity: expected one of force, encoder, got 'length'",
+    ),
+    "0 that is no value": (
+        "max = 2047",
+        "max = 2047\nnot_zero = true",
+        "object open_loop_code: default: expected another value than 0",
+    ),
     "index too low": ("index = 0x2001", "index = 0xFFF", "object mode: index: expected 0x1000"),
     "index too high": ("index = 0x6040", "index = 0xA000", "object controlword: index: expected"),
     "index of another part": ("index = 0x2001", "index = 0x1001", "object mode: index: expected"),
@@ -718,7 +742,7 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
         index, sub = table.canopen_address(o, i)
         same = ("kind", "part", "meaning", "type", "unit", "min", "max", "access", "writable")
         expected.append(
-            {key: o[key] for key in (*same, "stored", "node_id", "mappable")}
+            {key: o[key] for key in (*same, "stored", "node_id", "mappable", "quantity")}
             | {"number": number, "name": name, "index": index, "sub": sub}
             | {"scale": float(o["scale"]), "default": o["defaults"][i], "enum": tuple(o["enum"])}
             | {"modbus": table.register(o, i), "title": table.title(o, i)}

@@ -45,7 +45,7 @@ SAME = {
     "a meaning": edited(GAIN, 'meaning = "gain, k_f"\n'),
     "a title": edited('title = "ADC bits"', 'title = "Bits of the ADC"'),
     "the meaning of a coil": edited("bit 8 of the controlword;", "bit 8;"),
-    "the meaning of a text": edited('meaning = "what this is"', 'meaning = "its name"'),
+    "the meaning of a text": edited('meaning = "name of the device"', 'meaning = "its name"'),
     "the title of a record": edited('"Identity object"', '"Who it is"'),
     "the order of objects": swapped("object", "force_gain", "watchdog"),
     "the order of coils": swapped("coil", "enable", "store"),
@@ -54,6 +54,8 @@ SAME = {
     "what is the default of a key": edited(GAIN, f"{GAIN}count = 1\n"),
     "a default": edited("default = 6554", "default = 6555"),
     "one of several defaults": edited("[512, 768, 1024, 1280]", "[512, 768, 1024, 1281]"),
+    "of what a count is a step": edited('quantity = "force"', 'quantity = "encoder"'),
+    "whether 0 is refused": edited("not_zero = true\n", ""),
     "a scale written otherwise": edited("scale = 0.00390625", "scale = 390625e-8"),
 }
 OTHER = {

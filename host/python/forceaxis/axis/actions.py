@@ -2,7 +2,7 @@
 
 import contextlib
 import datetime
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from forceaxis.axis.quantity import Force, force_per_count
 from forceaxis.bus import state_names
 from forceaxis.bus.client import from_raw
 from forceaxis.bus.state_names import POWERED
+from forceaxis.errors import ParameterError
 
 QUICK_STOP = 0x02
 STOP_S = 10.0  # a quick stop ends by then in any case
@@ -31,21 +32,38 @@ APART_S = 10.0  # a retract may take so much longer than its way takes
 MOVE_COUNTS = 32  # of the reading, a quarter of a signed one: a move that meets so much ends there
 
 
-def state(axis):
-    """State, mode, fault, position, force and owner of an axis: {name: value}."""
-    found = axis.get(
+@dataclass(frozen=True)
+class AxisStatus:
+    """What an axis does at one moment: state of CiA 402, mode of operation, fault, position in
+    encoder counts, measured force in counts of an 8-bit reading and in N, and the name of the
+    command source that owns the axis."""
+
+    state: str
+    mode: str
+    fault: str
+    position: int
+    force: float
+    command_source: str
+    force_N: float
+
+
+def state(axis: Live) -> AxisStatus:
+    """The present AxisStatus. Raises NoAnswer, Refused."""
+    word, mode, fault, position, force, source = axis.get(
         "statusword", "modes_of_operation_display", "fault", "position", "force", "command_source"
+    ).values()
+    return AxisStatus(
+        state=state_names.drive_state(word),
+        mode=str(mode).replace("_", " "),
+        fault=fault,
+        position=position,
+        force=force,
+        command_source=source,
+        force_N=force * force_per_count(axis),
     )
-    word = found.pop("statusword")
-    return {
-        "state": state_names.drive_state(word),
-        "mode": str(found.pop("modes_of_operation_display")).replace("_", " "),
-        **found,
-        "force_N": found["force"] * force_per_count(axis),
-    }
 
 
-def stop(axis):
+def stop(axis: Live) -> AxisStatus:
     """A quick stop, effective whichever source owns the axis; waits until it is disabled, or at
     standstill where quick_stop_option requires that. Its state() then. Raises NoAnswer, Refused."""
     for remaining in (2, 1, 0):  # another master may interrupt a transfer
@@ -71,7 +89,7 @@ def stop(axis):
     return state(axis)
 
 
-def wait_to_stand(axis):
+def wait_to_stand(axis: Live) -> None:
     """Waits while a disabled axis coasts, STAND_S at most. Raises NoAnswer, Refused."""
     before, passed = None, 0.0
     while (now := axis.read("position")) != before and passed < STAND_S:
@@ -80,9 +98,16 @@ def wait_to_stand(axis):
         passed += 0.2
 
 
-def tare(axis):
-    """Takes the tare of a disabled axis at a stand: the new force_tare and the reading after it, in
-    counts. Raises Refused with the axis' reason."""
+@dataclass(frozen=True)
+class TareResult:
+    """The tare of an axis and the measured force after it, both in counts of an 8-bit reading."""
+
+    force_tare: float
+    force: float
+
+
+def tare(axis: Live) -> TareResult:
+    """Takes the tare of a disabled axis at standstill. Raises Refused with the axis' reason."""
     axis.set(tare=1)
     axis.link.wait(POLL_S)
     found = axis.wait_for(
@@ -91,12 +116,13 @@ def tare(axis):
     if found["tare_state"] != "done":
         raise Refused(f"{axis.link.where}: tare {found['tare_state'].replace('_', ' ')}")
     axis.link.wait(POLL_S)
-    return axis.get("force_tare", "force")
+    return TareResult(**axis.get("force_tare", "force"))
 
 
-def reading(axis, seconds=0.5):
+def reading(axis: Live, seconds: float = 0.5) -> float:
     """Mean of `force` in counts over so much of the axis' time."""
-    values, passed = [], 0.0
+    values: list[float] = []
+    passed = 0.0
     while passed < seconds:
         values.append(axis.read("force"))
         axis.link.wait(POLL_S)
@@ -104,13 +130,22 @@ def reading(axis, seconds=0.5):
     return sum(values) / len(values)
 
 
-def calibrate(axis, points):
+@dataclass(frozen=True)
+class CalibrationResult:
+    """The scale of the force reading that a calibration found, and its linearity error in per mille
+    of the span."""
+
+    force_scale_N_per_count: float
+    linearity_permille: float
+
+
+def calibrate(axis: Live, points: Sequence[tuple[float, float]]) -> CalibrationResult:
     """Sets force_scale of a disabled axis by the line through 2 to 8 `points`, (reading in counts,
-    reference force in N). Returns force_scale in N a count and the linearity error in per mille.
+    reference force in N).
     Raises InputError, Refused with the axis' reason."""
     if len(points) not in POINTS:
         raise InputError(f"calibrate: expected 2 to 8 points, got {len(points)}")
-    values = {}
+    values: dict[str, float] = {}
     for i, (count, newton) in enumerate(points, 1):
         values[f"calibration_reading_{i}"] = count
         values[f"calibration_force_{i}"] = newton * 1e3
@@ -124,20 +159,20 @@ def calibrate(axis, points):
         refusal = error
     found = axis.get("calibration_state", "calibration_linearity", "force_scale")
     if refusal or found["calibration_state"] != "done":
-        if found["calibration_state"] in ("idle", "done"):
+        if refusal and found["calibration_state"] in ("idle", "done"):
             raise refusal
         raise Refused(
             f"{axis.link.where}: calibration {found['calibration_state'].replace('_', ' ')}, "
             f"linearity error {found['calibration_linearity']:g} per mille"
         )
-    return {
-        "force_scale_N_per_count": found["force_scale"] * 1e-6,
-        "linearity_permille": found["calibration_linearity"],
-    }
+    return CalibrationResult(
+        force_scale_N_per_count=found["force_scale"] * 1e-6,
+        linearity_permille=found["calibration_linearity"],
+    )
 
 
 @contextlib.contextmanager
-def bounded(axis, counts):
+def bounded(axis: Live, counts: float) -> Iterator[None]:
     """Context in which a reading beyond `counts`, or beyond force_max where that is less, disables
     the axis in the same tick. At its end the axis is disabled and force_max restored."""
     own = axis.read("force_max")
@@ -149,13 +184,13 @@ def bounded(axis, counts):
         axis.put_back(force_max=own)
 
 
-def expect_position_gain(axis):
+def expect_position_gain(axis: Live) -> None:
     """Refuses an axis whose position_gain is 0: it neither approaches nor follows."""
     if axis.read("position_gain") == 0:
         raise Refused(
-            f"{axis.link.where}: expected a position_gain, without which it neither approaches nor "
-            "follows; give it one, `axis set position_gain=4`, or with --sim "
-            "`--set firmware.position_gain=4`"
+            f"{axis.link.where}: expected a position_gain above 0, the axis neither approaches nor "
+            "follows without it; set position_gain, for a simulated axis firmware.position_gain of "
+            "its experiment"
         )
 
 
@@ -177,9 +212,10 @@ def most_counts(axis: Live, force_max: float | str | None) -> float | None:
         counts = 0.0
     if not 0 < counts <= MOST_COUNTS:
         newton = MOST_COUNTS * force_per_count(axis)
-        raise InputError(
-            f'--force-max: expected up to {MOST_COUNTS} force counts, or a force as "75 N" up to '
-            f"{newton:.6g} N, got {force_max}"
+        raise ParameterError(
+            "force_max",
+            f'expected up to {MOST_COUNTS} force counts, or a force as "75 N" up to '
+            f"{newton:.6g} N, got {force_max}",
         )
     return counts
 
@@ -190,7 +226,7 @@ def move(
     speed: float | str | None = None,
     timeout_s: float = 60.0,
     counts: float = MOVE_COUNTS,
-) -> dict[str, Any]:
+) -> AxisStatus:
     """Moves to a position in profile position mode and disables the axis there: its state() before
     that. position: in the axis' own units or "10 mm"; speed: in them a second or "5 mm/s", None:
     trajectory_velocity; counts: bound of the reading. Raises InputError before anything moves for
@@ -219,9 +255,31 @@ def expect(axis: Live, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Held:
-    """What was held while an axis pressed: the mean of the later half, its least and most, the
-    peak since the contact, N, and positions in its own units."""
+class PressOrder:
+    """How an axis presses, beside its force; see Axis.press(). A value of None has the default that
+    is written there."""
+
+    seconds: float = 3.0
+    speed: float | str | None = None
+    approach_s: float = 10.0
+    force_max: float | str | None = None
+    retract: float | str | None = None
+
+
+@dataclass(frozen=True)
+class PressSample:
+    """One reading while an axis presses: measured force in counts of an 8-bit reading, position in
+    encoder counts, and the statusword."""
+
+    force: float
+    position: int
+    statusword: int
+
+
+@dataclass(frozen=True)
+class PressResult:
+    """The measured force while an axis pressed: mean, least and most of the later half of the time,
+    and the peak since the contact. Positions are in encoder counts."""
 
     force_count: float
     force_N: float
@@ -229,22 +287,18 @@ class Held:
     most_N: float
     peak_N: float
     position: int
-    retracted_position: int | None = None  #: where it stands apart, after a retract
+    retracted_position: int | None = None  #: after a retract, else None
 
 
 def press(
     axis: Live,
     force: Force,
-    *,
-    seconds: float = 3.0,
-    speed: float | str | None = None,
-    approach_s: float = 10.0,
-    force_max: float | str | None = None,
-    retract: float | str | None = None,
-    shown: Callable[[dict[str, Any]], None] = lambda state: None,
-) -> Held:
-    """Presses with `force` for `seconds` from the contact on, then disables the axis: what was
-    held. Arguments and errors as of Axis.press(). shown(state) is called some times a second."""
+    order: PressOrder,
+    shown: Callable[[PressSample], None] | None = None,
+) -> PressResult:
+    """Presses with `force` as `order` says, then disables the axis. Errors as of Axis.press().
+    shown(sample) is called some times a second."""
+    speed = order.speed
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
     wanted = "target_force" if force.newton else "force_setpoint"
@@ -252,9 +306,11 @@ def press(
     given[wanted] = f"{force.value!r} N" if force.newton else force.value
     asked = expect(axis, given)
     value, per_count = asked[wanted], force_per_count(axis)
-    counts = _force_bound(axis, abs(force.value) / (per_count if force.newton else 1), force_max)
-    way = None if retract is None else _distance(axis, retract)
-    settings = {"approach_timeout": approach_s * 1e3}
+    counts = _force_bound(
+        axis, abs(force.value) / (per_count if force.newton else 1), order.force_max
+    )
+    way = None if order.retract is None else _distance(axis, order.retract)
+    settings = {"approach_timeout": order.approach_s * 1e3}
     if speed is not None or not (force.newton or axis.read(bound)):
         settings[bound] = asked.get("approach_velocity_max") or axis.read("approach_velocity_max")
     before = axis.get(*settings, *(() if force.newton else (wanted,)))
@@ -267,22 +323,22 @@ def press(
             axis.set(target_force=value)
         else:
             axis.enable("force counts", **settings, force_setpoint=value)
-        axis.wait_for(lambda s: s["contact"] == 1, ("contact",), "contact", approach_s + 1)
-        held = _hold(axis, seconds, {wanted: value}, shown)
+        axis.wait_for(lambda s: s["contact"] == 1, ("contact",), "contact", order.approach_s + 1)
+        samples = _hold(axis, order.seconds, {wanted: value}, shown)
         if way is not None:
-            apart = _back(axis, way, speed, wanted)["position"]
+            apart = _back(axis, way, speed, wanted).position
     finally:
         ends.close()
         axis.put_back(**before)
-    last = [now["force"] for now in held[len(held) // 2 :]]
+    last = [sample.force for sample in samples[len(samples) // 2 :]]
     mean = sum(last) / len(last)
-    return Held(
+    return PressResult(
         force_count=mean,
         force_N=mean * per_count,
         least_N=min(last) * per_count,
         most_N=max(last) * per_count,
-        peak_N=max(now["force"] for now in held) * per_count,
-        position=held[-1]["position"],
+        peak_N=max(sample.force for sample in samples) * per_count,
+        position=samples[-1].position,
         retracted_position=apart,
     )
 
@@ -292,13 +348,14 @@ def _force_bound(axis: Live, counts: float, force_max: float | str | None) -> fl
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.read("force_max")
     for limit, by, remedy in (
-        (most, "--force-max", "give a larger one"),
+        (most, "`force_max`", "give a larger one"),
         (own or None, "force_max (201Dh) of the axis", "raise it, or ask for less"),
     ):
         if limit is not None and limit <= counts:
-            raise InputError(
-                f"press: expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
-                f"{by} disables it, got {counts * newton:.6g} N; {remedy}"
+            raise ParameterError(
+                "press",
+                f"expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
+                f"{by} disables it, got {counts * newton:.6g} N; {remedy}",
             )
     return most or min(2 * counts + MOVE_COUNTS / 4, MOST_COUNTS)
 
@@ -307,26 +364,28 @@ def _hold(
     axis: Live,
     seconds: float,
     target: Mapping[str, Any],
-    shown: Callable[[dict[str, Any]], None],
-) -> list[dict[str, Any]]:
-    """States while it presses; shown some times a second. Raises Refused where the axis was
+    shown: Callable[[PressSample], None] | None,
+) -> list[PressSample]:
+    """Samples while the axis presses; shown some times a second. Raises Refused where the axis was
     disabled, or clips the target by a bound that has changed."""
-    held: list[dict[str, Any]] = []
+    samples: list[PressSample] = []
     passed, steps, limited = 0.0, 0, False
     while passed < seconds:
-        now = axis.wait_for(lambda s: True, ("force", "position", "statusword"), "")
-        word = now["statusword"]
+        found = axis.wait_for(lambda s: True, ("force", "position", "statusword"), "")
+        found.pop("fault")
+        now = PressSample(**found)
+        word = now.statusword
         if state_names.drive_state(word) != "operation enabled":
             raise Refused(f"{axis.link.where}: it was disabled while it pressed, {axis.about()}")
         if word & bounds.INTERNAL_LIMIT and not limited:
             expect_unclipped(axis, target, "while it pressed")
         limited = bool(word & bounds.INTERNAL_LIMIT)
-        held.append(now)
-        if steps % 10 == 0:
+        samples.append(now)
+        if shown is not None and steps % 10 == 0:
             shown(now)
         axis.link.wait(POLL_S)
         passed, steps = passed + POLL_S, steps + 1
-    return held
+    return samples
 
 
 def _distance(axis: Live, distance: float | str) -> float:
@@ -337,7 +396,7 @@ def _distance(axis: Live, distance: float | str) -> float:
     return value
 
 
-def retract(axis: Live, distance: float | str, speed: float | str | None = None) -> dict[str, Any]:
+def retract(axis: Live, distance: float | str, speed: float | str | None = None) -> AxisStatus:
     """Moves back from a contact by a distance and disables the axis: its state() before that.
     Arguments and errors as of Axis.retract()."""
     expect_position_gain(axis)
@@ -351,7 +410,7 @@ def retract(axis: Live, distance: float | str, speed: float | str | None = None)
         return _back(axis, way, speed, TARGETS.get(mode, "") if enabled else "")
 
 
-def _back(axis: Live, way: float, speed: float | str | None, target: str) -> dict[str, Any]:
+def _back(axis: Live, way: float, speed: float | str | None, target: str) -> AxisStatus:
     """Releases the force, if a target presses, then moves against it by `way` from where it
     pressed; the state() there, still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0

@@ -37,6 +37,8 @@ START_HOMING, FAULT_RESET = 0x1F, 0x80
 DISABLE_VOLTAGE = 0  # the one way out of a quick stop that stays
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 POLL_S = 0.02
+# The end of an error of an axis that has a fault. A verb prints its command for the function.
+RESETS = "; reset_fault() resets the fault"
 OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
 ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force")
 
@@ -127,10 +129,12 @@ class Axis:
         return done
 
     def get(self, *names: str) -> dict[str, Any]:
-        """{name: engineering value or enum text}. Raises InputError for an unknown name."""
+        """{name: engineering value or enum text}, in the order of `names`. Raises InputError for an
+        unknown name."""
         for name in names:
             _known(name)
-        return {name: from_raw(name, raw) for name, raw in self.link.read(names).items()}
+        found = self.link.read(names)
+        return {name: from_raw(name, found[name]) for name in names}
 
     def read(self, name: str) -> Any:
         """The value of one object, as get()."""
@@ -169,7 +173,7 @@ class Axis:
                 return found
             if passed >= timeout_s or (found["fault"] != "none" and "fault" not in names):
                 unasked = found["fault"] != "none" and "fault" not in names
-                mended = f"; {self._mended()}" if unasked else ""
+                mended = RESETS if unasked else ""
                 raise NoAnswer(
                     f"{self.link.where}: expected {what} within {timeout_s:g} s, "
                     f"{self.about()}{mended}"
@@ -187,9 +191,6 @@ class Axis:
             f"force {from_raw('force', found['force']):g} force counts"
         )
 
-    def _mended(self) -> str:
-        return f"`forceaxis axis reset {self.link.options}` resets the fault"
-
     def enable(self, mode: str | int, **parameters: Any) -> None:
         """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
         `parameters` are written before the mode changes."""
@@ -199,7 +200,7 @@ class Axis:
         found = self.get("drive_state", "fault")
         if found["fault"] != "none":
             fault = found["fault"].replace("_", " ")
-            raise Refused(f"{self.link.where}: fault {fault}; {self._mended()}")
+            raise Refused(f"{self.link.where}: fault {fault}{RESETS}")
         self.set(**parameters, modes_of_operation=number)
         if found["drive_state"] != "operation_enabled":
             for word in (SHUTDOWN, SWITCH_ON, ENABLE):
@@ -263,7 +264,7 @@ class Axis:
         approach_s: float = 10.0,
         force_max: float | str | None = None,
         retract: float | str | None = None,
-    ) -> actions.Held:
+    ) -> actions.PressResult:
         """Approaches, presses for `seconds` from the contact on, and disables the axis.
 
         force: "75 N" in mode 4 by the force law or bank in force; a number, counts of an 8-bit
@@ -276,12 +277,12 @@ class Axis:
         Raises InputError before anything moves for what the axis would clip, with the bound in N;
         Refused, NoAnswer with what happened, the axis disabled.
         """
-        return actions.press(
-            self, quantity.force(force), seconds=seconds, speed=speed, approach_s=approach_s,
-            force_max=force_max, retract=retract,
-        )  # fmt: skip
+        order = actions.PressOrder(seconds, speed, approach_s, force_max, retract)
+        return actions.press(self, quantity.force(force), order)
 
-    def retract(self, distance: float | str, speed: float | str | None = None) -> dict[str, Any]:
+    def retract(
+        self, distance: float | str, speed: float | str | None = None
+    ) -> actions.AxisStatus:
         """Moves an axis that presses, or stands in contact, back by a distance, "5 mm" or in its
         own units, and disables it there: its state() before that.
 
@@ -320,7 +321,7 @@ def _with_model(link: Link, model: str | Path | None) -> Link:
 
 
 def _known(name: str) -> AxisObject:
-    known = object_named(name)
+    known: AxisObject | None = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object")
     return known

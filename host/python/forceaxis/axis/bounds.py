@@ -17,6 +17,7 @@ from forceaxis.axis import quantity
 from forceaxis.axis.link import Live
 from forceaxis.bus.client import from_raw, object_named, to_raw
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.errors import ParameterError
 
 INTERNAL_LIMIT = 1 << 11  # of the statusword: a target, or the output, is limited
 RELATIVE = 1 << 6  # of the controlword: a target position counts from where the axis is
@@ -110,10 +111,11 @@ def expect_readable(axis: Live, force_N: float, swing: float, newton_per_count: 
     ):
         most = counts * newton_per_count / (1 + swing / 2)
         if force_N > most:
-            raise InputError(
-                f"--force: expected at most {most:.6g} N, whose swing while it is excited stays "
+            raise ParameterError(
+                "force",
+                f"expected at most {most:.6g} N, whose swing while it is excited stays "
                 f"within {counts * newton_per_count:.6g} N, {by}, got {force_N:g} N; ask for less, "
-                "raise that bound or fit a sensor of a larger range"
+                "raise that bound or fit a sensor of a larger range",
             )
 
 
@@ -154,7 +156,7 @@ def _force_setpoint(present: Present) -> Iterator[Bound]:
 def _without_certificate(present: Present) -> bool:
     (bank,) = present("force_bank")
     if not bank:
-        return present("certificate_required")[0] == "yes"
+        return bool(present("certificate_required")[0] == "yes")
     return present(f"certificate_state_{bank}")[0] not in ("fits", None)
 
 

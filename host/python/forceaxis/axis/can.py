@@ -7,13 +7,16 @@ import math
 import struct
 import threading
 import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.axis.link import REASONS, NoAnswer, RecorderLink, Refused
+from forceaxis.axis.link import REASONS, NoAnswer, RawSamples, RecorderLink, Refused
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.errors import ParameterError
 
 OPERATIONAL, START = 5, 1
 OWN_NODE = 126  # 127 is a gateway's
@@ -41,15 +44,16 @@ ABORTS = {
 }  # fmt: skip
 
 
-def libraries():
-    """(canopen, can). Raises InputError where they are missing."""
+def libraries() -> tuple[Any, Any]:
+    """The modules canopen and can, which have no types here. Raises InputError without them."""
     try:
         import can
         import canopen
     except ImportError:
-        raise InputError(
-            "--can: expected python-canopen and python-can; install them with "
-            "`pip install 'forceaxis[can]'`"
+        raise ParameterError(
+            "can",
+            "expected python-canopen and python-can; install them with "
+            "`pip install 'forceaxis[can]'`",
         ) from None
     for library in ("can", "canopen"):  # a verb prints one line
         logging.getLogger(library).addHandler(logging.NullHandler())
@@ -57,7 +61,7 @@ def libraries():
 
 
 @contextlib.contextmanager
-def network(interface, bus=None):
+def network(interface: str, bus: Any = None) -> Iterator[Any]:
     """A canopen.Network; bus: a python-can bus in place of the interface. Raises InputError."""
     canopen, can = libraries()
     made = canopen.Network()
@@ -74,9 +78,9 @@ def network(interface, bus=None):
             why = (
                 "this kernel has no CAN; `modprobe can_raw vcan`, or `tools/vcan` for a virtual bus"
             )
-        raise InputError(
-            f"--can {interface}: expected a CAN interface that is up (`ip link show {interface}`), "
-            f"{why}"
+        raise ParameterError(
+            "can",
+            f"{interface}: expected a CAN interface that is up (`ip link show {interface}`), {why}",
         ) from None
     try:
         yield made
@@ -96,12 +100,18 @@ class CanLink(RecorderLink):
 
     source = BY_NAME["command_source"].enum.index("canopen")
 
-    def __init__(self, interface="can0", node=1, own_node=OWN_NODE, bus=None, timeout_s=1.0):
+    def __init__(
+        self,
+        interface: str = "can0",
+        node: int = 1,
+        own_node: int = OWN_NODE,
+        bus: Any = None,
+        timeout_s: float = 1.0,
+    ) -> None:
         if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
             raise InputError(f"node {node}, own node {own_node}: expected two numbers of 1 to 127")
         canopen, self._can = libraries()
         self.where = f"node {node} on {interface}"
-        self.options = f"--can {interface} --node {node}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s
         self._open = contextlib.ExitStack()
         self._network = self._open.enter_context(network(interface, bus))
@@ -111,14 +121,17 @@ class CanLink(RecorderLink):
         self._sdo.network, self._sdo.RESPONSE_TIMEOUT = self._network, timeout_s
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
-        self._lock, self._watched = threading.RLock(), None
-        self._expected, self._owns = None, False
+        self._lock, self._owns = threading.RLock(), False
+        # (object, raw value before) of the entry of 1016h that watches this program.
+        self._watched: tuple[str, int] | None = None
+        # (command specifier, index, sub-index) of the answer that is awaited.
+        self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         self._rival = threading.Event()  # another node sends heartbeats of our id
         self._beaten_until = 0.0  # epoch, s; until then heartbeats of our id are our own
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
-    def _answered(self, can_id, data, timestamp):
+    def _answered(self, can_id: int, data: bytes, timestamp: float) -> None:
         """Drops an answer to another client of the same channel, such as a gateway that polls."""
         if self._expected is not None:
             command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
@@ -128,7 +141,7 @@ class CanLink(RecorderLink):
         self._sdo.on_response(can_id, data, timestamp)
 
     @contextlib.contextmanager
-    def _asking(self, what, about=None):
+    def _asking(self, what: str, about: tuple[int, int, int] | None = None) -> Iterator[None]:
         """An access `about`, (UPLOADED or DOWNLOADED, index, sub-index), or a longer transfer."""
         silent, aborted = self._errors
         with self._lock:
@@ -139,9 +152,9 @@ class CanLink(RecorderLink):
                 if error.code >> 16 in TRANSFER_ABORTS:
                     raise NoAnswer(
                         f"{self.where}: {what} was interrupted, {error}; is another client, or a "
-                        "gateway, at this node? then use --axis"
+                        "gateway, at this node? then connect through the gateway"
                     ) from None
-                text = REASONS.get(ABORTS.get(error.code), f"{error}")
+                text = REASONS.get(ABORTS.get(error.code, 0), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
             except (silent, OSError, self._can.CanError) as error:
                 raise NoAnswer(
@@ -149,8 +162,8 @@ class CanLink(RecorderLink):
                     f"{error}; is it on, with this node id, and not stopped by NMT?"
                 ) from None
 
-    def read(self, names):
-        found = {}
+    def read(self, names: Iterable[str]) -> dict[str, int]:
+        found: dict[str, int] = {}
         for name in names:
             known = BY_NAME[name]
             data = self._upload(name, known.index, known.sub)
@@ -163,11 +176,11 @@ class CanLink(RecorderLink):
                 ) from None
         return found
 
-    def text(self, index):
+    def text(self, index: int) -> str:
         """A text of TEXTS, such as the name of the device, 1008h."""
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
-    def _upload(self, name, index, sub):
+    def _upload(self, name: str, index: int, sub: int) -> bytes:
         """Bytes of an object; asked again where a frame may have been lost."""
         for remaining in range(READS, 0, -1):
             try:
@@ -179,8 +192,9 @@ class CanLink(RecorderLink):
             except NoAnswer:
                 if remaining == 1:
                     raise
+        raise AssertionError("READS is at least 1")
 
-    def _whole(self, stream, name: str, most: int) -> bytes:
+    def _whole(self, stream: BinaryIO, name: str, most: int) -> bytes:
         """All bytes of an SDO stream. Raises NoAnswer, and aborts, where there are more than
         `most`."""
         data = bytearray()
@@ -191,7 +205,7 @@ class CanLink(RecorderLink):
                 raise NoAnswer(f"{self.where}: expected {name} of at most {most} bytes, got more")
         return bytes(data)
 
-    def write(self, values):
+    def write(self, values: Mapping[str, int]) -> None:
         for name, raw in values.items():
             enables = name == "controlword" and raw & 0x8F == 0x0F
             if enables and self._owns and self._watched is None:
@@ -200,56 +214,56 @@ class CanLink(RecorderLink):
                 self._be_unwatched()  # this program's heartbeat belongs to no stored set
             self._download(name, raw)
 
-    def _download(self, name, raw):
+    def _download(self, name: str, raw: int) -> None:
         known = BY_NAME[name]
         with self._asking(name, (DOWNLOADED, known.index, known.sub)):
             self._sdo.download(known.index, known.sub, struct.pack(FORMATS[known.type], raw))
 
-    def acquire(self):
+    def acquire(self) -> None:
         if self.read(["command_source"])["command_source"] != self.source:
             self._download("command_source", self.source)
         with self._asking("NMT start"):  # a node that missed a heartbeat is pre-operational
             self._network.send_message(0, [START, self._id])
         place, raw = self._entry()
-        if raw == self._ours:  # of a killed program of this kind
+        if place is not None and raw == self._ours:  # of a killed program of this kind
             self._expect_alone()
             self._download(place, 0)
         self._owns = True
 
-    def release(self):
+    def release(self) -> None:
         self._be_unwatched()
         self._owns = False
 
     @property
-    def _ours(self):
+    def _ours(self) -> int:
         return self._own << 16 | HEARTBEAT_MS
 
-    def _entry(self):
+    def _entry(self) -> tuple[str | None, int]:
         """(object, raw value) of the entry in 1016h for our id, else of a free one, else None."""
         entries = self.read(CONSUMERS).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]
-        return next(iter(own + free), (None, 0))
+        return next(iter([*own, *free]), (None, 0))
 
-    def _expect_alone(self):
+    def _expect_alone(self) -> None:
         """Raises Refused where another node sends the heartbeat of our id."""
         if self._rival.wait(LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
-                "another id by --own-node"
+                "another id as own_node"
             )
 
-    def _heard(self, _can_id, _data, timestamp):
+    def _heard(self, _can_id: int, _data: bytes, timestamp: float) -> None:
         if timestamp > self._beaten_until:
             self._rival.set()
 
-    def _send_beat(self, data):
+    def _send_beat(self, data: bytes) -> None:
         try:  # beside a transfer, which may take longer than the axis waits
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
             raise NoAnswer(f"{self.where}: expected to send a heartbeat, {error}") from None
 
-    def _be_watched(self):
+    def _be_watched(self) -> None:
         place, before = self._entry()
         if place is None:
             raise Refused(f"{self.where}: expected a free heartbeat consumer in 1016h, all are set")
@@ -263,13 +277,13 @@ class CanLink(RecorderLink):
             self._send_beat,
         )  # fmt: skip
 
-    def _be_unwatched(self):
+    def _be_unwatched(self) -> None:
         if self._watched:
             (place, before), self._watched = self._watched, None
             self._download(place, before)
         self._end_keeper()
 
-    def _samples(self, signals):
+    def _samples(self, signals: Sequence[str]) -> RawSamples:
         with (
             self._asking("the recording"),
             self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
@@ -279,11 +293,11 @@ class CanLink(RecorderLink):
         rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
         return np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)
 
-    def close(self):
+    def close(self) -> None:
         self._end_keeper()
         self._open.close()
 
-    def _end_keeper(self):
+    def _end_keeper(self) -> None:
         if self._keeper:
             super()._end_keeper()
             self._beaten_until = time.time()

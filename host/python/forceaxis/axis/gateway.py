@@ -1,6 +1,8 @@
 """An axis behind a gateway, over LCM."""
 
 import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Recording, Refused, unsigned
 from forceaxis.bus import state_names
@@ -24,35 +26,42 @@ class GatewayLink(Link):
 
     source = BY_NAME["command_source"].enum.index("lcm")
 
-    def __init__(self, axis=1, url=None, timeout_s=2.0, client=None, ready_s=READY_S):
+    def __init__(
+        self,
+        axis: int = 1,
+        url: str | None = None,
+        timeout_s: float = 2.0,
+        client: AxisClient | None = None,
+        ready_s: float = READY_S,
+    ) -> None:
         self.client = client or AxisClient(axis, url, timeout_s)
         self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
-        self.options = f"--axis {axis}" + (f" --lcm-url {url}" if url else "")
-        self._axis, self._url, self._armed = axis, url, None
+        self._axis, self._url = axis, url
+        self._armed: Any = None  # the acknowledgement of LCM that began the recording
 
-    def manages(self, name):
+    def manages(self, name: str) -> bool:
         return name.startswith(MANAGED)
 
-    def read(self, names):
-        found = {}
+    def read(self, names: Iterable[str]) -> dict[str, int]:
+        found: dict[str, int] = {}
         names = list(names)
         for i in range(0, len(names), AT_ONCE):
             found |= self.client.read_raw(names[i : i + AT_ONCE])
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
-    def text(self, index):
+    def text(self, index: int) -> str | None:
         """By the numbers of 1018h: LCM carries no texts."""
         found = self.client.read_raw([PRODUCT, REVISION])
         if index == NAME:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
         return f"{found[REVISION] >> 16}.{found[REVISION] & 0xFFFF}" if index == SOFTWARE else None
 
-    def write(self, values):
+    def write(self, values: Mapping[str, int]) -> None:
         with self.unfed(values):
             self.client.write_raw(values)
 
-    def acquire(self):
+    def acquire(self) -> None:
         end = time.monotonic() + self._ready_s
         while True:
             state = self.client.state(max(end - time.monotonic(), POLL_S))
@@ -72,11 +81,11 @@ class GatewayLink(Link):
                 )
         self._keeper = GatewayKeeper(self._axis, self._url)
 
-    def release(self):
+    def release(self) -> None:
         self._end_keeper()
         self.client.release()
 
-    def arm(self, signals, settings):
+    def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         wanted = {"decimation": 1, "pretrigger": 0, "trigger_edge": 0, **settings}
         samples = wanted.pop("length", 0)
         end = time.monotonic() + STOPPED_S
@@ -90,10 +99,10 @@ class GatewayLink(Link):
             self.client.write_raw({"recorder_arm": 0})
             time.sleep(POLL_S)
 
-    def fetch(self, signals):
+    def fetch(self, signals: Sequence[str]) -> None:
         self._armed = self.client.fetch(list(signals))
 
-    def recording(self, timeout_s):
+    def recording(self, timeout_s: float) -> Recording:
         held = self.client.captured(self._armed, timeout_s)
         if not held.complete:
             raise NoAnswer(
@@ -103,7 +112,7 @@ class GatewayLink(Link):
         self.client.write_raw({"recorder_arm": 0})
         return Recording(held.signals, held.raw, held.decimation, held.trigger_sample)
 
-    def close(self):
+    def close(self) -> None:
         self._end_keeper()
         if self._closes:
             self.client.close()

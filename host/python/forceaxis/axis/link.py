@@ -8,20 +8,25 @@ module beside this one: sim, gateway, can, modbus.
 import abc
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.bus.client import NoAnswer, Refused
+from forceaxis.bus.keeper import Keeper, WatchdogKeeper
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.linear import plant_facts
 
 __all__ = ["Link", "Live", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
-TICKS_PER_S = 1500
+TICKS_PER_S: int = _core.TICKS_PER_SECOND
 SCALE_WITHIN = 0.1  # of a sensor's force_scale: what a calibration may find
 NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen: of the device, of its firmware
 
@@ -41,43 +46,44 @@ REASONS = {
 }
 
 
+RawSamples = NDArray[np.int64]
+
+
 @dataclass(frozen=True)
 class Recording:
     """What the recorder held: raw values (samples, signals), each `decimation` ticks apart."""
 
     signals: tuple[str, ...]
-    raw: np.ndarray = field(repr=False)  #: (n, len(signals)) int64; a u32 is not negative
+    raw: RawSamples = field(repr=False)  #: (n, len(signals)) int64; a u32 is not negative
     decimation: int = 1
     trigger_sample: int = 0  #: index of the first sample at or after the trigger
 
-    def values(self, name):
+    def values(self, name: str) -> NDArray[Any]:
         """A signal in engineering units, (n,)."""
         known = BY_NAME[name]
         column = self.raw[:, self.signals.index(name)]
         return column if known.scale == 1 else column * known.scale
 
     @property
-    def time_s(self):
+    def time_s(self) -> NDArray[np.float64]:
         """(n,) s from the trigger on."""
         samples = np.arange(len(self.raw)) - self.trigger_sample
-        return samples * (self.decimation / TICKS_PER_S)
+        return np.asarray(samples * (self.decimation / TICKS_PER_S))
 
 
 class Link(abc.ABC):
-    """One axis; `where` names it in messages ("axis 1 at the gateway"), `options` are those of the
-    verbs that reach it ("--axis 1"). Several threads may use it.
+    """One axis; `where` names it in messages ("axis 1 at the gateway"). Several threads may use it.
 
     `source` is the raw command_source that its writes come from. `warning` is one line on what its
     user has to know, or None. `counts_per_metre` is the encoder's, where a model says it."""
 
     where: str
-    options: str
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None
-    _keeper = None  # a bus.keeper.Keeper from acquire() to release()
+    _keeper: Keeper | None = None  # from acquire() to release()
 
-    def use_model(self, model):
+    def use_model(self, model: str | Path) -> None:
         """Takes the encoder's scale of a model (a path). Raises InputError where it has none."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
@@ -85,64 +91,67 @@ class Link(abc.ABC):
         self.counts_per_metre = abs(encoder.scale)
 
     @abc.abstractmethod
-    def read(self, names):
+    def read(self, names: Iterable[str]) -> dict[str, int]:
         """{name: raw value} of objects. Raises Refused, NoAnswer."""
 
-    def reaches(self, name):
+    def reaches(self, name: str) -> bool:
         """Whether an object is accessible: over Modbus it needs a register."""
         return True
 
-    def manages(self, name):
+    def manages(self, name: str) -> bool:
         """Whether a parameter is configured by the gateway for its own use, as process data is."""
         return False
 
-    def text(self, index):
+    def text(self, index: int) -> str | None:
         """A text of CANopen: name of the device, 1008h, version of its firmware, 100Ah; None where
         the link does not carry it."""
         return None
 
     @abc.abstractmethod
-    def write(self, values):
+    def write(self, values: Mapping[str, int]) -> None:
         """Writes {name: raw value} in order; the first that is refused ends it. Raises Refused,
         NoAnswer."""
 
     @abc.abstractmethod
-    def acquire(self):
+    def acquire(self) -> None:
         """Owns the axis from now on. Raises Refused where another client does."""
 
     @abc.abstractmethod
-    def release(self):
+    def release(self) -> None:
         """Releases the axis, which must be disabled before."""
 
-    def wait(self, seconds):
+    def wait(self, seconds: float) -> None:
         """Lets so much of the axis' own time pass."""
         time.sleep(seconds)
 
     @abc.abstractmethod
-    def arm(self, signals, settings):
+    def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         """Starts a recording of up to 8 objects. settings: {recorder object without its prefix:
         raw value}, length, decimation, pretrigger, trigger_source, _edge, _level."""
 
     @abc.abstractmethod
-    def fetch(self, signals):
+    def fetch(self, signals: Sequence[str]) -> None:
         """Makes the incident of the black box, which has these signals, the recording that is read
         next. Raises Refused where there is none."""
 
     @abc.abstractmethod
-    def recording(self, timeout_s):
+    def recording(self, timeout_s: float) -> Recording:
         """Waits for the armed recording, of the axis' time: a Recording. The recorder is idle then,
         so the black box goes on. Raises NoAnswer."""
 
     @abc.abstractmethod
-    def close(self):
+    def close(self) -> None:
         """Ends the connection. Does not disable: see Axis.close()."""
 
-    def unfed(self, values):
+    def unfed(self, values: Mapping[str, int]) -> AbstractContextManager[Any]:
         """Context in which a WatchdogKeeper does not overwrite a watchdog among the values."""
-        keeps = self._keeper and {"watchdog", "0x2302"} & values.keys()
-        return self._keeper.unchanged if keeps else contextlib.nullcontext()
+        keeper = self._keeper
+        if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"} & values.keys():
+            unchanged: AbstractContextManager[Any] = keeper.unchanged
+            return unchanged
+        return contextlib.nullcontext()
 
-    def _end_keeper(self):
+    def _end_keeper(self) -> None:
         if self._keeper:
             self._keeper.close()
             self._keeper = None
@@ -190,31 +199,33 @@ class Live(Protocol):
 class RecorderLink(Link):
     """A link that uses the axis' recorder by its objects."""
 
-    _armed = None  # signals, decimation
+    _armed: tuple[tuple[str, ...], int] | None = None  # signals, decimation
 
     @abc.abstractmethod
-    def _samples(self, signals):
+    def _samples(self, signals: Sequence[str]) -> RawSamples:
         """(n, len(signals)) int64: what the finished recorder holds. Raises NoAnswer."""
 
-    def arm(self, signals, settings):
+    def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         self.write({"recorder_arm": 0})
         self.write(_recorder_writes(signals, settings))
         self.write({"recorder_arm": 1})
         self._armed = tuple(signals), settings.get("decimation", 1)
 
-    def fetch(self, signals):
+    def fetch(self, signals: Sequence[str]) -> None:
         self.write({"incident_command": 1})
         self._armed = tuple(signals), 1
 
-    def recording(self, timeout_s):
+    def recording(self, timeout_s: float) -> Recording:
         self._wait_recorded(timeout_s)
+        if self._armed is None:
+            raise Refused(f"{self.where}: expected a recording that was armed, there is none")
         signals, decimation = self._armed
         trigger = self.read(["recorder_trigger_index"])["recorder_trigger_index"]
         raw = self._samples(signals)
         self.write({"recorder_arm": 0})
         return Recording(signals, raw, decimation, trigger)
 
-    def _wait_recorded(self, timeout_s, poll_s=0.02):
+    def _wait_recorded(self, timeout_s: float, poll_s: float = 0.02) -> None:
         passed = 0.0
         while True:
             raw = self.read(["recorder_state"])["recorder_state"]
@@ -232,22 +243,22 @@ class RecorderLink(Link):
             passed += poll_s
 
 
-def _address(name):
+def _address(name: str) -> int:
     """CANopen index times 256 plus sub-index, as the recorder's channels want it."""
     known = BY_NAME[name]
     return known.index << 8 | known.sub
 
 
-def unsigned(name, raw):
+def unsigned(name: str, raw: int) -> int:
     """A raw value that came as a signed 32-bit word."""
     return raw + 2**32 if raw < 0 and BY_NAME[name].type == "u32" else raw
 
 
-def _recorder_writes(signals, settings):
+def _recorder_writes(signals: Sequence[str], settings: Mapping[str, int]) -> dict[str, int]:
     """{object: raw value} to be written while the recorder is stopped, before it is armed."""
     channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {
         **{f"recorder_signal_{i + 1}": value for i, value in enumerate(channels)},
-        **{f"recorder_{name}": value for name, value in (defaults | settings).items()},
+        **{f"recorder_{name}": value for name, value in {**defaults, **settings}.items()},
     }

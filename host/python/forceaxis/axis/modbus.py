@@ -3,11 +3,13 @@
 import logging
 import re
 import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NoReturn
 
-from forceaxis._core import InputError
 from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Refused
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.errors import ParameterError
 
 TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
@@ -24,24 +26,26 @@ EXCEPTIONS = {
 }
 
 
-def client(url, timeout_s=1.0):
-    """A connected pymodbus client. Raises InputError, NoAnswer."""
+def client(url: str, timeout_s: float = 1.0) -> Any:
+    """A connected pymodbus client, which has no types here. Raises InputError, NoAnswer."""
     tcp, serial = TCP.fullmatch(url), SERIAL.fullmatch(url)
-    if not tcp and not serial:
-        raise InputError(
-            f"--modbus {url}: expected tcp://HOST[:PORT], or a serial device as /dev/ttyUSB0[:BAUD]"
+    if tcp is None and serial is None:
+        raise ParameterError(
+            "modbus",
+            f"{url}: expected tcp://HOST[:PORT], or a serial device as /dev/ttyUSB0[:BAUD]",
         )
     try:
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
     except ImportError:
-        raise InputError(
-            "--modbus: expected pymodbus; install it with `pip install 'forceaxis[modbus]'`"
+        raise ParameterError(
+            "modbus", "expected pymodbus; install it with `pip install 'forceaxis[modbus]'`"
         ) from None
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
-    if tcp:
+    made: list[Any] = []
+    if tcp is not None:
         port = int(tcp[2] or 502)
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
-    else:
+    elif serial is not None:
         baud = int(serial[2] or BAUD)
         # A pseudo-terminal has no parity and does not open with one.
         made = [
@@ -53,7 +57,7 @@ def client(url, timeout_s=1.0):
             if one.connect():
                 return one
         except (OSError, ValueError) as error:
-            raise InputError(f"--modbus {url}: expected to open it, {error}") from None
+            raise ParameterError("modbus", f"{url}: expected to open it, {error}") from None
     what = "a Modbus server here, none answered" if tcp else "a serial device that can be opened"
     raise NoAnswer(f"{url}: expected {what}")
 
@@ -65,14 +69,13 @@ class ModbusLink(Link):
 
     source = BY_NAME["command_source"].enum.index("modbus")
 
-    def __init__(self, url, unit=1, timeout_s=1.0):
+    def __init__(self, url: str, unit: int = 1, timeout_s: float = 1.0) -> None:
         self.client = client(url, timeout_s)
         self.where = f"unit {unit} at {url}"
-        self.options = f"--modbus {url} --node {unit}"
         self._unit, self._lock = unit, threading.Lock()
-        self._low_first = None
+        self._low_first: bool | None = None
 
-    def _ask(self, what, ask, *arguments, **named):
+    def _ask(self, what: str, ask: Callable[..., Any], *arguments: Any, **named: int) -> Any:
         from pymodbus.exceptions import ModbusException
 
         try:
@@ -85,10 +88,10 @@ class ModbusLink(Link):
             raise Refused(f"{what}: {EXCEPTIONS.get(code, f'Modbus exception {code}')}")
         return answer
 
-    def reaches(self, name):
+    def reaches(self, name: str) -> bool:
         return BY_NAME[name].modbus >= 0
 
-    def text(self, index):
+    def text(self, index: int) -> str | None:
         """By the identification of the device, function 43 / 14."""
         if index not in IDENTITY:
             return None
@@ -97,14 +100,17 @@ class ModbusLink(Link):
             found = self._ask("its identification", ask, read_code=4, object_id=IDENTITY[index])
         except Refused:
             return None
-        return found.information[IDENTITY[index]].decode(errors="replace")
+        text: str = found.information[IDENTITY[index]].decode(errors="replace")
+        return text
 
-    def _expect_registers(self, names):
+    def _expect_registers(self, names: Iterable[str]) -> None:
         for name in names:
             if not self.reaches(name):
-                raise Refused(f"{name}: it has no Modbus register; use --axis or --can for it")
+                raise Refused(
+                    f"{name}: it has no Modbus register; connect over CAN or through a gateway"
+                )
 
-    def _read(self, name):
+    def _read(self, name: str) -> int:
         known = BY_NAME[name]
         count = 2 if known.type.endswith("32") else 1
         client = self.client
@@ -116,7 +122,7 @@ class ModbusLink(Link):
         bits = 16 * count
         return raw - (1 << bits) if known.type[0] == "i" and raw >> (bits - 1) else raw
 
-    def _write(self, name, raw):
+    def _write(self, name: str, raw: int) -> None:
         known = BY_NAME[name]
         if not known.type.endswith("32"):
             self._ask(name, self.client.write_register, known.modbus, raw & 0xFFFF)
@@ -126,17 +132,18 @@ class ModbusLink(Link):
             words.reverse()
         self._ask(name, self.client.write_registers, known.modbus, words)
 
-    def _word_order(self):
+    def _word_order(self) -> bool:
         """Whether the lower half of 32 bits comes first."""
         if self._low_first is None:
             self._low_first = bool(self._read("modbus_word_order"))
         return self._low_first
 
-    def read(self, names):
+    def read(self, names: Iterable[str]) -> dict[str, int]:
+        names = list(names)
         self._expect_registers(names)
         return {name: self._read(name) for name in names}
 
-    def write(self, values):
+    def write(self, values: Mapping[str, int]) -> None:
         self._expect_registers(values)
         with self.unfed(values):
             for name, raw in values.items():
@@ -144,27 +151,28 @@ class ModbusLink(Link):
                 if name == "modbus_word_order":
                     self._low_first = bool(raw)
 
-    def acquire(self):
+    def acquire(self) -> None:
         self._write("command_source", self.source)
         self._keeper = WatchdogKeeper(
             lambda: self._read("watchdog"), lambda value: self._write("watchdog", value)
         )
 
-    def release(self):
+    def release(self) -> None:
         self._end_keeper()
         self._write("command_source", 0)
 
-    def arm(self, signals, settings):
+    def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> NoReturn:
         raise Refused(
-            f"{self.where}: a recording cannot be read over Modbus; use --axis or --can for it"
+            f"{self.where}: a recording cannot be read over Modbus; connect over CAN or through a "
+            "gateway"
         )
 
-    def fetch(self, signals):
+    def fetch(self, signals: Sequence[str]) -> NoReturn:
         self.arm(signals, {})
 
-    def recording(self, timeout_s):
+    def recording(self, timeout_s: float) -> NoReturn:
         self.arm((), {})
 
-    def close(self):
+    def close(self) -> None:
         self._end_keeper()
         self.client.close()

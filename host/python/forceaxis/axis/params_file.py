@@ -25,12 +25,17 @@ bank.toml of `forceaxis design`, a file concerns what it names and nothing else.
 import datetime
 import itertools
 import re
-from typing import NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 from forceaxis import objects, toml
 from forceaxis._core import InputError
 from forceaxis.bus.client import to_raw
 from forceaxis.bus.state_names import texts
+from forceaxis.errors import ParameterError
+from forceaxis.objects import AxisObject
 
 IDENTITY = {"stored_node_id", "stored_bit_rate", "configuration_date", "configuration_time"}
 MEASURED = {
@@ -45,12 +50,11 @@ FORMAT = 1
 NODE = re.compile(r"\$NODEID\+0x([0-9a-fA-F]{1,8})")
 COB_ID, COB_FLAGS = 0x7FF, 0xC0000000
 HEXADECIMAL = ("bank_crc", "certificate_hash", "certificate_parts")
-TEXTS = ("object_table", "firmware", "axis", "name", "serial_number", "written")
 
 
-def _arrays():
+def _arrays() -> dict[str, tuple[AxisObject, ...]]:
     """{stem: its objects} of the table's arrays: alike, numbered from 1, side by side."""
-    found = {}
+    found: dict[str, list[AxisObject]] = {}
     for o in PARAMETERS:
         stem, _, number = o.name.rpartition("_")
         before = found.get(stem, [])
@@ -66,21 +70,35 @@ ARRAYS = _arrays()
 STEM = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
 
 
-class ParameterFile(NamedTuple):
-    """What a file asks for: {object: raw value}, in its order."""
+@dataclass(frozen=True)
+class About:
+    """The table [about] that dump() writes: the axis whose parameters the file has. A field that is
+    None is left out."""
 
-    about: dict
-    values: dict
-    defaults: tuple  # names of what is at its default
-    measured: dict
+    object_table: str  #: hash, as 0x and 8 digits
+    firmware: str | None
+    axis: str
+    name: str | None
+    serial_number: str | None  #: as 0x and 8 digits
+    node_id: int
 
 
-def default(known, node_id):
+@dataclass(frozen=True)
+class ParameterFile:
+    """The contents of a file: {object: raw value} of parameters and of [measured], in its order,
+    and the names of the objects that have their defaults."""
+
+    values: dict[str, int]
+    defaults: tuple[str, ...]
+    measured: dict[str, int]
+
+
+def default(known: AxisObject, node_id: int) -> int:
     """Raw default of an object on a node."""
     return known.default + (node_id if known.node_id else 0)
 
 
-def engineering(known, raw):
+def engineering(known: AxisObject, raw: int) -> float:
     """The value in the unit of the table with the fewest digits that give `raw` back."""
     if known.scale == 1:
         return raw
@@ -91,7 +109,7 @@ def engineering(known, raw):
     return raw * known.scale
 
 
-def text(known, raw, node_id=0):
+def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
     """A raw value as it stands in a file."""
     for name, value in texts(known).items():
         if value == raw:
@@ -106,17 +124,19 @@ def text(known, raw, node_id=0):
     return repr(engineering(known, raw))
 
 
-def signature(known):
+def signature(known: AxisObject) -> dict[str, Any]:
     """What a value of the object means: {type, scale, unit, min, max}, enum."""
     facts = {key: getattr(known, key) for key in ("type", "scale", "unit", "min", "max")}
     return facts | ({"enum": list(texts(known))} if texts(known) else {})
 
 
-def dump(values, about, everything=False):
+def dump(values: Mapping[str, int], about: About, everything: bool = False) -> str:
     """Text of a file with {object: raw value} of parameters; everything: what is at its default
     too. Parameters that are not among the values are named in `without`."""
-    node_id = about["node_id"]
-    groups, named, without = {}, [], []
+    node_id = about.node_id
+    groups: dict[str, list[str]] = {}
+    named: list[tuple[str, AxisObject]] = []
+    without: list[str] = []
     for name, elements in _entries():
         if any(o.name not in values for o in elements):
             without.append(name)
@@ -127,12 +147,10 @@ def dump(values, about, everything=False):
             group = "measured" if first.name in MEASURED else first.part
             groups.setdefault(group, []).append(_line(name, elements, raw, node_id))
             named.append((name, first))
-    lines = [f"# Parameters of {about['axis']}", "", "[about]", f"format = {FORMAT}"]
-    about = about | {"written": f"{datetime.date.today()}"}
-    for key in (*TEXTS, "node_id"):
-        if about.get(key) is not None:
-            value = about[key]
-            lines.append(f"{key} = {_quoted(value) if isinstance(value, str) else value}")
+    lines = [f"# Parameters of {about.axis}", "", "[about]", f"format = {FORMAT}"]
+    given = {f.name: getattr(about, f.name) for f in fields(About) if f.name != "node_id"}
+    given |= {"written": f"{datetime.date.today()}", "node_id": node_id}
+    lines += [f"{key} = {_toml(value)}" for key, value in given.items() if value is not None]
     lines.append('others = "defaults"  # of what is not named below')
     if without:
         lines.append(f"without = {_toml(without)}")
@@ -144,13 +162,13 @@ def dump(values, about, everything=False):
     return "\n".join(lines) + "\n"
 
 
-def _entries():
+def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
     """(name, objects) of what stands on a line of its own: an array or a single object."""
-    for stem, elements in itertools.groupby(PARAMETERS, lambda o: STEM.get(o.name, o.name)):
-        yield stem, tuple(elements)
+    for name, elements in itertools.groupby(PARAMETERS, lambda o: STEM.get(o.name) or o.name):
+        yield name, tuple(elements)
 
 
-def _line(name, elements, raw, node_id):
+def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id: int) -> str:
     """An assignment, its unit beside it; a list goes on in a new line for another index."""
     unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
     pairs = zip(elements, raw, strict=True)
@@ -165,27 +183,29 @@ def _line(name, elements, raw, node_id):
     return "\n".join([f"{name} = [{unit}", *(f"    {row}," for row in rows), "]"])
 
 
-def _inline(facts):
+def _inline(facts: Mapping[str, Any]) -> str:
     return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in facts.items()) + " }"
 
 
-def _toml(value):
+def _toml(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     return _quoted(value) if isinstance(value, str) else repr(value)
 
 
-def _quoted(value):
+def _quoted(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def read(path, node_id, skip=()):
+def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
     """A ParameterFile. skip: names that are left out, of objects or arrays. Raises InputError with
     everything that does not fit the object table."""
     tables = toml.read(path)
     about = tables.pop("about", {})
     described = tables.pop("objects", {})
-    problems, parameters, measured = [], {}, {}
+    problems: list[str] = []
+    parameters: dict[str, int] = {}
+    measured: dict[str, int] = {}
     for name, table in (("about", about), ("objects", described)):
         if not isinstance(table, dict):
             raise InputError(f"{path}: {name}: expected a table, [{name}]")
@@ -219,12 +239,13 @@ def read(path, node_id, skip=()):
                     into[known.name] = raw_value(known, value, node_id)
             except InputError as error:
                 problems.append(str(error))
-    problems += [f"--skip {name}: expected a name of the file" for name in sorted(unused)]
+    if unused:
+        raise ParameterError("skip", f"{', '.join(sorted(unused))}: expected names of {path}")
     if problems:
         theirs = str(about.get("object_table", ""))
         other = theirs and theirs != table_hash()
         where = f", which is of object table {theirs}, this one is {table_hash()}" if other else ""
-        hint = "; correct it or leave it out (--skip NAME)"
+        hint = "; correct it or skip it"
         raise InputError(f"{path}{where}: {'; '.join(problems)}{hint}")
     left_out = {*without, *skip}
     defaults = [
@@ -233,30 +254,30 @@ def read(path, node_id, skip=()):
         if others and not {o.name, STEM.get(o.name)} & left_out and o.name not in parameters
         and o.name not in measured
     ]  # fmt: skip
-    return ParameterFile(about, parameters, tuple(defaults), measured)
+    return ParameterFile(parameters, tuple(defaults), measured)
 
 
-def table_hash():
+def table_hash() -> str:
     """Of this program's object table, as object_table_hash has it."""
     return f"0x{objects.OBJECTS_HASH[:8]}"
 
 
-def raw_value(known, value, node_id):
+def raw_value(known: AxisObject, value: Any, node_id: int) -> int:
     """Raw value of what stands in a file. Raises InputError."""
     if isinstance(value, str) and (match := NODE.fullmatch(value)):
         if not known.node_id:
             raise InputError(f"{known.name}: expected a number, only COB-IDs follow the node id")
-        return to_raw(known.name, int(match[1], 16) + node_id)
+        return int(to_raw(known.name, int(match[1], 16) + node_id))
     whole = known.scale == 1 and isinstance(value, float) and not value.is_integer()
     listed = value not in texts(known) if isinstance(value, str) else bool(texts(known))
     if isinstance(value, bool | dict | list) or whole or listed:
         wanted = "one of " + ", ".join(texts(known)) if texts(known) else "a number"
         whole_number = " without decimals" if whole else ""
         raise InputError(f"{known.name}: expected {wanted}{whole_number}, got {value}")
-    return to_raw(known.name, value)
+    return int(to_raw(known.name, value))
 
 
-def _elements(key, given):
+def _elements(key: str, given: Any) -> list[tuple[AxisObject, Any]]:
     """(object, value) of a line of a file. Raises InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]
@@ -272,7 +293,7 @@ def _elements(key, given):
     raise InputError(f"{key}: expected an object of this table, it has none of this name")
 
 
-def _expect_same(known, described):
+def _expect_same(known: AxisObject, described: Any) -> None:
     """A value keeps its meaning only if type, scale, unit and texts are the same; the range may
     have grown, as for what a store holds."""
     if described is None:
@@ -289,6 +310,6 @@ def _expect_same(known, described):
     same = all(theirs.get(k) == ours.get(k) for k in ("type", "scale", "unit", "enum"))
     if not (same and ours["min"] <= theirs["min"] and theirs["max"] <= ours["max"]):
         differing = [k for k in {**ours, **described} if described.get(k) != ours.get(k)]
-        theirs = ", ".join(f"{k} {described.get(k)}" for k in differing)
+        there = ", ".join(f"{k} {described.get(k)}" for k in differing)
         here = ", ".join(f"{k} {ours.get(k)}" for k in differing)
-        raise InputError(f"{known.name}: expected {here} as in this table, the file has {theirs}")
+        raise InputError(f"{known.name}: expected {here} as in this table, the file has {there}")

@@ -18,6 +18,7 @@ from forceaxis.axis.link import TICKS_PER_S, Link, Live
 from forceaxis.bus import client
 from forceaxis.bus.client import object_named
 from forceaxis.bus.state_names import BY_NAME, texts
+from forceaxis.errors import ParameterError
 from forceaxis.objects import AxisObject, default
 
 CODES_PER_V = 4096 / 20  # of the DAC
@@ -45,9 +46,7 @@ LENGTHS = {
 }  # fmt: skip
 NOT_LENGTHS = {"encoder_increments"}
 OF_COUNTS = (0x6063, 0x6069)  # of CiA 402, in counts whatever the user's unit is
-UNKNOWN = (
-    "; what a count is in mm is not known: give --model MODEL, or the axis its units (6092h, 60A8h)"
-)
+UNKNOWN = "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
 
 
 class Scaled(Protocol):
@@ -89,7 +88,7 @@ class Force:
 
 def force_per_count(axis: Scaled) -> float:
     """Force of one count of an 8-bit reading in N, as the axis has it."""
-    return axis.read("force_scale") * 1e-6
+    return float(axis.read("force_scale")) * 1e-6
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
@@ -100,7 +99,7 @@ def never_set(force_scale: float, calibration_date: int) -> bool:
 
 def is_reading(known: AxisObject | None) -> bool:
     """Whether an object is in counts of the force reading."""
-    return known is not None and known.unit == "count" and known.scale != 1
+    return known is not None and known.unit == "count" and known.quantity == "force"
 
 
 def user_per_count(axis: Scaled) -> float | None:
@@ -201,17 +200,17 @@ def to_raw(axis: Scaled, name: str, value: Any) -> int:
     """Raw value of an engineering value, an enum's text or a quantity. Raises InputError, with the
     range in N and mm where the value has such a unit."""
     if not isinstance(value, str):
-        return client.to_raw(name, value)
+        return int(client.to_raw(name, value))
     given = parse(axis, name, value)
     if isinstance(given, str):
-        return client.to_raw(name, given)
+        return int(client.to_raw(name, given))
     known = BY_NAME[name]
     least, most = known.min * known.scale, known.max * known.scale
     if not least - known.scale / 2 < given < most + known.scale / 2:
         raise InputError(
             f"{name}: expected {shown(axis, name, least)} to {shown(axis, name, most)}, got {value}"
         )
-    return client.to_raw(name, given)
+    return int(client.to_raw(name, given))
 
 
 def number(axis: Scaled, name: str, text: str) -> float:
@@ -274,8 +273,8 @@ def trigger(axis: Live, text: str) -> dict[str, Any]:
     if text == "excitation_start":
         return {"trigger_edge": text}
     if len(words) != 3 or words[1] not in ("rising", "falling", "either"):
-        raise InputError(
-            f'--trigger {text}: expected "NAME rising|falling|either LEVEL" or excitation_start'
+        raise ParameterError(
+            "trigger", f'{text}: expected "NAME rising|falling|either LEVEL" or excitation_start'
         )
     name, edge, level = words
     return trigger_on(name, number(axis, name, level), edge)

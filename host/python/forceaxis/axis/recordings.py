@@ -1,23 +1,27 @@
 """Recordings of an axis as files."""
 
 import csv
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from forceaxis import paths
+from forceaxis.axis.link import Recording
 from forceaxis.bus.log_tables import column_name
 
 FILES = ("capture.csv", "capture.npz", "capture.png")
 
 
-def columns(recording):
+def columns(recording: Recording) -> dict[str, NDArray[Any]]:
     """{column: (n,)} of time_s from the trigger on and the signals, units in the names."""
-    return {"time_s": recording.time_s} | {
-        column_name(name): recording.values(name) for name in recording.signals
-    }
+    values = {column_name(name): recording.values(name) for name in recording.signals}
+    return {"time_s": recording.time_s, **values}
 
 
-def write(recording, folder, title):
+def write(recording: Recording, folder: Path, title: str) -> None:
     """capture.csv, .npz and .png into `folder`, which is created; all or none. Raises OSError."""
     table = columns(recording)
     with paths.replacing(folder, *FILES) as (text, arrays, picture):
@@ -26,11 +30,11 @@ def write(recording, folder, title):
             writer.writerow(table)
             writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
         with arrays.open("wb") as file:
-            np.savez_compressed(file, **table)
+            np.savez_compressed(file, **table)  # type: ignore[arg-type]
         figure(recording, title).savefig(picture, format="png", dpi=120)
 
 
-def figure(recording, title):
+def figure(recording: Recording, title: str) -> Figure:
     """Figure: a row for each signal over the time from the trigger."""
     import matplotlib.pyplot as plt
 

@@ -1,72 +1,94 @@
-"""Who is on a bus: one row for each axis found, {name: value}, None where it is not known."""
+"""The axes of a bus: one ScannedAxis for each axis that is found."""
 
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
-from forceaxis._core import InputError
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import NAME, SOFTWARE, NoAnswer, Refused
+from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Refused
 
-COLUMNS = ("id", "name", "version", "table", "state", "mode", "fault", "owner", "note")
-SCAN_S = 0.5
-UNIT_S = 0.15  # what a unit of Modbus may take
+NODE_ANSWERS_S = 0.5  # time that the nodes of a CAN bus have for their answers
+UNIT_TIMEOUT_S = 0.15  # time that one unit of Modbus has for its answer
 
 
-def row(link, number=None):
-    """The row of the axis of a link, which is closed; what it does not answer is in `note`. number:
-    of the axis on its bus, by default its node id."""
-    axis, found = Axis(link), {"id": number}
+@dataclass(frozen=True)
+class ScannedAxis:
+    """One axis of a bus. A field is None where the axis did not give its value; `note` then says
+    why. `table` is the hash of its object table, 8 hexadecimal digits, and `owner` the name of
+    its command source."""
+
+    id: int | None
+    name: str | None = None
+    version: str | None = None
+    table: str | None = None
+    state: str | None = None
+    mode: str | None = None
+    fault: str | None = None
+    owner: str | None = None
+    note: str | None = None
+
+
+def scanned(link: Link, number: int | None = None) -> ScannedAxis:
+    """The axis of a link, which is closed afterwards. `number` is the axis' number on its bus; the
+    default is its node id."""
+    axis, found = Axis(link), ScannedAxis(number)
     try:
-        found["id"] = axis.read("node_id") if number is None else number
-        found["table"] = f"{axis.read('object_table_hash'):08x}"
+        if number is None:
+            found = replace(found, id=axis.read("node_id"))
+        found = replace(found, table=f"{axis.read('object_table_hash'):08x}")
         now = actions.state(axis)
-        found |= {key: now[key] for key in ("state", "mode", "fault")}
-        found["owner"] = now["command_source"]
-        found["name"], found["version"] = link.text(NAME), link.text(SOFTWARE)
+        found = replace(
+            found, state=now.state, mode=now.mode, fault=now.fault, owner=now.command_source
+        )
+        return replace(found, name=link.text(NAME), version=link.text(SOFTWARE))
     except (Refused, NoAnswer) as error:
-        found["note"] = str(error)
+        return replace(found, note=str(error))
     finally:
         axis.close()
-    return {key: found.get(key) for key in COLUMNS}
 
 
-def at_gateway(url=None, seconds=1.0):
+def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[ScannedAxis]:
     """Every axis whose gateway publishes states within so many seconds."""
     from forceaxis.axis.gateway import GatewayLink
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import Live
+    from forceaxis.bus.sources import LiveSource
 
     watch = Watch()
-    source = Live(watch, url, None)
+    source = LiveSource(watch, url, None)
     try:
         time.sleep(seconds)
         numbers = sorted(n for n, a in watch.axes.items() if a.state is not None)
     finally:
         source.close()
     for number in numbers:
-        yield row(GatewayLink(number, url), number)
+        yield scanned(GatewayLink(number, url), number)
 
 
-def on_can(interface, bus=None, seconds=SCAN_S):
+def on_can(
+    interface: str, bus: Any = None, seconds: float = NODE_ANSWERS_S
+) -> Iterator[ScannedAxis]:
     """Every node 1 to 127 that answers a read of 1000h, or is heard meanwhile."""
     from forceaxis.axis.can import CanLink, network
 
-    with network(interface, bus) as found:
-        found.scanner.search()
+    with network(interface, bus) as opened:
+        opened.scanner.search()
         time.sleep(seconds)
-        numbers = sorted(set(found.scanner.nodes))
+        numbers = sorted(set(opened.scanner.nodes))
     for number in numbers:
-        found = row(CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3), number)
-        if found["table"] is None:
-            found["note"] = "heard, but it has none of these objects: a master, or a gateway"
+        found = scanned(CanLink(interface, number, number % 127 + 1, bus, timeout_s=0.3), number)
+        if found.table is None:
+            note = "heard, but it has none of these objects: a master, or a gateway"
+            found = replace(found, note=note)
         yield found
 
 
-def on_modbus(url):
+def on_modbus(url: str) -> Iterator[ScannedAxis]:
     """Every unit 1 to 127 that answers."""
     from forceaxis.axis.modbus import ModbusLink, client
 
-    answering = client(url, UNIT_S)
+    answering = client(url, UNIT_TIMEOUT_S)
     try:
         from pymodbus.exceptions import ModbusException
 
@@ -82,18 +104,4 @@ def on_modbus(url):
     finally:
         answering.close()
     for unit in numbers:
-        yield row(ModbusLink(url, unit), unit)
-
-
-def found(way):
-    """The rows of one bus. Raises InputError where it names more than one."""
-    given = [w for w in (way.can, way.modbus, way.sim) if w is not None]
-    if len(given) > 1 or way.axis is not None:
-        raise InputError("expected one bus: --lcm-url URL, --can, --modbus or --sim")
-    if way.can is not None:
-        return list(on_can(way.can))
-    if way.modbus is not None:
-        return list(on_modbus(way.modbus))
-    if way.sim is not None:
-        return [row(way.link())]
-    return list(at_gateway(way.lcm_url))
+        yield scanned(ModbusLink(url, unit), unit)

@@ -19,6 +19,8 @@ Refused with the reason, a wait that times out NoAnswer.
 import contextlib
 import time
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from forceaxis.axis import bounds
 from forceaxis.axis.axis import BIT_12, ENABLE, HOMING_ERROR, START_HOMING, Axis
@@ -33,9 +35,15 @@ STATES_KEPT = 30_000  # ten minutes of 50 a second
 class Session(AxisClient):
     """An axis, acquired until the session is closed."""
 
-    def __init__(self, axis=1, url=None, timeout_s=2.0, wait_s=READY_S):
+    def __init__(
+        self,
+        axis: int = 1,
+        url: str | None = None,
+        timeout_s: float = 2.0,
+        wait_s: float = READY_S,
+    ) -> None:
         # Before the bus's thread delivers the first.
-        self._states = deque(maxlen=STATES_KEPT)
+        self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
         self._drive = Axis(self._link)
@@ -45,14 +53,14 @@ class Session(AxisClient):
             super().close()
             raise
 
-    def write_all(self, values):
+    def write_all(self, values: Mapping[str, Any]) -> Any:
         """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one, and a
         target that the axis would clip raises InputError (axis/bounds)."""
         bounds.expect(self._drive, values)
         with self._link.unfed(values):
             return super().write_all(values)
 
-    def close(self):
+    def close(self) -> None:
         """Disables and releases the axis, unless it no longer answers."""
         with contextlib.suppress(Refused, NoAnswer):  # another's, or lost: nothing to release
             self._drive.off()
@@ -61,22 +69,24 @@ class Session(AxisClient):
         super().close()
 
     @property
-    def states(self):
+    def states(self) -> list[axis_state_t]:
         """The received states in order, axis_state_t, the latest STATES_KEPT of them."""
         with self._news:
             return list(self._states)
 
-    def _take(self, channel, data, wall_us):
+    def _take(self, channel: str, data: bytes, wall_us: int) -> None:
         super()._take(channel, data, wall_us)
         with self._news:
             state = self._state
             if state is not None and (not self._states or self._states[-1] is not state):
                 self._states.append(state)
 
-    def wait_for(self, holds, what, timeout_s=5.0):
+    def wait_for(
+        self, holds: Callable[[axis_state_t], Any], what: str, timeout_s: float = 5.0
+    ) -> axis_state_t:
         """The first state for which holds(state); NoAnswer names `what` when none comes in time."""
         end = time.monotonic() + timeout_s
-        state = None
+        state: axis_state_t | None = None
         while (remaining := end - time.monotonic()) > 0:
             try:
                 state = self.state(remaining)
@@ -93,17 +103,17 @@ class Session(AxisClient):
             )
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
-    def enable(self, mode, **parameters):
+    def enable(self, mode: str | int, **parameters: Any) -> None:
         """See Axis.enable()."""
         self._drive.enable(mode, **parameters)
 
-    def disable(self):
+    def disable(self) -> None:
         self._drive.disable()
 
-    def reset_fault(self):
+    def reset_fault(self) -> None:
         self._drive.reset_fault()
 
-    def home(self, position=0):
+    def home(self, position: int = 0) -> None:
         """Homing in place: the present position becomes `position`, counts."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
@@ -112,33 +122,40 @@ class Session(AxisClient):
             raise NoAnswer(f"axis {self.axis}: homing failed")
         self.write("controlword", ENABLE)
 
-    def move(self, position, timeout_s=20.0):
+    def move(self, position: int | str, timeout_s: float = 20.0) -> axis_state_t:
         """Profile position mode: moves to `position`, counts, and waits until it is reached: the
         next axis_state_t."""
         self._drive.move(position, timeout_s)
-        return self.state()
+        state: axis_state_t = self.state()
+        return state
 
-    def wait_contact(self, force_cnt=None, within_cnt=5.0, held_s=0.3, timeout_s=10.0):
+    def wait_contact(
+        self,
+        force_cnt: float | None = None,
+        within_cnt: float = 5.0,
+        held_s: float = 0.3,
+        timeout_s: float = 10.0,
+    ) -> axis_state_t:
         """Waits for contact with a force within `within_cnt` of `force_cnt` for `held_s` seconds.
 
         Forces are in counts of an 8-bit reading; without `force_cnt` any force will do.
         """
-        since = None
+        since: int | None = None
 
-        def held(s):
+        def held(s: axis_state_t) -> bool:
             nonlocal since
             near = force_cnt is None or abs(s.force_cnt_q8 / 256 - force_cnt) <= within_cnt
             if s.contact != 1 or not near:
                 since = None
                 return False
             since = since or s.wall_utime
-            return s.wall_utime - since >= held_s * 1e6
+            return bool(s.wall_utime - since >= held_s * 1e6)
 
         return self.wait_for(held, "a steady contact", timeout_s)
 
 
-def seconds(states):
-    """Firmware time of states in s from the first one: array (n,)."""
+def seconds(states: Sequence[axis_state_t]) -> tuple[list[axis_state_t], list[float]]:
+    """The states whose firmware time is available, and these times in s from the first one."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

@@ -1,7 +1,19 @@
 """A simulated axis: firmware and plant of an experiment in process, in their own time."""
 
-from forceaxis import _core, paths
-from forceaxis.axis.link import REASONS, SCALE_WITHIN, TICKS_PER_S, RecorderLink, Refused, unsigned
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from forceaxis import _core
+from forceaxis.axis.link import (
+    REASONS,
+    SCALE_WITHIN,
+    TICKS_PER_S,
+    RawSamples,
+    RecorderLink,
+    Refused,
+    unsigned,
+)
 from forceaxis.bus.state_names import BY_NAME
 
 FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
@@ -16,12 +28,13 @@ class SimLink(RecorderLink):
 
     source = BY_NAME["command_source"].enum.index("lcm")
 
-    def __init__(self, experiment, overrides=(), store=""):
+    def __init__(
+        self, experiment: str | Path, overrides: Sequence[str] = (), store: str | Path = ""
+    ) -> None:
         given = {text.split("=")[0] for text in overrides}
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
-        self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
+        self.axis: Any = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
-        self.options = f"--sim {paths.quoted(experiment)}"
         self.store = store  # "": none
         self._owned = False
         self.axis.step(1)  # the first inputs
@@ -30,7 +43,9 @@ class SimLink(RecorderLink):
         if "encoder" in converters:
             self.counts_per_metre = 1 / abs(converters["encoder"]["per_code"])
 
-    def _scale_warning(self, experiment, reading):
+    def _scale_warning(
+        self, experiment: str | Path, reading: Mapping[str, Any] | None
+    ) -> str | None:
         """One line where the axis has another force_scale than its model's sensor, else None."""
         if reading is None:
             return None
@@ -44,7 +59,7 @@ class SimLink(RecorderLink):
             f"[firmware] force_scale = {round(sensor * 1e6)}"
         )
 
-    def read(self, names):
+    def read(self, names: Iterable[str]) -> dict[str, int]:
         found = {}
         for name in names:
             try:
@@ -53,26 +68,26 @@ class SimLink(RecorderLink):
                 raise Refused(f"{name}: {REASONS[int(error.args[0])]}") from None
         return found
 
-    def text(self, index):
+    def text(self, index: int) -> str | None:
         return {0x1008: "simulator", 0x100A: _core.FIRMWARE_VERSION}.get(index)
 
-    def write(self, values):
+    def write(self, values: Mapping[str, int]) -> None:
         for name, raw in values.items():
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
                 raise Refused(f"{name}: {REASONS[error]}")
             self.axis.step(1)  # a write acts in the tick after it, as over a bus
 
-    def acquire(self):
+    def acquire(self) -> None:
         self.axis.end_schedule()  # whoever owns an axis alone commands it
         self.write({"command_source": self.source})
         self._owned = True
 
-    def release(self):
+    def release(self) -> None:
         self.write({"command_source": 0})
         self._owned = False
 
-    def wait(self, seconds):
+    def wait(self, seconds: float) -> None:
         ticks = max(1, round(seconds * TICKS_PER_S))
         while ticks > 0:
             self.axis.step(min(ticks, FEED_TICKS))
@@ -81,14 +96,14 @@ class SimLink(RecorderLink):
                 number = BY_NAME["watchdog"].number
                 self.axis.write(number, self.axis.read(number))
 
-    def _samples(self, signals):
+    def _samples(self, signals: Sequence[str]) -> RawSamples:
         count = self.read(["recorder_count"])["recorder_count"]
-        raw = self.axis.samples(0, count, len(signals)).astype("int64")
+        raw: RawSamples = self.axis.samples(0, count, len(signals)).astype("int64")
         for i, name in enumerate(signals):
             if BY_NAME[name].type == "u32":
                 raw[:, i] %= 2**32
         return raw
 
-    def close(self):
+    def close(self) -> None:
         """Releases the file of the store, unless the caller holds `axis`."""
         self._owned, self.axis = False, None

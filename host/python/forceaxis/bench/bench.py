@@ -296,8 +296,9 @@ def linear_analysis(repeat, progress):
                 "difference": abs(float(margin) / limit - 1),
             }
         )
-        table = advise.advise(model, runs="none")["rows"]
-        taken = best(min(repeat, 3), lambda model=model: advise.advise(model, runs="none"))
+        order = advise.AdviceOrder(model, runs="none")
+        table = advise.advise(order).rows
+        taken = best(min(repeat, 3), lambda order=order: advise.advise(order))
         rows.append(
             {
                 "work": f"advice table of {model}, {len(table)} rows",

@@ -17,6 +17,7 @@ from forceaxis import _core, paths
 from forceaxis.experiments import link
 
 KINDS = ("lcm", "socketcan")
+CAN = link.LinkOptions.can
 EXPERIMENT = paths.EXPERIMENTS / "contact.toml"
 ROUND_TRIPS = 20_000
 AXES = 6
@@ -79,7 +80,7 @@ def measure(kind, turns):
     """One row: raw and lock-step rates of a transport, here."""
     raw, one, six, repeated = [], [], [], 0
     for _ in range(turns):
-        where = _core.lcm_url_of(secrets.randbelow(2**53)) if kind == "lcm" else link.Link.can
+        where = _core.lcm_url_of(secrets.randbelow(2**53)) if kind == "lcm" else CAN
         raw.append(raw_rate(kind, where))
         for rates, axes in ((one, 1), (six, AXES)):
             report = lock_step(kind, axes)

@@ -104,7 +104,7 @@ class WatchdogKeeper(Keeper):
     is locked from reading to writing it; a caller that changes the watchdog holds it.
     """
 
-    def __init__(self, read: Callable[[], float], write: Callable[[float], object]) -> None:
+    def __init__(self, read: Callable[[], int], write: Callable[[int], object]) -> None:
         self.unchanged = threading.Lock()
         self._read, self._write = read, write
         super().__init__(self._rewrite)
@@ -123,7 +123,7 @@ class GatewayKeeper(WatchdogKeeper):
     def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)
         super().__init__(
-            lambda: float(self._client.read("watchdog")),
+            lambda: int(self._client.read("watchdog")),
             lambda value: self._client.write("watchdog", value),
         )
 

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis import paths
+from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
 from forceaxis.bus.log import Entry, LogReader, expect_messages
 from forceaxis.bus.messages import axis_capture_t, axis_event_t, axis_state_t, sim_truth_t
 from forceaxis.bus.state_names import BY_NAME
-
-TICKS_PER_S = 1500
 
 Row = dict[str, int | float | str | None]
 Table = dict[str, NDArray[Any]]
@@ -226,7 +225,7 @@ def truth_rows(message: sim_truth_t) -> Iterator[Row]:
     names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
-        row: Row = {"tick": tick, "time_s": tick / TICKS_PER_S}
+        row: Row = {"tick": tick, "time_s": tick / TICKS_PER_SECOND}
         row.update(zip(names, map(float, values), strict=True))
         yield row
 
@@ -235,7 +234,7 @@ def capture_columns(held: Assembly) -> Table:
     """A capture's columns: tick, time and every signal in engineering units, with its
     unit. Samples that were lost in transit are NaN."""
     ticks = held.ticks()
-    columns = {"tick": ticks, "time_s": ticks / TICKS_PER_S}
+    columns = {"tick": ticks, "time_s": ticks / TICKS_PER_SECOND}
     for name in held.signals:
         columns[column_name(name)] = held.values(name)
     return columns

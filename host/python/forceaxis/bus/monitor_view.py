@@ -7,6 +7,7 @@ from rich.text import Text
 from textual.message import Message
 from textual.widgets import Static
 
+from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import charts, state_names
 from forceaxis.bus.capture_assembly import Samples, unit_of
 from forceaxis.bus.monitor_state import STALE_AFTER_S, VOLT_PER_CODE, AxisSnapshot, AxisWatch
@@ -316,7 +317,7 @@ def capture_chart(axis: AxisWatch, width: int, height: int) -> Text:
     missing = f", {held.missing} not here" if held.missing else ""
     hidden = len(held.signals) - len(names)
     more = f", {hidden} more signals in the log" if hidden else ""
-    seconds = held.total * held.decimation / 1500
+    seconds = held.total * held.decimation / TICKS_PER_SECOND
     head = Text.assemble(
         (f"axis {axis.number} capture {number}", "bold"),
         (f"   {held.total} samples, {seconds:.3f} s{missing}{more}   c: back", QUIET),

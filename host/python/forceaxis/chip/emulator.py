@@ -9,35 +9,49 @@ import os
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 
-LINK = "pil-"  # processor in the loop
+LINK_PREFIX = "pil-"  # processor in the loop
 IMAGES = Path(__file__).resolve().parents[4] / "build/image"
 
 
-def links():
+def links() -> tuple[str, ...]:
     """Names of the links to the boards that have an emulator."""
-    return tuple(LINK + board.name for board in boards.known() if board.emulator)
+    return tuple(LINK_PREFIX + board.name for board in boards.known() if board.emulator)
 
 
-def board_of(link):
+def board_of(link: str) -> boards.Board:
     """The board of a link."""
-    (board,) = [b for b in boards.known() if b.emulator and LINK + b.name == link]
+    (board,) = [b for b in boards.known() if b.emulator and LINK_PREFIX + b.name == link]
     return board
 
 
-def command(board, image, *options, arguments=(), **lines):
+def emulated_image(board: boards.Board) -> boards.EmulatedImage:
+    """The image for the emulator of a board. Raises InputError for a board without one."""
+    if board.emulator is None:
+        raise InputError(f"{board.name}: expected a board with an emulator")
+    return board.emulator
+
+
+def command(
+    board: boards.Board,
+    image: Path,
+    *options: str,
+    arguments: Iterable[str | Path] = (),
+    **lines: str,
+) -> list[str]:
     """The emulator's command line for an image, with a command line of its own.
 
     lines: QEMU's options for the serial lines `modbus` and `can` (frames, since QEMU models no
     chip with CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
     Raises InputError if the program or the image is missing.
     """
-    emulator = board.emulator
+    emulator = emulated_image(board)
     if not image.is_file():
         raise InputError(
             f"{paths.display(image)}: expected an image, there is none; "
@@ -64,7 +78,7 @@ class Emulator:
     time, so a run is the same every time. `pipes`: file descriptors to it and from it. Raises as
     command() does."""
 
-    def __init__(self, board):
+    def __init__(self, board: boards.Board) -> None:
         self.board = board
         self._stack = contextlib.ExitStack()
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="forceaxis.")))
@@ -73,8 +87,8 @@ class Emulator:
             line = command(
                 board,
                 IMAGES / f"{board.image}-emulated.elf",
-                *board.emulator.clock,
-                arguments=["forceaxis", *names],
+                *emulated_image(board).clock,
+                arguments=["forceaxis", *map(str, names)],
             )
         except InputError:
             self._stack.close()
@@ -90,10 +104,10 @@ class Emulator:
             line, stdin=subprocess.DEVNULL, stdout=self._log, stderr=subprocess.STDOUT
         )
 
-    def __enter__(self):
+    def __enter__(self) -> "Emulator":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         try:
             self.process.wait(0.5)
         except subprocess.TimeoutExpired:
@@ -101,9 +115,9 @@ class Emulator:
             self.process.wait()
         self._stack.close()
 
-    def last_words(self):
+    def last_words(self) -> str:
         """The last line that the emulator printed, for a message."""
         self._log.flush()
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().split("\n") if line.strip()]
-        return f"{self.board.emulator.program} printed {lines[-1] if lines else 'nothing'}"
+        return f"{emulated_image(self.board).program} printed {lines[-1] if lines else 'nothing'}"

@@ -84,24 +84,26 @@ def advise(
     cannot do are marked and come last.
     """
     from forceaxis import linear as models
+    from forceaxis.cli.advise_text import describe
     from forceaxis.design import advise as design
-    from forceaxis.design import advise_text
+    from forceaxis.results import to_json
 
     check_drawing(out)
     if simulate and linear:
         raise click.UsageError("expected --simulate or --linear, got both")
     runs = "all" if simulate else "none" if linear else "present"
-    result = design.advise(
+    order = design.AdviceOrder(
         model, models.overrides(overrides), timing, factor, runs, threads, over, modes,
         models.states(states),
     )  # fmt: skip
+    result = design.advise(order)
     if out:
         from forceaxis import drawing
         from forceaxis.design import advice_plot
 
         drawing.save(advice_plot.figure(result), out)
     width = shutil.get_terminal_size().columns
-    present(result, as_json, lambda found: advise_text.describe(found, width), out)
+    present(to_json(result), as_json, lambda _: describe(result, width), out)
 
 
 @click.command(
@@ -148,21 +150,24 @@ def compliance(
     a simulation with the firmware.
     """
     from forceaxis import linear as models
+    from forceaxis.cli.advise_text import describe_compliance
     from forceaxis.design import compliance as soft
+    from forceaxis.results import to_json
 
     check_drawing(out)
     if (lowest is None) != (highest is None):
         raise click.UsageError("expected --from and --to together, got one of them")
     span = None if lowest is None else (lowest, highest)
-    result = soft.compliance(
+    order = soft.ComplianceOrder(
         model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads,
         models.states(states),
     )  # fmt: skip
+    result = soft.compliance(order)
     if out:
         from forceaxis import drawing
 
         drawing.save(soft.figure(result), out)
-    present(result, as_json, soft.describe, out)
+    present(to_json(result), as_json, lambda _: describe_compliance(result), out)
 
 
 VERBS = (advise, compliance)

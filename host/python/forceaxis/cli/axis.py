@@ -1,11 +1,14 @@
 """`forceaxis axis`: read, set up and move one axis over any of its connections."""
 
-import dataclasses
+from __future__ import annotations
+
 import fnmatch
 import json
 import sys
 import textwrap
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,7 +16,13 @@ from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
 from forceaxis.cli.common import Object, Positive, Verbs, as_json, fitted
-from forceaxis.cli.live_options import connected, live, live_in_mm, owned, warn_of_newtons
+from forceaxis.cli.live_options import Way, connected, live, live_in_mm, owned, warn_of_newtons
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.axis.actions import PressSample
+    from forceaxis.axis.axis import Axis
+    from forceaxis.axis.scan import ScannedAxis
 
 
 @click.group(
@@ -23,7 +32,7 @@ from forceaxis.cli.live_options import connected, live, live_in_mm, owned, warn_
     forceaxis axis set --can can0 --node 3 force_gain=7
     forceaxis axis press --sim sim/experiments/hold_biquad.toml 30""",
 )
-def axis():
+def axis() -> None:
     """Read, set, move, press, tare and record one live axis.
 
     Each verb needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL or
@@ -33,27 +42,28 @@ def axis():
     """
 
 
-def shown(value):
+def shown(value: float | str) -> str:
+    """Return a value as text; a float has six digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def lines(axis, values):
+def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
     """Yield one line for each object of {name: value}, with its unit; forces in N and in counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
     readings = [name for name in values if quantity.is_reading(objects.BY_NAME[name])]
-    newton = quantity.force_per_count(axis) if readings else None
+    newton = quantity.force_per_count(axis) if readings else 0.0
     for name, value in values.items():
         text = shown(value)
-        if name in readings:
+        if name in readings and not isinstance(value, str):
             text = f"{value * newton:.6g} N ({text} force counts)"
         elif not isinstance(value, str) and (unit := objects.unit_in_words(objects.BY_NAME[name])):
             text += f" {unit}"
         yield f"{name:<{width}}  {text}"
 
 
-def assignments(words):
+def assignments(words: Sequence[str]) -> dict[str, str]:
     """Return {NAME: VALUE} for a list of texts "NAME=VALUE". Raises InputError."""
     for word in words:
         name, equals, value = word.partition("=")
@@ -62,7 +72,7 @@ def assignments(words):
     return dict(word.split("=", 1) for word in words)
 
 
-def in_mm(axis, position):
+def in_mm(axis: Axis, position: int) -> str:
     """Convert a position in encoder counts to the text " (12.3 mm)", or "" without a scale."""
     from forceaxis.axis import quantity
 
@@ -70,18 +80,18 @@ def in_mm(axis, position):
     return "" if scale is None else f" ({1e3 * position / scale:.6g} mm)"
 
 
-def print_state(axis, prefix, as_json, **more):
+def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
     """Print the state of the axis in one line or as JSON."""
     from forceaxis.axis import actions
 
-    now = actions.state(axis) | more
+    now = actions.state(axis)
     if as_json:
-        click.echo(json.dumps(now))
+        click.echo(json.dumps(to_json(now) | more))
     else:
         click.echo(fitted(
-            f"{prefix}: {now['state']}, mode {now['mode']}, fault {now['fault']}, position "
-            f"{now['position']} encoder counts{in_mm(axis, now['position'])}, force "
-            f"{now['force_N']:.4g} N ({now['force']:.4g} force counts)", 2
+            f"{prefix}: {now.state}, mode {now.mode}, fault {now.fault}, position "
+            f"{now.position} encoder counts{in_mm(axis, now.position)}, force "
+            f"{now.force_N:.4g} N ({now.force:.4g} force counts)", 2
         ))  # fmt: skip
 
 
@@ -93,19 +103,17 @@ def print_state(axis, prefix, as_json, **more):
 )
 @live_options.options
 @as_json
-def list_axes(way, as_json):
+def list_axes(way: Way, as_json: bool) -> None:
     """List the axes on a bus: id, name, version, object table, state, fault.
 
     Without an option the verb lists the axes of all gateways on the LCM bus, with --can the nodes 1
     to 127 that answer or send, with --modbus the units 1 to 127 (20 s on a serial line). --json
     adds mode of operation and owner. The exit status is 1 if no axis is found.
     """
-    from forceaxis.axis import scan
-
     with live_options.errors():
-        rows = scan.found(way)
+        rows = scanned(way)
     if as_json:
-        click.echo(json.dumps(rows))
+        click.echo(json.dumps(to_json(rows)))
     elif rows:
         click.echo("\n".join(table_of(rows)))
     if not rows:
@@ -113,21 +121,36 @@ def list_axes(way, as_json):
         sys.exit(1)
 
 
-def table_of(rows):
+def scanned(way: Way) -> list[ScannedAxis]:
+    """Return the axes of the one bus that the options select. Raises InputError for more buses."""
+    from forceaxis.axis import scan
+
+    given = [bus for bus in (way.can, way.modbus, way.sim) if bus is not None]
+    if len(given) > 1 or way.axis is not None:
+        raise InputError("expected one bus: --lcm-url URL, --can, --modbus or --sim")
+    if way.can is not None:
+        return list(scan.on_can(way.can))
+    if way.modbus is not None:
+        return list(scan.on_modbus(way.modbus))
+    if way.sim is not None:
+        return [scan.scanned(way.link())]
+    return list(scan.at_gateway(way.lcm_url))
+
+
+def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
     """Yield the lines of the table of axes, at most 80 columns; a note follows its row."""
-    columns = ("id", "name", "version", "table", "state", "fault")
-    cells = [columns]
+    cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
         # A version may name the table, and the commit, behind its number.
-        short = row | {"version": row["version"] and row["version"].split(" ")[0]}
-        texts = ("-" if short[name] is None else str(short[name]) for name in columns)
-        cells.append([text.replace("_", " ") for text in texts])
+        version = row.version and row.version.split(" ")[0]
+        values = (row.id, row.name, version, row.table, row.state, row.fault)
+        cells.append(["-" if v is None else str(v).replace("_", " ") for v in values])
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in cells]
     yield lines[0]
     for line, row in zip(lines[1:], rows, strict=True):
         yield line
-        yield from textwrap.wrap(row["note"] or "", 76, initial_indent="  ", subsequent_indent="  ")
+        yield from textwrap.wrap(row.note or "", 76, initial_indent="  ", subsequent_indent="  ")
 
 
 @axis.command(
@@ -137,7 +160,7 @@ def table_of(rows):
 @click.argument("names", nargs=-1, required=True, type=Object(), metavar="NAME...")
 @live
 @as_json
-def get(names, way, as_json):
+def get(names: Sequence[str], way: Way, as_json: bool) -> None:
     """Read objects in engineering units; a pattern such as 'tare*' reads all matching objects.
 
     `forceaxis objects` lists the names. An axis that another client owns can be read too.
@@ -160,7 +183,7 @@ def get(names, way, as_json):
 @click.argument("words", nargs=-1, required=True, type=Object("="), metavar="NAME=VALUE...")
 @live_in_mm
 @as_json
-def set_objects(words, way, as_json):
+def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
     """Write objects in engineering units, in the order given, and print their new values.
 
     A value may have a unit: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written if a name
@@ -179,7 +202,7 @@ def set_objects(words, way, as_json):
 @axis.command(epilog="forceaxis axis stop --can can0 --node 3")
 @live
 @as_json
-def stop(way, as_json):
+def stop(way: Way, as_json: bool) -> None:
     """Stop the axis by a quick stop, whoever owns it; quick_stop_option selects the ramp.
 
     Before the owner can enable the axis again, it has to send a controlword that does not enable.
@@ -194,7 +217,7 @@ def stop(way, as_json):
 @axis.command(epilog="forceaxis axis reset --axis 1")
 @live
 @as_json
-def reset(way, as_json):
+def reset(way: Way, as_json: bool) -> None:
     """Reset the fault. The exit status is 1 if the cause of the fault is still present."""
     with owned(way) as axis:
         axis.reset_fault()
@@ -215,7 +238,7 @@ NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
 @click.option("--seconds", type=Positive(0.01, 1e6), help="Duration in s. Default: until Ctrl-C.")
 @live_in_mm
 @as_json
-def enable(mode, words, seconds, way, as_json):
+def enable(mode: str, words: Sequence[str], seconds: float | None, way: Way, as_json: bool) -> None:
     """Enable the axis in a mode of operation, keep it enabled, then disable it.
 
     MODE is a number or a name, as "profile position". The objects are written before the axis is
@@ -277,7 +300,14 @@ approach_speed = click.option(
 @force_max
 @live_in_mm
 @as_json
-def move(position, speed, timeout, force_max, way, as_json):
+def move(
+    position: str,
+    speed: str | None,
+    timeout: float,
+    force_max: str | None,
+    way: Way,
+    as_json: bool,
+) -> None:
     """Move to POSITION, "10 mm" or a number of counts or user units, and disable the axis there.
 
     The position is measured from the zero of the axis. If the measured force exceeds --force-max
@@ -325,7 +355,16 @@ def move(position, speed, timeout, force_max, way, as_json):
 @force_max
 @live_in_mm
 @as_json
-def press(force, seconds, speed, approach, retract, force_max, way, as_json):
+def press(
+    force: str,
+    seconds: float,
+    speed: str | None,
+    approach: float,
+    retract: str | None,
+    force_max: str | None,
+    way: Way,
+    as_json: bool,
+) -> None:
     """Press on the workpiece with FORCE, print the measured force, and disable the axis.
 
     FORCE "75 N" selects mode 4 with the active force law or bank. FORCE 30 is in counts at 8 bits
@@ -343,22 +382,19 @@ def press(force, seconds, speed, approach, retract, force_max, way, as_json):
     begin = time.monotonic()
     with owned(way) as axis:
 
-        def report(now):
-            count = now["force"]
+        def report(now: PressSample) -> None:
+            count = now.force
             at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
             click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
         warn_of_newtons(axis, way)
         per_count = quantity.force_per_count(axis)
-        reports = {} if as_json else {"shown": report}
-        held = actions.press(
-            axis, wanted, seconds=seconds, speed=speed, approach_s=approach, force_max=force_max,
-            retract=retract, **reports,
-        )  # fmt: skip
+        order = actions.PressOrder(seconds, speed, approach, force_max, retract)
+        held = actions.press(axis, wanted, order, None if as_json else report)
         apart = held.retracted_position
         mm = "" if apart is None else in_mm(axis, apart)
     if as_json:
-        click.echo(json.dumps(dataclasses.asdict(held)))
+        click.echo(json.dumps(to_json(held)))
         return
     click.echo(
         f"held {held.force_N:.4g} N ({held.force_count:.4g} force counts), "

@@ -1,6 +1,12 @@
 """Verbs of `forceaxis axis` that set up the force sensor and record signals."""
 
+from __future__ import annotations
+
 import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -8,13 +14,20 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis, lines, shown
 from forceaxis.cli.common import Folder, Object, Positive, as_json
-from forceaxis.cli.live_options import live, owned
+from forceaxis.cli.live_options import Way, live, owned
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from forceaxis.axis.axis import Axis
 
 
 @axis.command(epilog="forceaxis axis tare --axis 1")
 @live
 @as_json
-def tare(way, as_json):
+def tare(way: Way, as_json: bool) -> None:
     """Take the tare of an axis that is at standstill and out of contact.
 
     The exit status is 1, with the reason, if the axis moves, if the measured force is too noisy or
@@ -23,7 +36,7 @@ def tare(way, as_json):
     from forceaxis.axis import actions
 
     with owned(way) as axis:
-        found = actions.tare(axis)
+        found = to_json(actions.tare(axis))
         click.echo(json.dumps(found) if as_json else "\n".join(lines(axis, found)))
 
 
@@ -40,7 +53,7 @@ def tare(way, as_json):
 )
 @live
 @as_json
-def calibrate(given, way, as_json):
+def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
     """Set force_scale by a straight line through 2 to 8 points of a reference load cell or weights.
 
     The axis is disabled during the calibration. Without --point, type the force that the reference
@@ -55,15 +68,16 @@ def calibrate(given, way, as_json):
             points = list(asked(axis, actions.POINTS.stop - 1))
         found = actions.calibrate(axis, points)
     if as_json:
-        click.echo(json.dumps(found | {"points": points}))
+        click.echo(json.dumps(to_json(found) | {"points": points}))
         return
     click.echo(
-        f"force_scale {found['force_scale_N_per_count']:.6g} N/count, linearity error "
-        f"{found['linearity_permille']:.3g} per mille of the span"
+        f"force_scale {found.force_scale_N_per_count:.6g} N/count, linearity error "
+        f"{found.linearity_permille:.3g} per mille of the span"
     )
 
 
-def point(text):
+def point(text: str) -> tuple[float, float]:
+    """Parse a text "COUNT,N". Raises InputError."""
     try:
         count, newton = text.split(",")
         return float(count), float(newton)
@@ -71,7 +85,7 @@ def point(text):
         raise InputError(f"--point {text}: expected COUNT,N as 20.4,50") from None
 
 
-def asked(axis, most):
+def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
     """Ask the user for calibration points (counts, N) until an empty line; at most `most`."""
     from forceaxis.axis import actions
 
@@ -115,7 +129,17 @@ def asked(axis, most):
 @click.option("--out", type=Folder(), help="Folder for capture.csv, .npz and .png.")
 @live
 @as_json
-def capture(signals, samples, decimation, pretrigger, trigger, timeout, out, way, as_json):
+def capture(
+    signals: Sequence[str],
+    samples: int,
+    decimation: int,
+    pretrigger: int,
+    trigger: str | None,
+    timeout: float,
+    out: Path | None,
+    way: Way,
+    as_json: bool,
+) -> None:
     """Record up to 8 objects in each tick (1500 per second) in the axis, and read the recording.
 
     An axis that another client of the same bus has enabled stays enabled. A recording cannot be
@@ -131,26 +155,44 @@ def capture(signals, samples, decimation, pretrigger, trigger, timeout, out, way
         )
     if out:
         recordings.write(held, out, where)
-    found = {
-        "samples": len(held.raw),
-        "decimation": held.decimation,
-        "trigger_sample": held.trigger_sample,
-        "signals": {name: summary(held.values(name)) for name in held.signals},
-    }
+    found = CaptureSummary(
+        samples=len(held.raw),
+        decimation=held.decimation,
+        trigger_sample=held.trigger_sample,
+        signals={name: summary(held.values(name)) for name in held.signals},
+    )
     if as_json:
-        click.echo(json.dumps(found))
+        click.echo(json.dumps(to_json(found)))
         return
     click.echo(f"{len(held.raw)} samples, trigger at {held.trigger_sample}")
-    for name, row in found["signals"].items():
+    for name, row in to_json(found.signals).items():
         click.echo(f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in row.items()))
     if out:
         click.echo(f"files        {paths.quoted(out)}")
 
 
-def summary(values):
-    return {
-        "least": float(values.min()),
-        "mean": float(values.mean()),
-        "most": float(values.max()),
-        "deviation": float(values.std()),
-    }
+@dataclass(frozen=True)
+class SignalSummary:
+    """Values of one recorded signal, in its engineering unit."""
+
+    least: float
+    mean: float
+    most: float
+    deviation: float  #: standard deviation
+
+
+@dataclass(frozen=True)
+class CaptureSummary:
+    """A recording as `axis capture` prints it."""
+
+    samples: int
+    decimation: int  #: ticks from sample to sample
+    trigger_sample: int
+    signals: dict[str, SignalSummary]
+
+
+def summary(values: NDArray[np.float64]) -> SignalSummary:
+    """Return least, mean and most value of a signal, and the standard deviation."""
+    return SignalSummary(
+        float(values.min()), float(values.mean()), float(values.max()), float(values.std())
+    )

@@ -1,13 +1,19 @@
 """`forceaxis axis check`: guide the first motion of an axis."""
 
+from __future__ import annotations
+
 import json
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import as_json, fitted
-from forceaxis.cli.live_options import live, owned
+from forceaxis.cli.live_options import Way, live, owned
+
+if TYPE_CHECKING:
+    from forceaxis.commission.check import Step
 
 
 @axis.command(
@@ -25,7 +31,7 @@ from forceaxis.cli.live_options import live, owned
 )  # fmt: skip
 @live
 @as_json
-def check(yes, travel, output, way, as_json):
+def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
     """Guide the first motion of an axis at low output: checks at rest, a test, a small move.
 
     At rest the verb checks connection, object table, faults, enable chain, limit switches, position
@@ -40,11 +46,11 @@ def check(yes, travel, output, way, as_json):
     """
     from forceaxis.commission.check import Check
 
-    def show(step):
+    def show(step: Step) -> None:
         if not as_json:
             click.echo(fitted(f"{step.verdict:<8}{step.step:<17}{step.text}", 25))
 
-    def consent(text):
+    def consent(text: str) -> bool:
         if yes or not sys.stdin.isatty():
             return yes
         return click.confirm(fitted(f"{text} Nothing stands in its way?"), err=True)

@@ -1,7 +1,12 @@
 """`forceaxis axis params`: write and read the parameters of a live axis as a file."""
 
+from __future__ import annotations
+
 import json
 import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -9,7 +14,11 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import File, Verbs, as_json
-from forceaxis.cli.live_options import connected, live, owned
+from forceaxis.cli.live_options import Way, connected, live, owned
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.axis.params import DifferenceShown
 
 skipping = click.option(
     "--skip", multiple=True, metavar="NAME", help="Leave out this object of the file. Repeatable."
@@ -27,7 +36,7 @@ FILE = click.argument("file", type=click.Path(dir_okay=False, exists=True))
     forceaxis axis params load out/law/bank.toml --can can0
     forceaxis axis params store --can can0""",
 )
-def params():
+def params() -> None:
     """Dump, compare and load the parameters of an axis as a TOML file; store or restore them.
 
     A parameter is an object that the axis can store. A file never contains node id and bit rate.
@@ -44,7 +53,7 @@ def params():
 @click.option("--all", "everything", is_flag=True, help="Include default values.")
 @live
 @as_json
-def dump(file, everything, way, as_json):
+def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
     """Write the parameters that differ from their defaults to FILE, or print them.
 
     FILE also contains type, scale, unit and range of each value, so that a later version can name
@@ -77,7 +86,7 @@ def dump(file, everything, way, as_json):
 @with_measured
 @live
 @as_json
-def diff(file, skip, measured, way, as_json):
+def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool) -> None:
     """Print each parameter whose value in the axis differs from FILE: name, axis, file, unit.
 
     A parameter that a dump does not contain is compared with its default. The exit status is 1 if
@@ -87,11 +96,11 @@ def diff(file, skip, measured, way, as_json):
     from forceaxis.axis import params as parameters
 
     with connected(way) as found:
-        rows = [d.row() for d in parameters.differences(found, file, skip, measured)]
+        rows = [d.shown() for d in parameters.differences(found, file, skip, measured)]
     if as_json:
-        click.echo(json.dumps({"differences": rows}))
+        click.echo(json.dumps({"differences": to_json(rows)}))
     else:
-        for line in table(rows, ("name", "axis", "file", "unit")):
+        for line in table(rows):
             click.echo(line)
     sys.exit(1 if rows else 0)
 
@@ -106,7 +115,9 @@ def diff(file, skip, measured, way, as_json):
 @with_measured
 @live
 @as_json
-def load(file, dry_run, skip, measured, way, as_json):
+def load(
+    file: str, dry_run: bool, skip: Sequence[str], measured: bool, way: Way, as_json: bool
+) -> None:
     """Set the parameters of a disabled axis to the values of FILE, all of them or none.
 
     FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that it does not
@@ -120,28 +131,29 @@ def load(file, dry_run, skip, measured, way, as_json):
 
     with connected(way) if dry_run else owned(way) as found:
         loaded = parameters.load(found, file, skip, measured, dry_run)
-    rows = [change.row() for change in loaded.changed]
+    rows = [change.shown() for change in loaded.changed]
     same = loaded.concerned - len(rows)
     if as_json:
         result = {"dry_run": dry_run, "changes": rows, "unchanged": same, "bank": loaded.bank,
                   "managed": loaded.managed}  # fmt: skip
-        click.echo(json.dumps(result))
+        click.echo(json.dumps(to_json(result)))
         return
-    for line in table(rows, ("name", "axis", "file", "unit")):
+    for line in table(rows):
         click.echo(line)
     done = "would be written" if dry_run else "written"
     click.echo(f"{len(rows)} parameters {done}, {same} have their values")
     if loaded.managed:
         click.echo(f"left to the gateway: {', '.join(loaded.managed)}")
-    if loaded.bank and not dry_run:
-        states = [f"{key.removesuffix('_state')} {value}" for key, value in loaded.bank.items()]
+    bank = to_json(loaded.bank)
+    if bank and not dry_run:
+        states = [f"{key.removesuffix('_state')} {value}" for key, value in bank.items()]
         click.echo(", ".join(states).replace("_", " "))
 
 
 @params.command(epilog="forceaxis axis params store --axis 1")
 @live
 @as_json
-def store(way, as_json):
+def store(way: Way, as_json: bool) -> None:
     """Store all parameters of the axis in its non-volatile memory and wait until that is done.
 
     The axis is disabled while it stores. If storing fails, the exit status is 1 and the parameter
@@ -159,7 +171,7 @@ def store(way, as_json):
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
 @live
 @as_json
-def restore(yes, way, as_json):
+def restore(yes: bool, way: Way, as_json: bool) -> None:
     """Delete the stored parameters; from its next power-up the axis has the default values.
 
     The defaults also become active with a reset of the node (NMT). Before that nothing changes, and
@@ -180,14 +192,15 @@ def restore(yes, way, as_json):
         click.echo(f"{where}: defaults are in force after its next power-up or reset of the node")
 
 
-def table(rows, columns):
+def table(rows: Sequence[DifferenceShown]) -> Iterator[str]:
     """Yield the lines of a table with a header; no line if there are no rows."""
     if not rows:
         return
-    cells = [
-        list(columns),
-        *([str(row[c]) if row[c] != "1" else "" for c in columns] for row in rows),
-    ]
+    columns = ("name", "axis", "file", "unit")
+    cells = [list(columns)]
+    for row in rows:
+        values = (row.name, row.axis, row.file, row.unit)
+        cells.append(["" if value == "1" else str(value) for value in values])
     widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
     for line in cells:
         yield "  ".join(f"{c:<{w}}" for c, w in zip(line, widths, strict=True)).rstrip()

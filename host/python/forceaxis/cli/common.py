@@ -61,7 +61,7 @@ def printed_streams():
 
 # {parameter of the library: the option that sets it}, where neither the option nor the parameter of
 # the click command has the same name.
-OTHER_NAMES = {"states": "--mode", "overrides": "--set"}
+OTHER_NAMES = {"states": "--mode", "overrides": "--set", "forces_N": "--force"}
 
 
 def option_of(command: click.Command, parameter: str) -> str | None:
@@ -360,7 +360,7 @@ def link_of(kind, lcm_url, link_can, inject):
         return None
     from forceaxis.experiments import link
 
-    over = link.Link(kind, lcm_url, link_can, inject)
+    over = link.LinkOptions(kind, lcm_url, link_can, inject)
     link.under_vcan(over)
     return over
 

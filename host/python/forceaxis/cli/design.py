@@ -159,11 +159,13 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
      "contact_loss": {...}, ...}
     """
     from forceaxis import linear
+    from forceaxis.cli import design_text
     from forceaxis.design import for_set, outcome
+    from forceaxis.results import to_json
 
     given["forces_N"] = tuple(itertools.chain.from_iterable(given["forces_N"]))
     values, states = linear.overrides(overrides), linear.states(states)
-    order = outcome.Order(text, overrides=values, states=states, **given)
+    order = outcome.DesignOrder(text, overrides=values, states=states, **given)
     if priors and not measured:
         raise click.UsageError("--prior: expected with --measured")
     if measured:
@@ -174,10 +176,10 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
     with progress_on(sys.stderr) as progress:
         found = for_set.design(order, out, progress)
     if as_json:
-        click.echo(json.dumps(outcome.plain(found.summary()), allow_nan=False))
+        click.echo(json.dumps(to_json(found.result()), allow_nan=False))
     else:
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        click.echo(common.fitted_lines(outcome.describe(found, width)))
+        click.echo(common.fitted_lines(design_text.describe(found, width)))
 
 
 def _identified(order, measured, priors):
@@ -202,7 +204,9 @@ def _identified(order, measured, priors):
 
 
 def _pareto(order, pareto, out, as_json):
+    from forceaxis.cli import design_text
     from forceaxis.design import files, tradeoff
+    from forceaxis.results import to_json
 
     against = tradeoff.against_of(pareto)
     if out is not None:
@@ -212,9 +216,9 @@ def _pareto(order, pareto, out, as_json):
     if out is not None:
         tradeoff.write(out, result)
     click.echo(
-        json.dumps(result, allow_nan=False)
+        json.dumps(to_json(result), allow_nan=False)
         if as_json
-        else common.fitted_lines(tradeoff.describe(result))
+        else common.fitted_lines(design_text.describe_tradeoff(result))
     )
 
 

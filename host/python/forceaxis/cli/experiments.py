@@ -2,7 +2,9 @@
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,6 +30,9 @@ from forceaxis.cli.common import (
 from forceaxis.experiments import link, trace
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summaries
+
+if TYPE_CHECKING:
+    from forceaxis.experiments.regression import RegressionOutcome
 
 codes_option = click.option(
     "--codes",
@@ -76,9 +81,9 @@ def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_j
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
         files = [("files", paths.quoted(out))] if out else []
-        show([*summaries.rows(done.summary), *files])
-    if "link" in done.summary:
-        link.expect_same(done.summary["link"])
+        show([*summaries.rows(done.result, done.overrides), *files])
+    if done.result.link:
+        link.expect_same(done.result.link)
 
 
 @click.command(
@@ -105,27 +110,27 @@ def replay(journal, out, codes, as_json):
         missing = ", ".join(incident.missing(incident.load(journal)))
         fail(f"{journal}: expected all inputs of the axis, this incident lacks {missing}", status=1)
     with waiting(f"replaying {paths.display(journal)}"):
-        done, journalled = runs.replay(journal)
-    same = done.summary["trace_hash"] == journalled["trace_hash"]
-    done.summary["replay"] = journalled | {"same": same}
-    if out and not journalled["traced"]:
+        done = runs.replay(journal)
+    replayed = done.result.replay
+    assert replayed is not None
+    if out and not replayed.traced:
         fail(f"--out: expected a journal of at most 600 s, {journal} has more; its hash is checked")
     if out:
         trace.write(done, out, codes)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        known = journalled["trace_hash"] or "none, it is broken off"
-        text = f"{journalled['entries']} entries, trace hash {known}"
-        show([*summaries.rows(done.summary), ("journal", text)])
-    if journalled["ticks"] is None:
+        known = replayed.trace_hash or "none, it is broken off"
+        text = f"{replayed.entries} entries, trace hash {known}"
+        show([*summaries.rows(done.result, done.overrides), ("journal", text)])
+    if replayed.ticks is None:
         fail(
             f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
-            f"written down, {done.summary['ticks']} ticks",
+            f"written down, {done.result.ticks} ticks",
             status=1,
         )
-    if not same:
-        fail(f"{journal}: expected the trace hash {journalled['trace_hash']} again", status=1)
+    if not replayed.same:
+        fail(f"{journal}: expected the trace hash {replayed.trace_hash} again", status=1)
 
 
 def named(context, option, texts):
@@ -227,17 +232,34 @@ def sweep(
     if both ends have the same verdict, the row says so. The plot marks a point whose verdict
     differs from that of all its neighbours.
     """
+    from forceaxis.cli import sweep_text
     from forceaxis.experiments import sweep as sweeps
 
-    done = sweeps.sweep(
-        experiment, grid, random, count, seed, bisect, overrides, out, threads, scheduler, refine
-    )
+    request = sweeps.SweepRequest(experiment, grid, random, count, seed, bisect, overrides, refine)
+    done = sweeps.sweep(request, out, threads, scheduler)
     if as_json:
         click.echo(json.dumps(done.summary, allow_nan=False))
     else:
-        show([*sweeps.describe(done), ("files", paths.quoted(out))])
-    if done.summary["counts"]["failed"] == done.summary["counts"]["points"]:
+        show([*sweep_text.rows(done), ("files", paths.quoted(out))])
+    if done.result.counts.failed == done.result.counts.points:
         sys.exit(1)
+
+
+def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = str) -> str:
+    """Return an outcome for a terminal: its line, a line for each difference, and how to see both
+    curves. coloured: returns the status in colour."""
+    line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
+    line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
+    if outcome.status != "failed":
+        return line
+    rows = list(outcome.lines)
+    if outcome.drawn:
+        drawn = paths.quoted(outcome.drawn)
+        rows.append(f"both drawn: {drawn}; the trace beside it as .npz")
+    elif outcome.checks:
+        file = paths.quoted(outcome.file)
+        rows.append(f"to see both: forceaxis test {file} --out FOLDER")
+    return line + "".join(f"\n           {text}" for text in rows)
 
 
 @click.command(
@@ -290,7 +312,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
         if outcome.status == "error":
             click.echo(f"forceaxis: {outcome.message}", err=True)
         if not as_json:
-            click.echo(regression.describe(outcome, coloured))
+            click.echo(outcome_text(outcome, coloured))
 
     outcomes = regression.run(targets, update, out, threads, pattern, report)
     if junit:

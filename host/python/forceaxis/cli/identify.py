@@ -1,8 +1,12 @@
 """Verbs for identification: the procedures of section 4.4 of the thesis, and parameter fits."""
 
+from __future__ import annotations
+
 import json
 import tempfile
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +23,11 @@ from forceaxis.cli.common import (
     fitted_lines,
     set_option,
 )
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.identify.procedures import Estimate, EstimateWithInterval
+    from forceaxis.identify.resonance import ResonanceResult
 
 
 class Known(click.ParamType):
@@ -26,7 +35,9 @@ class Known(click.ParamType):
 
     name = "VALUE[+-ERROR]"
 
-    def convert(self, value, param, ctx):
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> Estimate:
         from forceaxis.identify import procedures
 
         number, _, error = str(value).replace("±", "+-").partition("+-")
@@ -46,7 +57,7 @@ class Known(click.ParamType):
     epilog="""forceaxis identify decrement workpiece.csv --mass 6.6
     forceaxis identify fit fig4_19 out/measured --fit m_r --fit k_w""",
 )
-def identify():
+def identify() -> None:
     """Identify parameters from recordings and measured responses, with 95 % confidence intervals.
 
     decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1). fit
@@ -54,10 +65,10 @@ def identify():
     """
 
 
-def show(result, as_json, rows):
+def show(result: Any, as_json: bool, rows: Iterable[tuple[str, Any]]) -> None:
     """Print the result of a procedure as JSON, or as text from its `rows` (name, text)."""
     if as_json:
-        click.echo(json.dumps(result, allow_nan=False))
+        click.echo(json.dumps(to_json(result), allow_nan=False))
     else:
         for name, text in rows:
             click.echo(f"{name:12} {text}")
@@ -86,7 +97,16 @@ csv_file = click.argument("data", type=click.Path(dir_okay=False), metavar="DATA
 @click.option("--mass", type=Known(), help="Known mass, kg; gives stiffness and damping.")
 @click.option("--stiffness", type=Known(), help="Known stiffness, N/m; gives mass and damping.")
 @as_json
-def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
+def decrement(
+    data: str,
+    column: str | None,
+    from_s: float,
+    to_s: float,
+    floor: float,
+    mass: Estimate | None,
+    stiffness: Estimate | None,
+    as_json: bool,
+) -> None:
     """Identify frequency and damping of a decaying vibration by its logarithmic decrement.
 
     DATA.csv has a column time_s and a signal of any unit and offset, with at least 3 cycles. A
@@ -100,11 +120,12 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
         data, column, (from_s, to_s), floor, mass=mass, stiffness=stiffness
     )
     plain = ("cycles", "decrement_of_ratio", "explained", "noise", "warnings")
-    estimates = {k: v for k, v in vars(found).items() if k not in plain} | derived
+    mode = {} if derived is None else vars(derived)
+    estimates = {k: v for k, v in vars(found).items() if k not in plain} | mode
     show(
         {name: getattr(found, name) for name in plain}
         | {"decrement_of_ratio": procedures.finite(found.decrement_of_ratio)}
-        | {name: e.json() for name, e in estimates.items()},
+        | {name: e.with_interval() for name, e in estimates.items()},
         as_json,
         [
             ("cycles", found.cycles),
@@ -118,7 +139,7 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
                 f"{found.decrement}, {found.decrement_of_ratio:.5g} by first and last cycle",
             ),
             ("ratio", f"{found.damping_ratio} of damping, exact {found.damping_ratio_exact}"),
-            *derived.items(),
+            *mode.items(),
             *(("warning", text) for text in found.warnings),
         ],
     )
@@ -133,7 +154,7 @@ def decrement(data, column, from_s, to_s, floor, mass, stiffness, as_json):
     "--frequency-hz", type=Known(), required=True, help="Undamped frequency, both masses free."
 )
 @as_json
-def split(total_mass, stiffness, frequency_hz, as_json):
+def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_json: bool) -> None:
     """Identify two masses on either side of a spring from their sum and frequency (thesis 4.4.2).
 
     There are two solutions; the verb chooses the one in which the actuator side m_r1 has more than
@@ -144,11 +165,15 @@ def split(total_mass, stiffness, frequency_hz, as_json):
     from forceaxis.identify import procedures
 
     found = procedures.split(total_mass, stiffness, frequency_hz)
+
+    def masses(pair: tuple[Estimate, Estimate]) -> dict[str, EstimateWithInterval]:
+        return {name: e.with_interval() for name, e in zip(("m_r1", "m_r2"), pair, strict=True)}
+
     result = {
-        "solutions": [{"m_r1": m_r1.json(), "m_r2": m_r2.json()} for m_r1, m_r2 in found.solutions],
+        "solutions": [masses(pair) for pair in found.solutions],
         "rule": "m_r1 > m_r2",
         "locked_frequency_hz": found.locked_frequency_hz,
-        "if_locked": {"m_r1": found.locked[0].json(), "m_r2": found.locked[1].json()},
+        "if_locked": masses(found.locked),
     }
     words = [f"m_r1 {m_r1}, m_r2 {m_r2}" for m_r1, m_r2 in found.solutions]
     show(
@@ -164,7 +189,7 @@ def split(total_mass, stiffness, frequency_hz, as_json):
     )  # fmt: skip
 
 
-def with_offset(verb):
+def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
     """Add the option --offset of the regressions."""
     return click.option("--offset", is_flag=True, help="Fit a line with an offset, not through 0.")(
         verb
@@ -177,14 +202,14 @@ def with_offset(verb):
 @click.option("--tach", default="tach_V", show_default=True, help="Column, V.")
 @with_offset
 @as_json
-def tach(data, speed, tach, offset, as_json):
+def tach(data: str, speed: str, tach: str, offset: bool, as_json: bool) -> None:
     """Identify the tachometer constant: slope of its voltage over the speed (thesis 4.1.2)."""
     from forceaxis.identify import procedures
 
     found = procedures.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
     names = ("k_tach", "offset") if offset else ("k_tach",)
     rows = list(zip(names, found, strict=True))
-    show({name: e.json() for name, e in rows}, as_json, rows)
+    show({name: e.with_interval() for name, e in rows}, as_json, rows)
 
 
 @identify.command(
@@ -200,7 +225,17 @@ def tach(data, speed, tach, offset, as_json):
 @click.option("--resistance", type=Known(), required=True, help="Of motor and leads, ohm.")
 @with_offset
 @as_json
-def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, as_json):
+def motor(
+    data: str,
+    motor: str,
+    tach: str,
+    k_torque: Estimate,
+    k_back_emf: Estimate,
+    k_tach: Estimate,
+    resistance: Estimate,
+    offset: bool,
+    as_json: bool,
+) -> None:
     """Identify the motor damping b_m from constant motor and tachometer voltages (thesis 4.1.2).
 
     The shaft is uncoupled. At constant speed V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t). The
@@ -211,13 +246,14 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
     ratio = procedures.regression_of(data, motor, tach, offset, ("V/V", "V"))[0]
     damping = procedures.motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, data)
     rows = [("ratio", ratio), ("b_m", damping)]
-    warnings = []
+    warnings: list[str] = []
     if damping.value <= 0:
         warnings.append(
             "b_m below 0: no motor has that; check the constants, ratio <= k_tach / k_b"
         )
-    result = {name: e.json() for name, e in rows} | {"warnings": warnings}
-    show(result, as_json, rows + [("warning", text) for text in warnings])
+    result = {name: e.with_interval() for name, e in rows}
+    texts = [("warning", text) for text in warnings]
+    show({**result, "warnings": warnings}, as_json, [*rows, *texts])
 
 
 @identify.command(
@@ -250,7 +286,15 @@ def motor(data, motor, tach, k_torque, k_back_emf, k_tach, resistance, offset, a
 )
 @click.option("--out", type=Folder(), help="Folder for result.json and plot.png.")
 @as_json
-def fit(model, response, names, overrides, out, as_json, **given):
+def fit(
+    model: str,
+    response: str,
+    names: Sequence[str],
+    overrides: Sequence[str],
+    out: Path | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
     """Fit parameters of MODEL to a measured frequency response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
@@ -271,7 +315,7 @@ def fit(model, response, names, overrides, out, as_json, **given):
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
 
-    held = linear.overrides(overrides)
+    held: dict[str, Any] = {**linear.overrides(overrides)}
     measured = fit_response.read_response(response, model, held, **given)
     starts, units = fit_response.starts_of(names, measured)
     for name in starts:
@@ -320,7 +364,16 @@ def fit(model, response, names, overrides, out, as_json, **given):
 @click.option("--refine", is_flag=True, help="Refine the result by least squares in dB.")
 @set_option("A parameter of MODEL.")
 @as_json
-def resonances(model, response, rigid, modes, prominence_db, refine, overrides, as_json):
+def resonances(
+    model: str,
+    response: str,
+    rigid: str,
+    modes: int,
+    prominence_db: float,
+    refine: bool,
+    overrides: Sequence[str],
+    as_json: bool,
+) -> None:
     """Identify resonances of a measured response, by the five steps of thesis section 4.2.
 
     MODEL is a rigid body out of contact (fig4_11), whose response the resonances multiply. RESPONSE
@@ -335,9 +388,26 @@ def resonances(model, response, rigid, modes, prominence_db, refine, overrides, 
         model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
     )
     done_waiting()
-    click.echo(
-        json.dumps(result, allow_nan=False) if as_json else fitted_lines(resonance.describe(result))
+    if as_json:
+        click.echo(json.dumps(to_json(result), allow_nan=False))
+    else:
+        click.echo(fitted_lines(resonances_in_words(result)))
+
+
+def resonances_in_words(result: ResonanceResult) -> str:
+    """Return the text of `forceaxis identify resonances`."""
+    lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
+    for r in result.resonances:
+        line = f"{r.peak_hz:10.4g}{r.peak_damping:10.4f}"
+        if r.trough is not None:
+            line += "{:12.4g}{:10.4f}".format(*r.trough)
+        lines.append(line)
+    phase = result.phase_error_deg
+    lines.append(
+        f"error        {result.rms_db:.3g} dB rms, {result.max_db:.3g} dB at most"
+        + ("" if phase is None else f"; phase {phase:.3g} degrees rms")
     )
+    return "\n".join(lines)
 
 
 VERBS = (identify,)

@@ -1,18 +1,29 @@
 """Options of the verbs for a live axis, and context managers that connect to an axis."""
 
+from __future__ import annotations
+
 import contextlib
 import dataclasses
 import functools
 import signal
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import Subject, fail, set_option
+
+if TYPE_CHECKING:
+    from forceaxis.axis.axis import Axis
+    from forceaxis.axis.link import Link
+
+Verb = Callable[..., None]
 
 OWN_NODE = 126  # as axis.can's, which is not loaded here
 WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
@@ -33,7 +44,7 @@ class Way:
     store: str = ""
     model: str | None = None  #: whose encoder says what a count is in mm
 
-    def link(self):
+    def link(self) -> Link:
         """Connect to the axis and return the link. Raises InputError, NoAnswer."""
         found = self._connect()
         if self.model is not None:
@@ -46,7 +57,7 @@ class Way:
                 raise
         return found
 
-    def _connect(self):
+    def _connect(self) -> Link:
         if self.axis is not None:
             from forceaxis.axis.gateway import GatewayLink
 
@@ -61,9 +72,19 @@ class Way:
             return ModbusLink(self.modbus, self.node)
         from forceaxis.axis.sim import SimLink
 
-        return SimLink(self.sim, self.overrides, self.store)
+        return SimLink(self.sim or "", self.overrides, self.store)
 
-    def expect_one(self):
+    def options(self) -> str:
+        """Return the options that select the same axis again."""
+        if self.axis is not None:
+            return f"--axis {self.axis}" + (f" --lcm-url {self.lcm_url}" if self.lcm_url else "")
+        if self.can is not None:
+            return f"--can {self.can} --node {self.node}"
+        if self.modbus is not None:
+            return f"--modbus {self.modbus} --node {self.node}"
+        return f"--sim {paths.quoted(str(self.sim))}"
+
+    def expect_one(self) -> None:
         """Raise InputError unless the options select exactly one connection."""
         given = [way for way in (self.axis, self.can, self.modbus, self.sim) if way is not None]
         if len(given) != 1:
@@ -118,37 +139,38 @@ OPTIONS = (
 )
 
 
-def options(command):
+def options(command: Verb) -> Verb:
     """Add the options of a connection. The command gets them unchecked, as a `Way`."""
 
     @functools.wraps(command)
-    def with_way(*arguments, axis, lcm_url, can, node, own_node, modbus, sim, overrides, store,
-                 **others):  # fmt: skip
-        way = Way(axis, lcm_url, can, node, own_node, modbus, sim, overrides, store)
-        return command(*arguments, way=way, **others)
+    def with_way(*arguments: Any, **given: Any) -> None:
+        names = [field.name for field in dataclasses.fields(Way) if field.name != "model"]
+        way = Way(**{name: given.pop(name) for name in names})
+        command(*arguments, way=way, **given)
 
+    found: Verb = with_way
     for option in reversed(OPTIONS):
-        with_way = option(with_way)
-    return with_way
+        found = option(found)
+    return found
 
 
-def live(command):
+def live(command: Verb) -> Verb:
     """Add the options of a connection; exactly one axis must be selected. See Way."""
 
     @functools.wraps(command)
-    def with_one(*arguments, way, **others):
+    def with_one(*arguments: Any, way: Way, **others: Any) -> None:
         way.expect_one()
-        return command(*arguments, way=way, **others)
+        command(*arguments, way=way, **others)
 
     return options(with_one)
 
 
-def live_in_mm(command):
+def live_in_mm(command: Verb) -> Verb:
     """As live(), with the option --model, whose encoder converts counts to mm."""
 
     @functools.wraps(command)
-    def with_model(*arguments, way, model, **others):
-        return command(*arguments, way=dataclasses.replace(way, model=model), **others)
+    def with_model(*arguments: Any, way: Way, model: str | None, **others: Any) -> None:
+        command(*arguments, way=dataclasses.replace(way, model=model), **others)
 
     option = click.option(
         "--model",
@@ -160,12 +182,13 @@ def live_in_mm(command):
 
 
 @contextlib.contextmanager
-def connected(way):
+def connected(way: Way) -> Iterator[Axis]:
     """Connect to an axis for a `with` block. Ctrl-C ends the verb with status 130, SIGTERM 143."""
     from forceaxis.axis.axis import Axis
 
-    axis, before = None, signal.signal(signal.SIGTERM, _terminate)
-    with errors():
+    axis: Axis | None = None
+    before = signal.signal(signal.SIGTERM, _terminate)
+    with errors(way):
         try:
             axis = Axis(way.link())
             if axis.link.warning:
@@ -181,7 +204,7 @@ def connected(way):
                 axis.close()
 
 
-def warn_of_newtons(axis, way):
+def warn_of_newtons(axis: Axis, way: Way) -> None:
     """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
     For a simulated axis the link compares the scale with the model instead."""
     from forceaxis.axis import quantity
@@ -197,7 +220,7 @@ def warn_of_newtons(axis, way):
 
 
 @contextlib.contextmanager
-def owned(way, shared=False):
+def owned(way: Way, shared: bool = False) -> Iterator[Axis]:
     """Connect to an axis and own it for a `with` block; at its end the axis is disabled and
     released. `shared`: see Axis.acquire()."""
     with connected(way) as axis:
@@ -206,15 +229,18 @@ def owned(way, shared=False):
 
 
 @contextlib.contextmanager
-def errors():
+def errors(way: Way | None = None) -> Iterator[None]:
     """Print a refusal or a missing response of the axis as one line; exit with status 1."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     try:
         yield
     except (Refused, NoAnswer) as error:
-        fail(str(error), status=1)
+        text = str(error)
+        if way is not None:
+            text = text.replace("reset_fault()", f"`forceaxis axis reset {way.options()}`")
+        fail(text, status=1)
 
 
-def _terminate(number, _frame):
+def _terminate(number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt(number)

@@ -50,16 +50,17 @@ def limit(as_json, ranges, visit, **given):
     gain at which all of them are stable, the plant that limits it (`member`), and at the given gain
     the worst value of each figure with its plant.
     """
+    from forceaxis.cli.text_loops import describe_limit, describe_set
     from forceaxis.linear import limits, sets
 
     request = loop_request(given)
     if sets.wanted(request, ranges, visit):
         found = sets.loop_set(request, ranges, visit)
-        present(sets.limit_summary(found), as_json, sets.describe)
+        present(sets.limit_summary(found), as_json, describe_set)
         return
     loop = request.loop()
     summary = limits.limit_summary(loop, request.gain_of(loop))
-    present(summary, as_json, limits.describe_limit)
+    present(summary, as_json, describe_limit)
 
 
 @click.command(
@@ -88,12 +89,13 @@ def rlocus(vary, span_hz, out, as_json, **given):
     `forceaxis limit`. --gain, --firmware-gain or the gain of an experiment marks the poles at that
     gain. JSON: loci, each with gains, branches, poles, zeros in 1/s, crossings.
     """
+    from forceaxis.cli.text_loops import describe_loci
     from forceaxis.linear import locus
 
     check_drawing(out)
     loci, summary = locus.loci_of(loop_request(given), vary, span_hz)
     draw(out, lambda plots: plots.rlocus_figure(loci, summary))
-    present(summary, as_json, locus.describe, out)
+    present(summary, as_json, describe_loci, out)
 
 
 @click.command(
@@ -116,18 +118,19 @@ def nyquist(out, as_json, ranges, visit, **given):
     frequency_hz_of_curve, real, imag, magnitude, phase_deg. For a set of plants: the worst values
     under "at", and `curves`, the nominal plant first.
     """
-    from forceaxis.linear import curves, limits, sets
+    from forceaxis.cli.text_loops import describe_limit, describe_set
+    from forceaxis.linear import curves, sets
 
     check_drawing(out)
     request = loop_request(given)
     if sets.wanted(request, ranges, visit):
         found, summary = sets.nyquist_of(sets.loop_set(request, ranges, visit))
         draw(out, lambda plots: plots.nyquist_set_figure(found, summary))
-        present(summary, as_json, sets.describe, out)
+        present(summary, as_json, describe_set, out)
         return
     summary = curves.nyquist_of(request)
     draw(out, lambda plots: plots.nyquist_figure(summary))
-    present(summary, as_json, limits.describe_limit, out)
+    present(summary, as_json, describe_limit, out)
 
 
 @click.command(
@@ -151,6 +154,7 @@ def step(duration_s, out, as_json, ranges, visit, **given):
     the final value is 0, or the response takes longer than --duration-s. For a set of plants:
     `members`, the nominal plant first, each with these keys, and the worst values.
     """
+    from forceaxis.cli.text_loops import describe_step, describe_step_of_set
     from forceaxis.linear import limits, sets
 
     check_drawing(out)
@@ -158,12 +162,12 @@ def step(duration_s, out, as_json, ranges, visit, **given):
     if sets.wanted(request, ranges, visit):
         result = sets.step_of(sets.loop_set(request, ranges, visit), duration_s)
         draw(out, lambda plots: plots.step_set_figure(result))
-        present(result, as_json, sets.describe_step, out)
+        present(result, as_json, describe_step_of_set, out)
         return
     loop = request.loop()
     result = limits.step_summary(loop, request.drawn_gain(loop), duration_s)
     draw(out, lambda plots: plots.step_response(result))
-    present(result, as_json, limits.describe_step, out)
+    present(result, as_json, describe_step, out)
 
 
 VERBS = (limit, rlocus, nyquist, step)

@@ -105,6 +105,8 @@ class Program(click.Group):
             return None
         name = MODULES[cmd_name]
         for found in pkgutil.iter_modules(forceaxis.cli.__path__):
+            if found.name.endswith("_text"):  # no verbs: the text of a result, loaded with it
+                continue
             if found.name.startswith(f"{name}_"):
                 importlib.import_module(f"forceaxis.cli.{found.name}")
         module = importlib.import_module(f"forceaxis.cli.{name}")

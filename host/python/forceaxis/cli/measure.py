@@ -1,7 +1,13 @@
 """`forceaxis measure`: measure frequency responses of models and of live axes."""
 
+from __future__ import annotations
+
 import contextlib
 import json
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,9 +25,13 @@ from forceaxis.cli.common import (
     show,
     waiting,
 )
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.identify.result import MeasurementSummary
 
 
-def band(context, option, text):
+def band(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
     """Parse a text "LOW:HIGH" into two frequencies in Hz. Raises InputError."""
     if text is None:
         return None
@@ -32,7 +42,7 @@ def band(context, option, text):
     return [low, high]
 
 
-def newtons(context, option, text):
+def newtons(context: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...]:
     """Parse a text such as "30,75" into forces in N, all above 0. Raises InputError."""
     if text is None:
         return ()
@@ -45,7 +55,13 @@ def newtons(context, option, text):
     return forces
 
 
-def measure_axis(way, out, as_json, live, options):
+def measure_axis(
+    way: live_options.Way,
+    out: Path | None,
+    as_json: bool,
+    live: Mapping[str, Any],
+    options: Mapping[str, Any],
+) -> None:
     """Run `forceaxis measure` on a live axis."""
     from forceaxis import linear
     from forceaxis.commission import analyzer, as_found, measuring
@@ -62,7 +78,7 @@ def measure_axis(way, out, as_json, live, options):
     own = [text for text in way.overrides if not text.startswith("firmware.")]
     values = linear.overrides(own) if model else {}
 
-    def say(text):
+    def say(text: str) -> None:
         click.echo(fitted(text, 2), err=True)
 
     with live_options.owned(way) as axis:
@@ -159,7 +175,14 @@ def measure_axis(way, out, as_json, live, options):
 )
 @live_options.options
 @as_json
-def measure(target, way, plant_set, out, as_json, **options):
+def measure(
+    target: str | None,
+    way: live_options.Way,
+    plant_set: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    **options: Any,
+) -> None:
     """Measure a frequency response of a model, with a simulated signal analyzer, or of a live axis.
 
     TARGET is a measurement file (a path, or one of fig3_6 to fig3_12 in sim/measurements), or a
@@ -201,15 +224,89 @@ def measure(target, way, plant_set, out, as_json, **options):
     if way.overrides:
         options["set"] = linear.overrides(way.overrides)
     with waiting("measure"):
-        done = analyzer.run(target, options, linear.overrides(plant_set))
+        plant: dict[str, Any] = {**linear.overrides(plant_set)}
+        done = analyzer.run(target, options, plant, command_line(target, options, plant))
         if out:
             analyzer.write(done, out)
     if as_json:
-        click.echo(json.dumps(done.summary, allow_nan=False))
+        click.echo(json.dumps(to_json(done.summary), allow_nan=False))
     else:
-        click.echo(analyzer.describe(done.summary))
+        click.echo(in_words(done.summary))
         if out:
             click.echo(f"files        {paths.quoted(out)}")
+
+
+def command_line(
+    target: str, options: Mapping[str, Any], plant_set: Mapping[str, float | str]
+) -> str:
+    """Return the command that measures with the same options again."""
+    from forceaxis import linear
+
+    names = {"band_hz": "band", "resolution_hz": "resolution"}
+    words = ["forceaxis", "measure", target]
+    for key, value in options.items():
+        if value is None or value is False or key == "set":
+            continue
+        option = f"--{names.get(key, key)}"
+        text = ":".join(map(repr, value)) if key == "band_hz" else str(value)
+        words += [option] if value is True else [option, text]
+    for option, values in (("--set", options.get("set")), ("--plant-set", plant_set)):
+        for text in linear.override_texts(values or {}):
+            words += [option, text]
+    return shlex.join(words)
+
+
+def in_words(summary: MeasurementSummary) -> str:
+    """Return the text of `forceaxis measure` for a model."""
+    from forceaxis.identify.measurement import COHERENT
+
+    compared, readings = summary.comparison, summary.readings
+    inside, corner = compared.inside, readings.corner_hz
+    low, high = summary.band_hz
+    title = summary.title + (f" (Fig {summary.figure})" if summary.figure else "")
+    crossings = ", ".join(
+        f"{c.frequency_hz:.3g} Hz ({c.phase_deg})" for c in readings.phase_crossings
+    )
+    no_corner = "none in the band" if readings.plateau else "none: the first octave is not flat"
+    lines = [
+        ("measurement", title or summary.measurement),
+        ("response", f"{summary.input} to {summary.output}, {summary.unit}"),
+        (
+            "excitation",
+            f"{summary.excitation} as {summary.inject}, {low:.4g} to {high:.4g} Hz, "
+            f"{summary.averages} averages, sampled at {summary.sampling_hz:g} Hz",
+        ),
+        ("low gain", f"{readings.low_gain:.4g} at {readings.low_hz:.4g} Hz, the lowest line"),
+        ("corner", no_corner if corner is None else f"{corner:.4g} Hz, 3 dB lower"),
+        ("phase", f"passes 0 or 180 degrees at {crossings}" if crossings else "passes no axis"),
+        (
+            "coherence",
+            f"median {summary.coherence_median:.5g}, above {COHERENT} at "
+            f"{compared.coherent} of {compared.points} points",
+        ),
+        (
+            "error",
+            f"{100 * summary.random_error_median:.2g} % random error, median; quantisation "
+            f"alone {summary.floor_median:.2g} {summary.unit}",
+        ),
+        (
+            "inside",
+            "no coherent point"
+            if inside is None
+            else f"{100 * inside:.1f} % of the coherent points within the 95 % band",
+        ),
+        ("verdict", f"{summary.verdict} (p = {compared.p_value:.3g})"),
+        *(("hint", text) for text in summary.hints),
+        ("again", summary.command),
+    ]
+    if summary.contact:
+        shares = summary.contact.items()
+        text = ", ".join(f"{name} pressed {100 * s:.4g} % of the time" for name, s in shares)
+        lines.insert(3, ("contact", text))
+    if summary.saturated:
+        share = f"{100 * summary.saturated:.3g} % of the samples at an end of the ADC"
+        lines.insert(6, ("saturated", f"{share}: lower the level, or move it by a bias"))
+    return "\n".join(f"{key:12} {value}" for key, value in lines)
 
 
 VERBS = (measure,)

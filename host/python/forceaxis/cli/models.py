@@ -244,6 +244,7 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
      "other_poles": [{...}]}             matched by no mode, as "driven"
     """
     from forceaxis import linear
+    from forceaxis.cli import text_models
     from forceaxis.linear import modes as vibration
 
     check_drawing(out)
@@ -251,7 +252,7 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
         model, input_, output, linear.overrides(overrides), linear.states(modes), free
     )
     draw(out, lambda plots: plots.mode_shapes(result, result["title"]))
-    present(result, as_json, vibration.describe, out)
+    present(result, as_json, text_models.describe_modes, out)
 
 
 @click.command(
@@ -282,12 +283,13 @@ def poles(as_json, input_, output, out, span_hz, **given):
     loop is closed with its law and gain unless --input is given. Zeros that cancel poles are
     printed too.
     """
+    from forceaxis.cli import text_models
     from forceaxis.linear import limits
 
     check_drawing(out)
     summary = limits.poles_of(loop_request(given), input_, output)
     draw(out, lambda plots: plots.poles_figure(summary, span_hz))
-    present(summary, as_json, limits.describe_poles, out)
+    present(summary, as_json, text_models.describe_poles, out)
 
 
 @click.command(
@@ -339,6 +341,8 @@ def bode(
     values under "at", the nominal curve first. With --measured: "measured", each with the points,
     their 95 % radius, coherence, and whether MODEL matches.
     """
+    from forceaxis.cli import text_models
+    from forceaxis.cli.text_loops import describe_set
     from forceaxis.linear import curves, sets
 
     check_drawing(out)
@@ -348,7 +352,7 @@ def bode(
     view = curves.BodeView(part, input_, outputs, (from_hz, to_hz), vary)
     found, summary = sets.bode(loop_request(given), view, ranges, visit)
     draw(out, lambda plots: plots.bode_figure(found, summary))
-    present(summary, as_json, sets.describe if "over" in summary else curves.describe_bode, out)
+    present(summary, as_json, describe_set if "over" in summary else text_models.describe_bode, out)
 
 
 OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz")
@@ -357,6 +361,7 @@ OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz
 def _overlay(context, model, out, as_json, measured):
     """Draw measured points over the model, with signals, states and timing of the measurement."""
     from forceaxis import linear
+    from forceaxis.cli import text_models
     from forceaxis.identify import overlay
 
     for name, value in context.params.items():
@@ -375,7 +380,7 @@ def _overlay(context, model, out, as_json, measured):
         from forceaxis.identify import plots
 
         drawing.save(plots.overlay(found, points, summary), out)
-    present(summary, as_json, overlay.describe, out)
+    present(summary, as_json, text_models.describe_measured, out)
 
 
 @click.command(
@@ -405,6 +410,7 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     With a sampled timing the equation is x(k+1) = A x(k) + B u(k). JSON, .npz and .mat contain A,
     B, C, D, dt in s (null or 0: continuous) and the names of states, inputs and outputs.
     """
+    from forceaxis.cli import text_models
     from forceaxis.linear import system as linear
     from forceaxis.linear import working
 
@@ -421,7 +427,7 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
     if as_json:
         click.echo(json.dumps(linear.summary(system, mode), allow_nan=False))
         return
-    click.echo(linear.describe(system, mode))
+    click.echo(text_models.describe_system(system, mode))
     if out:
         click.echo(f"file         {paths.quoted(out)}")
 
@@ -444,6 +450,7 @@ def beam(modes, as_json, **given):
     JSON: modes, each with b l, pole_rad_per_s, actuator_zero_rad_per_s (imaginary pairs) and
     tip_zero_per_s (a real pair); approximation_errors for n = 4 to 40.
     """
+    from forceaxis.cli import text_models
     from forceaxis.linear import beam as bending
 
     result = bending.summary(
@@ -452,7 +459,7 @@ def beam(modes, as_json, **given):
         ),
         modes,
     )
-    present(result, as_json, bending.describe)
+    present(result, as_json, text_models.describe_beam)
 
 
 VERBS = (linearise, poles, modes_, bode, beam)

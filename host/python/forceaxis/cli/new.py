@@ -8,6 +8,7 @@ import click
 from forceaxis._core import InputError
 from forceaxis.cli.common import Folder, Verb, as_json, fitted, show, waiting
 from forceaxis.design import data_sheet, new
+from forceaxis.results import to_json
 
 
 def options(command):
@@ -76,9 +77,11 @@ def new_(name, yes, force, no_design, as_json, **given):
     with waiting("new"):
         done = new.write(name, *values, force, design)
     if as_json:
-        click.echo(json.dumps(done))
+        click.echo(json.dumps(to_json(done)))
     else:
-        show(new.described(done))
+        from forceaxis.cli import new_text
+
+        show(new_text.describe(done))
 
 
 VERBS = (new_,)

@@ -98,7 +98,7 @@ def session(out, as_json):
     replay` of the journal gives the same trace hash. If the kernel has no CAN, the session runs in
     a guest kernel (tools/vcan).
     """
-    link.under_vcan(link.Link("socketcan"))
+    link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
 
     # As an interrupt: the programs are ended and the journal is complete.

@@ -363,8 +363,8 @@ class Check:
             except (Refused, NoAnswer) as error:
                 self._done("tare", "failed", str(error), self.reading, band)
                 return
-            self._done("tare", "passed", f"{found['force_tare']:.4g} force counts, the reading is "
-                       f"{found['force']:.4g}; `axis params store` keeps it", found["force_tare"],
+            self._done("tare", "passed", f"{found.force_tare:.4g} force counts, the reading is "
+                       f"{found.force:.4g}; `axis params store` keeps it", found.force_tare,
                        band)  # fmt: skip
 
 

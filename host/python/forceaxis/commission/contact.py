@@ -17,13 +17,14 @@ from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.commission.analyzer import Analyzer, Order
 from forceaxis.commission.refusal import Refusal
-from forceaxis.design import files, outcome
+from forceaxis.design import files
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import hf_most
 from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
+from forceaxis.results import to_json
 
 MEMBERS, SEED = 6, 1988  # of the set, chosen at random
 BEFORE_S, AFTER_S = 0.1, 2.0  # of a recorded touch-down, at most
@@ -63,7 +64,7 @@ def firmware_of(tuning):
 
 
 def _bench(tuning, plant, designed, bank):
-    bench = simulation.Bench(plant, designed["adc_bits"], firmware=firmware_of(tuning))
+    bench = simulation.ContactBench(plant, designed["adc_bits"], firmware=firmware_of(tuning))
     bench.wait_for(bank)
     bench.rated_N = max(tuning.order.forces)
     bench.settings["rated_force"] = round(1e3 * bench.rated_N)
@@ -85,11 +86,11 @@ def simulated(tuning):
     with Design(str(tuning.model), tuning.result("fit")["values"]) as plant:
         bench = _bench(tuning, plant, designed, bank)
         speed, strike = bench.cases[0].speed_m_per_s, simulation.STRIKE_S * bench.rated_N
-        plain = [simulation.Case(force, speed) for force in tuning.order.forces]
-        bench.feel(bank, cases=plain)
+        plain = [simulation.ContactCase(force, speed) for force in tuning.order.forces]
+        bench.measure_impacts(bank, cases=plain)
         cases = [("contact", case, {}) for case in plain]
         for force in sorted(tuning.order.forces)[:-1]:  # as a design is struck
-            cases.append(("strike", simulation.Case(force, speed, strike), {}))
+            cases.append(("strike", simulation.ContactCase(force, speed, strike), {}))
         cases += [("set", case, member) for member in members for case in plain]
         jobs = [bench.job(case, bank, member, 0, loss) for _, case, member in cases]
         try:
@@ -98,16 +99,18 @@ def simulated(tuning):
             raise Refusal("simulation", f"expected a run, {error}") from None
     rows = []
     for (kind, case, member), one in zip(cases, done, strict=True):
-        most = bench.limits(case, bank).get("contact_losses_max")
-        row = simulation.row("design", case.name, member, 0, one, most)
-        rows.append({"kind": kind} | outcome.plain(row))
-    for row in simulation.unstable(rows):
-        where = "".join(f", {name} = {value:.4g}" for name, value in row["member"].items())
+        most = bench.losses_permitted(case)
+        row = simulation.simulated_contact("design", case.name, member, 0, one, most)
+        rows.append((kind, row))
+    for kind, row in rows:
+        if row.is_stable:
+            continue
+        where = "".join(f", {name} = {value:.4g}" for name, value in row.member.items())
         raise Refusal(
-            f"simulated_{row['kind']}", f"expected {row['case']}{where} to settle, it does not "
+            f"simulated_{kind}", f"expected {row.case}{where} to settle, it does not "
             f"({simulation.why(row)}): ask for less by --ms, or a smaller set by --over"
         )  # fmt: skip
-    return rows
+    return [{"kind": kind} | to_json(row) for kind, row in rows]
 
 
 class Touched(NamedTuple):

@@ -20,8 +20,9 @@ from forceaxis._core import InputError
 from forceaxis.commission import known
 from forceaxis.commission.known import Prior
 from forceaxis.design import sets
-from forceaxis.identify.fit import MISFIT, SHARE
+from forceaxis.identify.fit import MISFIT
 from forceaxis.identify.measurement import COHERENT
+from forceaxis.identify.procedures import SHARE
 from forceaxis.linear import loops, plant_set
 
 OUTSIDE = 3.0  # standard deviations from its prior: rejected

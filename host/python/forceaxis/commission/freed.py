@@ -27,6 +27,7 @@ from forceaxis.commission.tune_fit import (
 )
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
+from forceaxis.results import to_json
 
 TRIES = 2  # other starts
 BEGIN = 0.1  # of the moving mass times the middle frequency: damping to begin with, N s/m
@@ -52,7 +53,7 @@ class Record:
         return self.dead_zone > 0 or self.table_N > 0
 
 
-def record(path: str | Path, model: str, overrides: dict[str, float]) -> Record:
+def record(path: str | Path, model: str, overrides: linear.Overrides) -> Record:
     """The Record of a folder of `forceaxis measure --out`; newtons that it lacks by the model."""
     try:
         about = json.loads((Path(path) / "result.json").read_text(encoding="utf-8"))
@@ -80,7 +81,7 @@ class Freed:
     """A fit in which dampers stand for friction: of the Measurement with that model; newtons of
     each, None: the speed is not known."""
 
-    found: fit_response.Fit
+    found: fit_response.ParameterFit
     measured: Measurement
     rubs: tuple[rubbing.Rub, ...]
     newtons: dict[str, float | None]
@@ -89,7 +90,7 @@ class Freed:
 def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
-) -> tuple[fit_response.Fit, Measurement, dict[str, Any]]:  # fmt: skip
+) -> tuple[fit_response.ParameterFit, Measurement, dict[str, Any]]:  # fmt: skip
     """(Fit, the Measurement with the model that was fitted, summary) of the response at `path`.
     folder: where that model may be written. Raises InputError; Refusal by the name `friction`."""
     model, held = measured.model, measured.overrides
@@ -99,13 +100,13 @@ def fit(
     if found.rejected and freed is None and about.rubs:
         raise _refused(found.p_value, model, about)
     if freed is None:
-        summary = fit_response.summarise(found, measured, units) | {"friction": None}
+        summary = to_json(fit_response.summarise(found, measured, units)) | {"friction": None}
         if about.rubs:
             summary["warnings"].append(f"the axis rubs, {_words(about)}: smaller amplitudes have "
                                        "another response")  # fmt: skip
         return found, measured, summary
     dampers = {rub.damping: "N s/m" for rub in freed.rubs}
-    summary = fit_response.summarise(freed.found, freed.measured, units | dampers)
+    summary = to_json(fit_response.summarise(freed.found, freed.measured, units | dampers))
     rows, lines = summary["parameters"], []
     for rub in freed.rubs:
         row = rows.get(rub.damping)

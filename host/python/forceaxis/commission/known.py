@@ -98,7 +98,7 @@ def linear_codes(model, overrides=None):
     return max(1, int(min(found))) if found else None
 
 
-def newton_per_code(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
     """N that the drive gives for a code while it stands; inf: there is an integral in it."""
     facts = linear.facts(model, overrides)
     plant = linear.linearise(
@@ -108,7 +108,7 @@ def newton_per_code(model: str | Path, overrides: dict[str, float] | None = None
     return static * facts.volts_per_code
 
 
-def code_rate(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:
     """Counts of the encoder a second for a code, apart and once it moves steadily."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)

@@ -8,6 +8,7 @@ from forceaxis.commission import sought
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
+from forceaxis.results import to_json
 
 FREE = "free"
 
@@ -15,8 +16,9 @@ FREE = "free"
 def measure(
     axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None, look=True
 ):
-    """{name: identify.result.Result} of a response apart, if `free`, and one at each force, N, in
-    contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
+    """{name: identify.result.MeasurementResult} of a response apart, if `free`, and one at each
+    force, N, in contact. The axis is owned, disabled and at rest; so it is afterwards, where it
+    was.
 
     model: a path; the response is compared with its linear model then. look: for dry friction,
     whose response is that of a noise that slides. Raises InputError before anything moves for what
@@ -80,9 +82,10 @@ def result_of(axis, order, level, rest):
     model = measured.predict() if measured.model else None
     compared = None if model is None else measured.compare(model)
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"
+    title = f"{axis.link.where}, {where}"
     summary = {
         "measurement": axis.link.where,
-        "title": f"{axis.link.where}, {where}",
+        "title": title,
         "figure": "",
         "input": measured.input,
         "output": measured.output,
@@ -96,14 +99,14 @@ def result_of(axis, order, level, rest):
         "coherent": int((measured.coherence > COHERENT).sum()),
         "points": len(measured.coherence),
         "random_error_median": float(np.median(measured.random_error())),
-        "comparison": compared,
-        "readings": measured.readings(),
+        "comparison": to_json(compared),
+        "readings": to_json(measured.readings()),
         "hints": hints(level, rest),
         "seed": order.seed,
         "firmware_hash": _core.FIRMWARE_HASH,
         "objects_hash": objects.OBJECTS_HASH,
     }
-    return result.Result(None, measured, model, summary)
+    return result.MeasurementResult(None, measured, model, summary, title)
 
 
 def describe(summary):

@@ -17,7 +17,7 @@ from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission import as_found, known, tune_files, tune_fit, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
 from forceaxis.design import sets
-from forceaxis.design.cases import Cut
+from forceaxis.design.cases import GainCut
 from forceaxis.identify.fit import read_response
 
 STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
@@ -191,7 +191,7 @@ class Tuning(as_found.Folder):
             "on_fitted": designed.get("on_fitted"),
             "limited_by": designed.get("limited_by"),
             "cut": designed.get("cut") or None,
-            "cuts": [Cut(**cut).text for cut in designed.get("gain_cuts", ())],
+            "cuts": [GainCut(**cut).text for cut in designed.get("gain_cuts", ())],
             "simulated": [
                 *(row for row in designed.get("simulated", ()) if row["law"] == "design"),
                 *held.get("simulate", {}).get("contacts", ()),

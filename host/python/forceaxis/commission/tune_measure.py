@@ -272,7 +272,7 @@ def objects_of(tuning, bank, loss, ms=2.0, ranges=None, units=None):
     own = settings_of(tuning)
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
     with Design(str(tuning.model)) as plant:
-        bench = simulation.Bench(plant, held["adc_bits"])
+        bench = simulation.ContactBench(plant, held["adc_bits"])
         bench.settings |= held
         values = files.bank_objects(
             plant.file("bank.toml", bench.text(bench.shown, bank, loss)), ms, ranges or {},

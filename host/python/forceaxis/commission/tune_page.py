@@ -8,6 +8,7 @@ import numpy as np
 from forceaxis import paths
 from forceaxis.commission import as_found, contact, known, tune_fit
 from forceaxis.design import outcome
+from forceaxis.design.cases import read_contacts
 from forceaxis.drawing import (
     GOT,
     INK,
@@ -138,8 +139,7 @@ def _margins(summary):
 
 def _simulated(summary):
     """What each simulated case came to, and what was cut for it."""
-    # Folders of earlier versions have rows without some of these columns.
-    rows = [row for row in summary["simulated"] if row.keys() >= outcome.CASE_KEYS]
+    rows = read_contacts(summary["simulated"])
     if not (rows or summary["cuts"]):
         return ""
     text = "<h2>Contact, simulated with the fitted plant and the firmware</h2>"

@@ -25,10 +25,10 @@ from forceaxis.commission.tune_measure import (
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
-from forceaxis.design.grid import hf_most
-from forceaxis.design.search import HF_DEFAULT
+from forceaxis.design.grid import HF_DEFAULT, hf_most
 from forceaxis.linear import loops, plant_set, working
 from forceaxis.linear.bank import Bank
+from forceaxis.results import to_json
 
 __all__ = (
     "check", "design", "fit", "free", "measure", "simulate", "store", "verify", "write",
@@ -182,7 +182,7 @@ def design(tuning):
     """A bank for the set about what was fitted."""
     order = tuning.order
     fitted = tuning.result("fit")
-    asked = outcome.Order(
+    asked = outcome.DesignOrder(
         str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"],
         together=tuple(fitted.get("together") or ({},)), ms=order.ms,
         ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
@@ -193,21 +193,21 @@ def design(tuning):
     except (InputError, _core.SimulationError) as error:
         raise Refusal("design", str(error)) from None
     worst = found.worst
-    result = outcome.plain(found.summary())
+    result = to_json(found.result())
     checked = tuning.result("check")
     laws = {"before": contact.bank_of(checked["before"]), "designed": found.bank}
-    result["on_fitted"] = outcome.plain(margins.on_fitted(tuning, laws, checked["latency_ticks"]))
+    result["on_fitted"] = to_json(margins.on_fitted(tuning, laws, checked["latency_ticks"]))
     result["objects"] = objects_of(
-        tuning, found.bank, found.loss, files.largest_ms(worst), found.ranges, found.units
+        tuning, found.bank, found.loss_objects, worst.largest_ms, found.ranges, found.units
     )
     result["cut"] = _cut(result)
     if result["cut"]:
         tuning.say(result["cut"])
     result["times_p"] = times = _times_p(result)
-    line = f"{found.chosen}, fS {worst['fS_Hz']:.3g} Hz, Ms {worst['Ms']:.3g}"
+    line = f"{found.chosen}, fS {worst.fS_Hz:.3g} Hz, Ms {worst.Ms:.3g}"
     if times is not None and times < PAYS:
         result["limited_by"] = (
-            f"P alone has {found.p['fS_Hz']:.3g} Hz at the same margins, the bank {times:.3g} "
+            f"P alone has {result['p']['fS_Hz']:.3g} Hz at the same margins, the bank {times:.3g} "
             f"times that. {found.limited_by}"
         )
         tuning.say(result["limited_by"])

@@ -1,30 +1,33 @@
 """Figure of what each change of an axis buys."""
 
 import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from forceaxis import paths
+from forceaxis.design.advise import Advice, LimitingMode
 from forceaxis.drawing import FAINT, GOT, INK, legend, name_of, style
 from forceaxis.linear.plots import TIMINGS, headline
 from forceaxis.linear.system import find_model
 
 
-def figure(result):
-    """Figure of `advise.advise()`: critical gain and crossover under each change."""
-    rows = [r for r in result["rows"] if r["ratio"]["critical_gain"]]
-    drawn, ax = plt.subplots(figsize=(6.6, 0.9 + 0.21 * len(rows)))
+def figure(result: Advice) -> Figure:
+    """Critical gain and crossover under each change."""
+    known = [(row, row.ratio.critical_gain) for row in result.rows]
+    gains = [(row, gain) for row, gain in known if gain]
+    drawn, ax = plt.subplots(figsize=(6.6, 0.9 + 0.21 * len(gains)))
     style(ax)
     ax.axvline(1, color=FAINT, linewidth=0.9)
-    for y, row in enumerate(rows):
-        gain, crossover = row["ratio"]["critical_gain"], row["ratio"]["crossover_hz"]
+    for y, (row, gain) in enumerate(gains):
+        crossover = row.ratio.crossover_hz
         if crossover:
             ax.plot([gain, crossover], [y, y], color="#d8dee4", linewidth=1.2, zorder=1)
             ax.plot(crossover, y, "o", color=INK, markersize=4.5)
         ax.plot(gain, y, "D", color=GOT, markersize=4, markerfacecolor="none")
-    known = find_model(result["model"]).parent == paths.MODELS
-    names = [r["change"] + (f" [{r['thesis']}]" if known and r["thesis"] else "") for r in rows]
-    ax.set_yticks(range(len(rows)), names, fontsize=7)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
+    is_ours = find_model(result.model).parent == paths.MODELS
+    names = [r.change + (f" [{r.thesis}]" if is_ours and r.thesis else "") for r, _ in gains]
+    ax.set_yticks(range(len(gains)), names, fontsize=7)
+    ax.set_ylim(len(gains) - 0.4, -0.6)
     ax.set_xscale("log")
     ticks = [0.1, 0.2, 0.3, 0.5, 1, 2, 3, 5, 10, 20, 50]
     low, high = ax.get_xlim()
@@ -34,16 +37,14 @@ def figure(result):
     ax.set_xlabel("against the present design")
     shown = [
         Line2D([], [], color=INK, marker="o", linestyle="", markersize=4.5,
-               label=f"crossover at limit / {result['gain_margin']:g}"),
+               label=f"crossover at limit / {result.gain_margin:g}"),
         Line2D([], [], color=GOT, marker="D", linestyle="", markersize=4, markerfacecolor="none",
                label="critical gain"),
     ]  # fmt: skip
     legend(ax, handles=shown, loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
-    mode = result["limiting_mode"]
-    note = (
-        f": limited by {mode['name']}, {mode['label']}" if mode and mode["name"] != "none" else ""
-    )
+    mode = result.limiting_mode
+    note = f": limited by {mode.name}, {mode.label}" if isinstance(mode, LimitingMode) else ""
     drawn.tight_layout(rect=(0, 0, 1, 1 - 0.3 / drawn.get_figheight()))
-    timing = TIMINGS.get(result["timing"], result["timing"])
-    headline(drawn, f"{name_of(result['model'])}, {timing}{note}")
+    timing = TIMINGS.get(result.timing, result.timing)
+    headline(drawn, f"{name_of(result.model)}, {timing}{note}")
     return drawn

@@ -27,71 +27,235 @@ the set (`reduced`) is a row there.
 
 import math
 import os
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
 
 import numpy as np
 
 from forceaxis import _core, paths, progress
 from forceaxis._core import InputError
 from forceaxis.design import for_set, reduced, sets, simulate
+from forceaxis.design.cases import ContactRun
+from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
-from forceaxis.design.outcome import Order
-from forceaxis.linear import loops, modes, working
+from forceaxis.design.grid import Goal
+from forceaxis.design.outcome import DesignOrder
+from forceaxis.design.reduced import ShortSearch
+from forceaxis.errors import ParameterError
+from forceaxis.linear import loops, modes
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet, ranges_of
+from forceaxis.linear.stability import Limit, Loop
+from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
+MODE_FIGURES = ("frequency_hz", "damping_ratio", "label", "against_below", "shape")
 LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
 
 
-def performance(loop, reference_hz=None):
-    """Of a loops.Loop: critical_gain, known_to, frequency_hz, firmware_gain, loop_gain,
-    loop_gain_at, crossover_hz.
+class NotAsked(Enum):
+    """The value of a result that was not asked for; JSON has no key for it."""
 
-    loop_gain_at is that at reference_hz, by default the loop's own crossover. critical_gain None:
-    stable at every gain, then there is no crossover either; or at every gain up to known_to, above
-    which rounding decides: then the others are those of that gain.
-    """
+    NOT_ASKED = "not asked"
+
+
+NOT_ASKED = NotAsked.NOT_ASKED
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """Figures of a loop at its critical gain, as the head of the module defines them.
+
+    Gains in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain None:
+    the loop is stable at every gain, or at every gain up to known_to, above which rounding decides.
+    The other figures are then None, or those of known_to."""
+
+    critical_gain: float | None
+    known_to: float | None
+    frequency_hz: float | None
+    firmware_gain: float | None = None
+    loop_gain: float | None = None
+    loop_gain_at: float | None = None
+    crossover_hz: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiguresOverSet(WorstFigures):
+    """Worst figures over a set of plants at the margins, and the gain in codes per count."""
+
+    firmware_gain: float
+
+
+@dataclass(frozen=True)
+class SimulatedLimit:
+    """The largest firmware gain with a stable verdict (None: no run is stable), the next one that
+    is not (None: stable up to the end of the row), its share of the linear limit, the number of
+    runs, and the force ripple in 8-bit counts at a smaller gain."""
+
+    stable_gain: float | None
+    unstable_gain: float | None
+    of_limit: float | None
+    runs: int
+    ripple_count: float | None
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """Factors of the figures under a change; None where one of the two does not exist."""
+
+    critical_gain: float | None
+    loop_gain: float | None
+    loop_gain_at: float | None
+    crossover_hz: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PresentDesign(Performance):
+    """The present design; over: None where no gain keeps all members stable."""
+
+    over: FiguresOverSet | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
+    simulated: SimulatedLimit | NotAsked = json_field(default=NOT_ASKED, omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceRow(Performance):
+    """One change of the design: name, kind, section of the thesis, whether the firmware can do it,
+    and its factors. simulated: None where a run is not possible or not wanted."""
+
+    change: str
+    kind: str
+    thesis: str | None
+    in_firmware: bool
+    ratio: Ratios
+    over: FiguresOverSet | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
+    simulated: SimulatedLimit | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
+
+
+@dataclass(frozen=True)
+class LimitingMode:
+    """The mode of vibration that limits the gain: its element with most of the elastic energy, its
+    body that moves most, undamped frequency, label, shape {body: amplitude}, and how it limits."""
+
+    name: str
+    element: str | None
+    body: str
+    frequency_hz: float
+    damping_ratio: float
+    label: str
+    against_below: str | None
+    shape: dict[str, float]
+    how: str
+
+
+@dataclass(frozen=True)
+class NoLimitingMode:
+    """No mode of vibration limits the gain; how: what limits instead."""
+
+    how: str
+    name: str = "none"
+
+
+@dataclass(frozen=True)
+class NextCrossing:
+    """The gain and the frequency at which the next pole becomes unstable above the limit."""
+
+    gain: float
+    frequency_hz: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Advice:
+    """What `forceaxis advise --json` prints; unit: of gains; reference_hz: frequency of
+    loop_gain_at; present_gain: force_gain of the experiment; over, modes: the set of plants."""
+
+    model: str
+    experiment: str | None
+    title: str
+    timing: str
+    unit: str
+    gain_margin: float
+    factor: float
+    limiting_mode: LimitingMode | NoLimitingMode | None
+    present: PresentDesign
+    next_crossing: NextCrossing | None
+    reference_hz: float | None
+    present_gain: float | None
+    over: list[str]
+    modes: list[dict[str, str]] | None
+    rows: list[AdviceRow]
+    mode: dict[str, str] | None = json_field(omit_none=True)
+    mode_text: str | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True)
+class AdviceOrder:
+    """What `advise` is asked for; a field for each option of the verb.
+
+    timing: one of loops.TIMINGS, None: that of the experiment's firmware, else zoh. runs: what is
+    simulated with the firmware: "none", "present" (the present design and the finer ADC, which
+    linear analysis does not see) or "all" that the firmware can run. over: texts NAME=PERCENT% or
+    NAME=LOW..HIGH, the set; empty: none; modes: "visited", "all" or "nominal", of the set; states:
+    {element: state} of all plants."""
+
+    text: str | Path  # MODEL or EXPERIMENT
+    overrides: Mapping[str, float] | None = None
+    timing: str | None = None
+    factor: float = FACTOR
+    runs: str = "present"
+    threads: int | None = None
+    over: Sequence[str] = ()
+    modes: str = "visited"
+    states: Mapping[str, str] | None = None
+
+
+def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
+    """The figures of a loop; loop_gain_at is that at reference_hz, by default the loop's own
+    crossover."""
     limit = loop.limit()
     zero = abs(loop.open.at(0.0 if loop.dt is None else 1.0))
-    found = {
-        "critical_gain": limit.gain,
-        "known_to": limit.known_to,
-        "frequency_hz": limit.frequency_hz,
-        "firmware_gain": None,
-        "loop_gain": None,
-        "loop_gain_at": None,
-        "crossover_hz": None,
-    }
-    if limit.stable_to:
-        if loop.codes_per_gain is not None:
-            found["firmware_gain"] = loop.firmware_gain(limit.stable_to)
-        if np.isfinite(zero):
-            found["loop_gain"] = float(zero * limit.stable_to)
-        gain = limit.stable_to / GAIN_MARGIN
-        if not np.isfinite(zero) or zero * gain > 1:
-            crossovers = loop.margins(gain).crossovers
-            found["crossover_hz"] = float(crossovers[0][0]) if crossovers else None
-        reference_hz = reference_hz or found["crossover_hz"]
-        if reference_hz:
-            found["loop_gain_at"] = float(abs(loop.open.response(reference_hz)) * limit.stable_to)
-    return found
+    found = Performance(
+        critical_gain=limit.gain, known_to=limit.known_to, frequency_hz=limit.frequency_hz
+    )
+    if not limit.stable_to:
+        return found
+    gain = limit.stable_to / GAIN_MARGIN
+    crossover_hz = None
+    if not np.isfinite(zero) or zero * gain > 1:
+        crossovers = loop.margins(gain).crossovers
+        crossover_hz = float(crossovers[0][0]) if crossovers else None
+    at_hz = reference_hz or crossover_hz
+    has_reading = loop.codes_per_gain is not None
+    return replace(
+        found,
+        firmware_gain=loop.firmware_gain(limit.stable_to) if has_reading else None,
+        loop_gain=float(zero * limit.stable_to) if np.isfinite(zero) else None,
+        crossover_hz=crossover_hz,
+        loop_gain_at=float(abs(loop.open.response(at_hz)) * limit.stable_to) if at_hz else None,
+    )
 
 
-def ratios(new, old):
-    """The factor of each number under a change; None where one of the two is none."""
-    return {
-        name: new[name] / old[name] if new[name] and old[name] else None
-        for name in ("critical_gain", "loop_gain", "loop_gain_at", "crossover_hz")
-    }
+def ratios(new: Performance, old: Performance) -> Ratios:
+    """The factor of each figure under a change."""
+
+    def factor(one: float | None, other: float | None) -> float | None:
+        return one / other if one and other else None
+
+    return Ratios(
+        factor(new.critical_gain, old.critical_gain),
+        factor(new.loop_gain, old.loop_gain),
+        factor(new.loop_gain_at, old.loop_gain_at),
+        factor(new.crossover_hz, old.crossover_hz),
+    )
 
 
-def strain(model, overrides, shape):
-    """The element that holds most of a mode's elastic energy, or None."""
+def strain(model: Path, overrides: Mapping[str, float], shape: Mapping[str, float]) -> str | None:
+    """The element with most of the elastic energy of a mode, or None."""
     signals = linear.facts(model, overrides).signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
     if not elements:
@@ -107,12 +271,8 @@ def strain(model, overrides, shape):
     return elements[int(np.argmax(values[:, 0] * values[:, 1]))]
 
 
-def limiting_mode(design, loop):
-    """The mode that limits the gain, as the module's head defines it: a dictionary, or None.
-
-    {"name", "element", "body", "frequency_hz", "damping_ratio", "label", "against_below", "how"};
-    without a mode name is "none" and how says what limits instead. None if nothing limits.
-    """
+def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode | None:
+    """The mode that limits the gain (see the head of the module). None if nothing limits."""
     limit = loop.limit()
     if not limit.gain or limit.frequency_hz is None:
         return None
@@ -134,82 +294,83 @@ def limiting_mode(design, loop):
         )  # fmt: skip
     mode = crossing or flexible
     if mode is None:
-        return {
-            "name": "none",
-            "how": "no mode: the lag of drive and sampling turns the rigid body",
-        }
+        return NoLimitingMode("no mode: the lag of drive and sampling turns the rigid body")
     body = max(mode["shape"], key=lambda b: abs(mode["shape"][b]))
     element = strain(design.model, design.overrides, mode["shape"])
-    return {
-        "name": f"{element} ({body})" if element else body,
-        "element": element,
-        "body": body,
-        **{
-            k: mode[k] for k in ("frequency_hz", "damping_ratio", "label", "against_below", "shape")
-        },
-        "how": "its poles cross" if crossing else "its lag turns the rigid body's poles",
-    }
+    return LimitingMode(
+        name=f"{element} ({body})" if element else body,
+        element=element,
+        body=body,
+        how="its poles cross" if crossing else "its lag turns the rigid body's poles",
+        **{name: mode[name] for name in MODE_FIGURES},
+    )
 
 
-def next_crossing(loop):
-    """{gain, frequency_hz} of the next pole that becomes unstable above the limit, or None: the
-    limit if the first were removed."""
+def next_crossing(loop: Loop) -> NextCrossing | None:
+    """The next pole that becomes unstable above the limit, or None: the limit if the first were
+    removed."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
-    return {"gain": above[0].gain, "frequency_hz": above[0].frequency_hz} if above else None
+    return NextCrossing(above[0].gain, above[0].frequency_hz) if above else None
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
-def branch_start(loop, limit):
+def branch_start(loop: Loop, limit: Limit) -> complex:
     """The open-loop pole, 1/s, from which the branch on the boundary at the limit starts."""
+    if limit.gain is None or limit.frequency_hz is None:
+        raise InputError("gain: expected a loop with a critical gain, it is stable at every gain")
     gains = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 40) * limit.gain])
     branches = loop.locus(gains)
     target = 2j * math.pi * limit.frequency_hz
-    return branches[0, int(np.nanargmin(np.abs(branches[-1] - target)))]
+    return complex(branches[0, int(np.nanargmin(np.abs(branches[-1] - target)))])
 
 
-def rank(row):
+def rank(
+    figures: Performance, in_firmware: bool, over: FiguresOverSet | NotAsked | None = NOT_ASKED
+) -> tuple[float, float]:
     """Sorting key: over a set by its bandwidth; else no limit first, then by crossover, then by
-    loop gain. What the firmware lacks comes last."""
-    if not row["in_firmware"]:
+    loop gain. A change that the firmware cannot do comes last."""
+    if not in_firmware:
         return (math.inf, 0.0)
-    if "over" in row:
-        return (-(row["over"] or {"fS_Hz": 0.0})["fS_Hz"], 0.0)
-    if row["critical_gain"] is None and row["known_to"] is None:
+    if not isinstance(over, NotAsked):
+        return (-(over.bandwidth_Hz if over else 0.0), 0.0)
+    if figures.critical_gain is None and figures.known_to is None:
         return (-math.inf, 0.0)
-    return (-(row["crossover_hz"] or 0.0), -(row["loop_gain"] or 0.0))
+    return (-(figures.crossover_hz or 0.0), -(figures.loop_gain or 0.0))
 
 
 class _Over:
-    """The set that the rows are judged over: --over, --modes."""
+    """The set of plants over which each row has figures."""
 
-    def __init__(self, design, over, modes_):
-        from forceaxis.design.search import Goal
-
+    def __init__(self, design: Design, over: Sequence[str], modes_: str) -> None:
         if design.timing == "continuous":
-            raise InputError("--timing: expected zoh or zoh+1 with --over, the firmware samples")
+            raise ParameterError(
+                "timing", "expected zoh or zoh+1 with `over`, because the firmware samples"
+            )
         self.design, self.over = design, tuple(over)
+        self.modes: tuple[dict[str, str], ...]
         if modes_ == "nominal":
             self.modes = (design.states,)
         elif modes_ == "all":
             self.modes = sets.slopes(design.model, design.overrides, design.states)
         else:
-            bench = simulate.Bench(design, design.facts.required_reading.bits)
-            self.modes = for_set.plant_set(bench, Order("", self.over)).modes
+            bench = simulate.ContactBench(design, design.facts.required_reading.bits)
+            self.modes = for_set.plant_set(bench, DesignOrder("", self.over)).modes
         self.goal = Goal(timings=(design.timing,), adc_bits=design.facts.required_reading.bits)
 
-    def problem(self, change=None, goal=None, **how):
-        """The reduced.Problem of a change."""
+    def problem(
+        self, change: Change | None = None, goal: Goal | None = None, random: int = reduced.RANDOM
+    ) -> ShortSearch:
+        """The search of a change."""
         change = change or Change("", "")
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | change.overrides
         ranges = ranges_of(model, self.over, overrides)
-        return reduced.Problem(
-            PlantSet(model, overrides, ranges, self.modes), goal or self.goal, **how
-        )
+        plants = PlantSet(model, overrides, ranges, self.modes)
+        return ShortSearch(plants, goal or self.goal, random)
 
-    def figures(self, change=None):
-        """The worst figures of a change at the margins, {"fS_Hz", .., "firmware_gain"}, or None."""
+    def figures(self, change: Change | None = None) -> FiguresOverSet | None:
+        """The worst figures of a change at the margins, or None."""
         change = change or Change("", "")
         shape = change.loop.get("bank", Bank(1.0))
         goal = replace(self.goal, timings=(change.loop.get("timing", self.design.timing),))
@@ -218,48 +379,30 @@ class _Over:
             found = self.problem(change, replace(goal, adc_bits=bits), random=0).worst(shape)
         except InputError:  # no gain keeps all members stable
             return None
-        if found["worst"] is None:
+        if found.worst is None:
             return None
-        return found["worst"] | {"firmware_gain": found["bank"].force_gain}
+        return FiguresOverSet(**vars(found.worst), firmware_gain=found.bank.force_gain)
 
-    def designed(self):
-        """Changes of the present law for the bank designed over the set, with the ADC that is there
-        and with a finer one."""
+    def designed(self) -> list[Change]:
+        """Changes of the present law for the bank designed over the set, with the present ADC and
+        with a finer one."""
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
             problem = self.problem(goal=replace(self.goal, adc_bits=bits))
             text = f"designed bank, {reduced.NAME}" + (f", ADC of {bits} bits" if finer else "")
             found = problem.designed()
-            if found["worst"]:
-                change = banked(text, found["bank"])
+            if found.worst:
+                change = banked(text, found.bank)
                 made.append(replace(change, firmware={"adc_bits": bits}))
         return made
 
 
-def advise(
-    text,
-    overrides=None,
-    timing=None,
-    factor=FACTOR,
-    runs="present",
-    threads=None,
-    over=(),
-    modes="visited",
-    states=None,
-):
-    """The advice as `forceaxis advise --json` prints it.
-
-    text: MODEL or EXPERIMENT; overrides {parameter: value}; timing: one of loops.TIMINGS, by
-    default that of the experiment's firmware, else zoh. runs: what is simulated with the firmware:
-    "none", "present" (the present design and the finer ADC, which linear analysis does not see) or
-    "all" that the firmware can run. over: texts NAME=PERCENT% or NAME=LOW..HIGH, the set; empty:
-    none; modes: "visited", "all" or "nominal", of the set; states: {element: state} of all plants.
-    Raises InputError.
-    """
-    if not (math.isfinite(factor) and factor > 1):
-        raise InputError(f"--factor: expected a number above 1, got {factor:g}")
-    with Design(text, overrides, timing, states) as design:
+def advise(order: AdviceOrder) -> Advice:
+    """The present design and the effect of each change. Raises InputError."""
+    if not (math.isfinite(order.factor) and order.factor > 1):
+        raise ParameterError("factor", f"expected a number above 1, got {order.factor:g}")
+    with Design(order.text, order.overrides, order.timing, order.states) as design:
         if design.facts.reading is None:
             raise InputError(
                 f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is "
@@ -267,106 +410,124 @@ def advise(
             )
         loop = design.loop()
         base = performance(loop)
-        group = _Over(design, over, modes) if over else None
-        rows = _rows(design, base, factor, group)
-        result = {
-            "model": paths.display(design.model),
-            "experiment": paths.display(design.experiment) if design.experiment else None,
-            "title": design.facts.title,
-            "timing": design.timing,
-            **working.summary(loop.working),
-            "unit": loop.unit,
-            "gain_margin": GAIN_MARGIN,
-            "factor": factor,
-            "limiting_mode": limiting_mode(design, loop),
-            "present": base,
-            "next_crossing": next_crossing(loop),
-            "reference_hz": base["crossover_hz"],
-            "present_gain": design.present_gain,
-            "over": list(over),
-            "modes": list(group.modes) if group else None,
-            "rows": [row for row, _ in rows],
-        }
-        if runs != "none" and design.timing != "continuous":
-            base["simulated"] = simulated_limit(design, None, base, threads)
-            quiet = (base["simulated"]["stable_gain"] or 0) / GAIN_MARGIN
-            for row, change in progress.each(rows, "changes simulated"):
-                wanted = change.simulated and (runs == "all" or change.kind == "converter")
-                row["simulated"] = (
-                    simulated_limit(design, change, row, threads, quiet)
-                    if wanted and change.in_firmware
-                    else None
-                )
-        return result
+        group = _Over(design, order.over, order.modes) if order.over else None
+        present = PresentDesign(**vars(base), over=group.figures() if group else NOT_ASKED)
+        rows = _rows(design, base, order.factor, group)
+        if order.runs != "none" and design.timing != "continuous":
+            present, rows = _simulated(design, present, rows, order)
+        mode = design.working()
+        return Advice(
+            model=paths.display(design.model),
+            experiment=paths.display(design.experiment) if design.experiment else None,
+            title=design.facts.title,
+            timing=design.timing,
+            unit=loop.unit,
+            gain_margin=GAIN_MARGIN,
+            factor=order.factor,
+            limiting_mode=limiting_mode(design, loop),
+            present=present,
+            next_crossing=next_crossing(loop),
+            reference_hz=base.crossover_hz,
+            present_gain=design.present_gain,
+            over=list(order.over),
+            modes=list(group.modes) if group else None,
+            rows=[row for row, _ in rows],
+            mode=dict(mode.modes) if mode.text else None,
+            mode_text=mode.text or None,
+        )
 
 
-def _rows(design, base, factor, group):
-    """[(row, Change)] in order of rank; base gets its figures over the set."""
-    made = changes(design, base["frequency_hz"], factor)
+Rows = list[tuple[AdviceRow, Change]]
+
+
+def _simulated(
+    design: Design, present: PresentDesign, rows: Rows, order: AdviceOrder
+) -> tuple[PresentDesign, Rows]:
+    """The present design and the rows with the limits that the runs with the firmware show."""
+    own = simulated_limit(design, None, present, order.threads)
+    quiet = (own.stable_gain or 0) / GAIN_MARGIN
+    done: Rows = []
+    for row, change in progress.each(rows, "changes simulated"):
+        wanted = change.simulated and (order.runs == "all" or change.kind == "converter")
+        limit = None
+        if wanted and change.in_firmware:
+            limit = simulated_limit(design, change, row, order.threads, quiet)
+        done.append((replace(row, simulated=limit), change))
+    return replace(present, simulated=own), done
+
+
+def _rows(design: Design, base: Performance, factor: float, group: _Over | None) -> Rows:
+    """Each change with its figures, in order of rank."""
+    made = changes(design, base.frequency_hz, factor)
     if group:
         made = [c for c in made if c.kind != "amplifier"] + group.designed()
-        base["over"] = group.figures()
-    rows = []
+    rows: Rows = []
     for change in progress.each(made, "changes"):
-        new = performance(design.loop(change), base["crossover_hz"])
-        row = {"change": change.name, "kind": change.kind, "thesis": change.thesis or None}
-        row["in_firmware"] = change.in_firmware
+        new = performance(design.loop(change), base.crossover_hz)
+        over: FiguresOverSet | NotAsked | None = NOT_ASKED
         if group:
-            row["over"] = group.figures(change) if change.in_firmware else None
-        rows.append((row | new | {"ratio": ratios(new, base)}, change))
-    rows.sort(key=lambda r: rank(r[0]))
+            over = group.figures(change) if change.in_firmware else None
+        row = AdviceRow(
+            **vars(new),
+            change=change.name,
+            kind=change.kind,
+            thesis=change.thesis or None,
+            in_firmware=change.in_firmware,
+            ratio=ratios(new, base),
+            over=over,
+        )
+        rows.append((row, change))
+    rows.sort(key=lambda r: rank(r[0], r[0].in_firmware, r[0].over))
     return rows
 
 
-def simulated_limit(design, change, linear_figures, threads=None, quiet_gain=None):
+def simulated_limit(
+    design: Design, change: Change | None, linear_figures: Performance,
+    threads: int | None = None, quiet_gain: float | None = None,
+) -> SimulatedLimit:  # fmt: skip
     """Largest firmware gain up to which the verdict of the runs is stable.
 
     Of a row of gains up to 1.3 times the linear limit, the smallest stable one and the next that is
     not (smaller ones are ignored: so slow an approach does not settle in time); two finer rows
     between narrow it to a percent. Contact and limit cycle exist side by side below the linear
-    limit, so the result holds for the experiment's own approach. Returns {"stable_gain" (None: no
-    run is stable), "unstable_gain" (None: stable up to the end of the row), "of_limit", "runs",
-    "ripple_count": force ripple, 8-bit counts, at quiet_gain or half the stable gain}.
+    limit, so the result is valid for the approach of the experiment. The ripple is that at
+    quiet_gain, or at half the stable gain.
     """
-    limit = linear_figures["firmware_gain"]
+    limit = linear_figures.firmware_gain
     top = min(1.3 * limit if limit else HIGHEST_GAIN, HIGHEST_GAIN)
     shared = _core.Experiments()
     runs = 0
 
-    def run(gains):
+    def run(gains: Sequence[float]) -> list[ContactRun]:
         nonlocal runs
         runs += len(gains)
         jobs = [design.job(change, force_gain=float(g)) for g in gains]
-        outcomes = _core.run_many(jobs, threads or os.cpu_count() or 1, None, True, None, shared)
-        for outcome in outcomes:
-            if "error" in outcome:
-                raise _core.SimulationError(outcome["error"])
-        return outcomes
+        return simulate.run(jobs, threads or os.cpu_count() or 1, shared)
 
-    def stable(gains):
-        return [outcome["verdict"] == "stable" for outcome in run(gains)]
+    def stable(gains: Sequence[float]) -> list[bool]:
+        return [one.verdict == "stable" for one in run(gains)]
 
-    gains = top * np.geomspace(0.01, 1.0, 20)
+    gains = [float(gain) for gain in top * np.geomspace(0.01, 1.0, 20)]
     verdicts = stable(gains)
     if True not in verdicts:
-        return dict.fromkeys(("stable_gain", "unstable_gain", "of_limit", "ripple_count")) | {
-            "runs": runs
-        }
+        return SimulatedLimit(None, None, None, runs, None)
     start = verdicts.index(True)
+    high: float | None = None
     if False not in verdicts[start:]:
-        low, high = gains[-1], None
+        low = gains[-1]
     else:
         first = verdicts.index(False, start)
         low, high = gains[first - 1], gains[first]
         for _ in range(2):
-            edges = np.linspace(low, high, 8)
+            edges = [float(gain) for gain in np.linspace(low, high, 8)]
             first = [*stable(edges[1:-1]), False].index(False)
             low, high = edges[first], edges[first + 1]
     (quiet,) = run([quiet_gain or low / GAIN_MARGIN])
-    return {
-        "stable_gain": float(low),
-        "unstable_gain": None if high is None else float(high),
-        "of_limit": float(low / limit) if linear_figures["critical_gain"] else None,
-        "runs": runs,
-        "ripple_count": float(quiet["metrics"]["force_ripple_count"]),
-    }
+    ripple = quiet.force_ripple_count
+    return SimulatedLimit(
+        stable_gain=low,
+        unstable_gain=high,
+        of_limit=low / limit if limit and linear_figures.critical_gain else None,
+        runs=runs,
+        ripple_count=None if ripple is None else float(ripple),
+    )

@@ -1,58 +1,153 @@
-"""A simulated contact: what is asked of it, what came of it, and why a gain was cut for it."""
+"""Simulated contacts: the cases, the figures of a run, and the gains that were reduced for them."""
 
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forceaxis import _core
+from forceaxis.results import from_json
 
 
 @dataclass(frozen=True)
-class Case:
-    """A touch-down, perhaps with a strike: newtons, m/s, N s."""
+class ContactCase:
+    """A first contact at a force set-point in N and an approach speed in m/s; with `strike_N_s`
+    above 0 an impact of that impulse follows."""
 
     setpoint_N: float
     speed_m_per_s: float
     strike_N_s: float = 0.0
 
     @property
-    def name(self):
+    def name(self) -> str:
+        """Such as "contact 30 N at 20 mm/s, strike 0.25 N s"."""
         text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
         return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
 
 
-class Named(NamedTuple):
-    """An experiment among cases."""
+class NamedCase(NamedTuple):
+    """The user's own experiment as a case, under the name of its file."""
 
     name: str
 
 
-def row(law, case, member, latency, outcome, losses_max=None):
-    """A simulated case as `forceaxis design --json` prints it; None: there is no such value.
-    losses_max: of contact, that its verdict allows."""
-    held = outcome["metrics"]["held_force"] or {}
-    settle = held.get("settle_s")
-    return {
-        "law": law,
-        "case": case,
-        "member": member,
-        "latency_ticks": latency,
-        "verdict": outcome["verdict"],
-        "fault": outcome["fault"],
-        "static_error_percent": held.get("error_percent"),
-        "missed": outcome["missed"],
-        "peak_N": outcome["metrics"]["peak_force_N"],
-        "losses": outcome["metrics"]["contact_losses_run"],
-        "losses_max": losses_max,
-        "saturated_ms": 1e3 * outcome["metrics"]["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
-        "settle_ms": None if settle is None else 1e3 * settle,
-        "overshoot_percent": held.get("overshoot_percent"),
-    }
+@dataclass(frozen=True)
+class MissedContactLimit:
+    """A limit of [verdict] that a run did not keep: name of the limit, the verdict that follows,
+    the value (None: the event never happened), the bound and their unit."""
+
+    limit: str
+    verdict: str
+    value: float | None
+    bound: float | None
+    unit: str
 
 
 @dataclass(frozen=True)
-class Cut:
-    """A step of safe() that was not taken: its gain, how many simulated cases failed, the first of
-    them and the limits that it missed."""
+class ContactRun:
+    """The figures of one run that a design uses; None where a run has no such figure."""
+
+    verdict: str
+    fault: str
+    missed: tuple[MissedContactLimit, ...]
+    peak_N: float
+    losses: int
+    saturated_ms: float
+    force_ripple_count: float | None  # 8-bit counts, peak to peak, in the window
+    static_error_percent: float | None
+    settle_ms: float | None
+    overshoot_percent: float | None
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the verdict is stable and the firmware reports no fault."""
+        return self.verdict == "stable" and self.fault == "none"
+
+
+def read_run(outcome: Mapping[str, Any]) -> ContactRun:
+    """The figures of a run, from the outcome that `_core.run_many` gives."""
+    metrics = outcome["metrics"]
+    held = metrics["held_force"] or {}
+    settle = held.get("settle_s")
+    return ContactRun(
+        verdict=outcome["verdict"],
+        fault=outcome["fault"],
+        missed=tuple(MissedContactLimit(**one) for one in outcome["missed"]),
+        peak_N=metrics["peak_force_N"],
+        losses=metrics["contact_losses_run"],
+        saturated_ms=1e3 * metrics["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
+        force_ripple_count=metrics.get("force_ripple_count"),
+        static_error_percent=held.get("error_percent"),
+        settle_ms=None if settle is None else 1e3 * settle,
+        overshoot_percent=held.get("overshoot_percent"),
+    )
+
+
+@dataclass(frozen=True)
+class SimulatedContact:
+    """A row of "simulated" in the result of `design`: a case with one law on one plant."""
+
+    law: str  # "design" or "p"
+    case: str
+    member: dict[str, float]  # values of parameters in SI; empty: the nominal plant
+    latency_ticks: int
+    verdict: str
+    fault: str
+    static_error_percent: float | None
+    missed: tuple[MissedContactLimit, ...]
+    peak_N: float
+    losses: int  # of contact, in the whole run
+    saturated_ms: float
+    settle_ms: float | None
+    overshoot_percent: float | None
+    losses_max: int | None = None  # of contact, that the verdict permits; None: any number
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the verdict is stable and the firmware reports no fault."""
+        return self.verdict == "stable" and self.fault == "none"
+
+
+def simulated_contact(
+    law: str, case: str, member: dict[str, float], latency_ticks: int, run: ContactRun,
+    losses_max: int | None = None,
+) -> SimulatedContact:  # fmt: skip
+    """The row of a run; losses_max: losses of contact that its verdict permits."""
+    return SimulatedContact(
+        law=law,
+        case=case,
+        member=member,
+        latency_ticks=latency_ticks,
+        verdict=run.verdict,
+        fault=run.fault,
+        static_error_percent=run.static_error_percent,
+        missed=run.missed,
+        peak_N=run.peak_N,
+        losses=run.losses,
+        losses_max=losses_max,
+        saturated_ms=run.saturated_ms,
+        settle_ms=run.settle_ms,
+        overshoot_percent=run.overshoot_percent,
+    )
+
+
+def read_contacts(rows: Iterable[Mapping[str, Any]]) -> list[SimulatedContact]:
+    """Simulated contacts of a JSON file. Columns that are no field, such as "kind", are left out;
+    so are rows of earlier versions that have not all columns."""
+    fields = dataclasses.fields(SimulatedContact)
+    names = {field.name for field in fields}
+    needed = {field.name for field in fields if field.default is dataclasses.MISSING}
+    return [
+        from_json(SimulatedContact, {name: row[name] for name in names & row.keys()}, "simulated")
+        for row in rows
+        if needed <= row.keys()
+    ]
+
+
+@dataclass(frozen=True)
+class GainCut:
+    """A gain that simulate.safe() rejected: force_gain in DAC codes per 8-bit count, the number of
+    failed and of simulated contacts, the first failed case and the limits that it did not keep."""
 
     force_gain: float
     failed: int
@@ -61,31 +156,33 @@ class Cut:
     why: str
 
     @property
-    def text(self):
+    def text(self) -> str:
+        """One line for a terminal or a page."""
         return (
             f"gain {self.force_gain:.3g}: {self.failed} of {self.simulated} not stable, "
             f"{self.case}: {self.why}"
         )
 
 
-def why(row):
-    """What a simulated case missed, in one line: each limit with its number and unit."""
-    found = []
-    for one in row["missed"]:
-        if one["limit"] == "fault":
-            found.append(f"fault {row['fault']}")
+def why(contact: SimulatedContact) -> str:
+    """The limits that a simulated contact did not keep, in one line: each with number and unit."""
+    texts = []
+    for missed in contact.missed:
+        if missed.limit == "fault":
+            texts.append(f"fault {contact.fault}")
             continue
-        value = "never" if one["value"] is None else f"{one['value']:.3g}"
-        unit = one["unit"] and f" {one['unit']}"
-        limit = f"{one['limit']} {value}{unit}"
-        found.append(limit + (f" of {one['bound']:.3g}{unit}" if one["bound"] else ""))
-    return ", ".join(found)
+        value = "never" if missed.value is None else f"{missed.value:.3g}"
+        unit = missed.unit and f" {missed.unit}"
+        limit = f"{missed.limit} {value}{unit}"
+        texts.append(limit + (f" of {missed.bound:.3g}{unit}" if missed.bound else ""))
+    return ", ".join(texts)
 
 
-def most_losses(rows) -> int:
-    """Of contact, in a simulated touch-down of the design, of all members; 0 without one."""
-    return max((r["losses"] for r in rows if r["losses_max"] is not None), default=0)
+def most_losses(contacts: Sequence[SimulatedContact]) -> int:
+    """Largest number of losses of contact in a simulated first contact; 0 without any."""
+    return max((one.losses for one in contacts if one.losses_max is not None), default=0)
 
 
-def unstable(rows):
-    return [r for r in rows if r["verdict"] != "stable" or r["fault"] != "none"]
+def unstable(contacts: Sequence[SimulatedContact]) -> list[SimulatedContact]:
+    """The contacts that are not stable or end with a fault."""
+    return [one for one in contacts if not one.is_stable]

@@ -1,23 +1,26 @@
-"""What a law is worth over a set, to the digit, and what keeps it from more.
+"""The exact worst figures of a law over a set of plants, and the bound that limits its gain.
 
-The search judges on a grid and a sample of the set; here the gain is lowered until the exact
-figures of the worst members (`linear.over`) keep the margins.
+The search evaluates a law on a grid and on a sample of the set. Here the gain is lowered until the
+exact figures of the worst members (`linear.over`) keep the margins.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from forceaxis.design.grid import DELAYS
+from forceaxis.design.grid import DELAYS, Bounds, Goal, Grid, Response
 from forceaxis.linear import over
-from forceaxis.linear.bank import GAIN_STEP
+from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.stability import Loop
 
 ATTEMPTS = 12
-FIRST = 0.995  # of the gain: the worst member is seldom among those of the grid
-NEAR = 0.97  # of a bound, from which it counts as reached
-MODE = 1.35  # frequencies within this factor of a mode are its own
+FIRST_GAIN_FACTOR = 0.995  # the worst member is seldom among those of the grid
+REACHED_SHARE = 0.97  # share of a bound from which the bound counts as reached
+MODE_FACTOR = 1.35  # frequencies within this factor of a mode belong to the mode
 
 CONSTRAINTS = {
     "ms": "peak of |S|",
@@ -27,46 +30,106 @@ CONSTRAINTS = {
 }
 
 
-def lowered(bank, factor):
-    """The bank with a gain that the firmware holds, at most `factor` times its own."""
+@dataclass(frozen=True)
+class WorstFigures:
+    """The worst figures of a law over a set of plants; None where a figure does not exist."""
+
+    fS_Hz: float | None  # lowest frequency at which |S| reaches -3 dB
+    fT_Hz: float | None  # frequency at which |T| last falls through -3 dB
+    Ms: float | None  # largest |S| without a tick of latency
+    Ms_late: float | None  # largest |S| with one tick of latency
+    gain_margin: float | None
+    phase_margin_deg: float | None
+    static_error: float  # share of the set-point
+    member: dict[str, float | str]  # the plant with the lowest fS: values in SI, states, timing
+
+    @property
+    def bandwidth_Hz(self) -> float:
+        """fS in Hz; 0 where it does not exist."""
+        return self.fS_Hz or 0.0
+
+    @property
+    def largest_ms(self) -> float:
+        """The larger of the peaks of |S| that exist; 0 without any."""
+        return max((ms for ms in (self.Ms, self.Ms_late) if ms is not None), default=0.0)
+
+
+@dataclass(frozen=True)
+class PFigures(WorstFigures):
+    """Worst figures of the P law with the largest gain that keeps the margins."""
+
+    force_gain: float  # DAC codes per 8-bit count
+
+
+@dataclass(frozen=True)
+class NoPFigures:
+    """There is no P law that keeps the margins."""
+
+    force_gain: float = 0.0
+
+
+P = PFigures | NoPFigures
+
+
+def p_figures(worst: WorstFigures, bank: Bank) -> PFigures:
+    """The figures of the P law `bank`."""
+    return PFigures(**vars(worst), force_gain=bank.force_gain)
+
+
+def lowered(bank: Bank, factor: float) -> Bank:
+    """The bank with a gain that the firmware can store, at most `factor` times its own."""
     return replace(bank, force_gain=math.floor(bank.force_gain * factor / GAIN_STEP) * GAIN_STEP)
 
 
-def on_grid(grid, bank):
+def on_grid(grid: Grid, bank: Bank) -> WorstFigures:
+    """The worst figures of a bank over the members of a grid."""
     law, gain = bank.response(grid.z), bank.force_gain
     first, _ = grid.bandwidths(law, gain)
     peaks = dict(zip(grid.timings, grid.peaks(law, gain)[0].max(axis=1), strict=True))
     _, j = np.unravel_index(int(np.argmin(first)), first.shape)
     member = grid.members[j]
-    return {
-        "fS_Hz": float(first.min()),
-        "fT_Hz": float(grid.last_falls(law, gain).min()),
-        "Ms": _float(peaks.get("zoh")),
-        "Ms_late": _float(peaks.get("zoh+1")),
-        **grid.margins(law, gain),
-        "static_error": _static_error(grid, bank),
-        "member": member.values | member.modes,
-    }
+    gain_margin, phase_margin_deg = grid.margins(law, gain)
+    return WorstFigures(
+        fS_Hz=float(first.min()),
+        fT_Hz=float(grid.last_falls(law, gain).min()),
+        Ms=_float(peaks.get("zoh")),
+        Ms_late=_float(peaks.get("zoh+1")),
+        gain_margin=gain_margin,
+        phase_margin_deg=phase_margin_deg,
+        static_error=_static_error(grid, bank),
+        member=member.values | member.modes,
+    )
 
 
-def on_grids(grids, bank):
-    """The same over the members of several Grids."""
+def on_grids(grids: Sequence[Grid], bank: Bank) -> WorstFigures:
+    """The worst figures of a bank over the members of several grids."""
     rows = [on_grid(grid, bank) for grid in grids]
-    slowest = min(rows, key=lambda row: row["fS_Hz"])
-    found = {}
-    for name in slowest:
-        known = [row[name] for row in rows if row[name] is not None]
-        largest = name in ("Ms", "Ms_late", "static_error")
-        found[name] = slowest["member"] if name == "member" else (
-            (max if largest else min)(known, default=None)
-        )  # fmt: skip
-    return found
+    return WorstFigures(
+        fS_Hz=_least([row.fS_Hz for row in rows]),
+        fT_Hz=_least([row.fT_Hz for row in rows]),
+        Ms=_most([row.Ms for row in rows]),
+        Ms_late=_most([row.Ms_late for row in rows]),
+        gain_margin=_least([row.gain_margin for row in rows]),
+        phase_margin_deg=_least([row.phase_margin_deg for row in rows]),
+        static_error=max(row.static_error for row in rows),
+        member=min(rows, key=lambda row: row.bandwidth_Hz).member,
+    )
 
 
-def exact(plants, grids, bank, goal):
-    """(bank, figures): with the gain lowered as far as the exact worst of the set asks for; the
-    bank's gain is 0 where none is left."""
-    bank = lowered(bank, FIRST)
+def _least(values: Sequence[float | None]) -> float | None:
+    return min((value for value in values if value is not None), default=None)
+
+
+def _most(values: Sequence[float | None]) -> float | None:
+    return max((value for value in values if value is not None), default=None)
+
+
+def exact(
+    plants: PlantSet, grids: Sequence[Grid], bank: Bank, goal: Goal
+) -> tuple[Bank, WorstFigures | None]:
+    """(bank, figures): the gain is lowered until the exact worst figures of the set keep the
+    margins. The gain is 0 and the figures are None if no gain does."""
+    bank = lowered(bank, FIRST_GAIN_FACTOR)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
             break
@@ -78,13 +141,13 @@ def exact(plants, grids, bank, goal):
     return replace(bank, force_gain=0.0), None
 
 
-def _factor(worst, goal, timing):
-    """What the gain is to be taken times, 1 where the margins are kept."""
+def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
+    """The factor by which the gain is to be multiplied; 1 where the margins are kept."""
     if not worst.stable:
         return 0.8
     factor = 1.0
     most = goal.ms_of(timing)
-    if worst.Ms > most:
+    if worst.Ms is not None and worst.Ms > most:
         factor = min(factor, max(1 - (worst.Ms - most) / most, 0.8))
     if worst.gain_margin is not None and worst.gain_margin < goal.gain_margin:
         factor = min(factor, worst.gain_margin / goal.gain_margin)
@@ -93,69 +156,71 @@ def _factor(worst, goal, timing):
     return factor
 
 
-def _figures(found, grids, bank):
-    def least(name):
-        known = [abs(getattr(w, name)) for w in found.values() if getattr(w, name) is not None]
-        return min(known, default=None)
-
-    slowest = min(found.values(), key=lambda w: math.inf if w.fS_Hz is None else w.fS_Hz)
+def _figures(found: Mapping[str, over.Worst], grids: Sequence[Grid], bank: Bank) -> WorstFigures:
+    every = list(found.values())
+    slowest = min(every, key=lambda w: math.inf if w.fS_Hz is None else w.fS_Hz)
     member = slowest.member["fS_Hz"][0] if "fS_Hz" in slowest.member else None
     ms = {timing: worst.Ms for timing, worst in found.items()}
-    return {
-        "fS_Hz": least("fS_Hz"),
-        "fT_Hz": least("fT_Hz"),
-        "Ms": ms.get("zoh"),
-        "Ms_late": ms.get("zoh+1"),
-        "gain_margin": least("gain_margin"),
-        "phase_margin_deg": least("phase_margin_deg"),
-        "static_error": max(_static_error(grid, bank) for grid in grids),
-        "member": member.values | member.modes if member else {},
-    }
+    return WorstFigures(
+        fS_Hz=_least([_size(w.fS_Hz) for w in every]),
+        fT_Hz=_least([_size(w.fT_Hz) for w in every]),
+        Ms=ms.get("zoh"),
+        Ms_late=ms.get("zoh+1"),
+        gain_margin=_least([_size(w.gain_margin) for w in every]),
+        phase_margin_deg=_least([_size(w.phase_margin_deg) for w in every]),
+        static_error=max(_static_error(grid, bank) for grid in grids),
+        member=member.values | member.modes if member else {},
+    )
 
 
-def _float(value):
+def _size(value: float | None) -> float | None:
+    return None if value is None else abs(value)
+
+
+def _float(value: float | None) -> float | None:
     return None if value is None else float(value)
 
 
-def _static_error(grid, bank):
-    """Share of the set-point that is left."""
+def _static_error(grid: Grid, bank: Bank) -> float:
+    """Largest static error, as a share of the set-point."""
     if bank.integral_rad_per_s:
         return 0.0
     return float(np.abs(1 / (1 + bank.force_gain * grid.plant[:, 0])).max())
 
 
-def sentence(grid, bank, steep, bounds, finer):
-    """What keeps the gain from more; steep: the law's gain at high frequency for the gain 1; finer:
-    Goal.hf_cure()."""
+def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
+    """The bound that limits the gain of a bank, as a sentence; steep: gain of the law at high
+    frequency for force_gain 1; finer: text of Goal.hf_cure()."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
-    _, name, member, timing, hz = grid.largest_gain(law, steep, free)
-    reached = bank.force_gain * steep >= NEAR * bounds.hf_gain
+    limit = grid.largest_gain(law, steep, free)
+    reached = bank.force_gain * steep >= REACHED_SHARE * bounds.hf_gain
     high = f"the gain at high frequency ({bounds.hf_gain:.3g} codes per 8-bit count)"
-    if name == "hf" or (reached and _margin_left(grid, law, bank, free, steep)):
+    if limit.place is None or (reached and _margin_left(grid, law, bank, free, steep)):
         return f"{high[0].upper()}{high[1:]} is the limit: {finer}."
+    member, timing, hz = limit.place
     mode = _mode_near(grid.open_loops[member], hz)
     where = f"at {hz:.1f} Hz" + (f", over the plant's mode at {mode:.1f} Hz," if mode else "")
     late = ", one tick late" if DELAYS[grid.timings[timing]] else ""
-    text = f"The {CONSTRAINTS[name]} {where} {_with(grid.members[member])}{late} is the limit"
+    text = f"The {CONSTRAINTS[limit.name]} {where} {_with(grid.members[member])}{late} is the limit"
     cure = "more damping of that mode" if mode else "a looser margin"
     text += f": {cure} or a narrower set would move it"
     return text + (f"; so is {high}: {finer}." if reached else ".")
 
 
-def _with(member):
+def _with(member: Member) -> str:
     label = member.label()
     return "on the nominal plant" if label == "nominal" else f"with {label}"
 
 
-def _margin_left(grid, law, bank, bounds, steep):
-    return grid.largest_gain(law, steep, bounds)[0] > bank.force_gain / NEAR
+def _margin_left(grid: Grid, law: Response, bank: Bank, bounds: Bounds, steep: float) -> bool:
+    return grid.largest_gain(law, steep, bounds).gain > bank.force_gain / REACHED_SHARE
 
 
-def _mode_near(loop, hz):
-    """Hz of the plant's lightly damped pole nearest to a frequency, or None."""
+def _mode_near(loop: Loop, hz: float) -> float | None:
+    """Frequency in Hz of the lightly damped pole of the plant next to `hz`, or None."""
     poles = loop.open.poles_s()
     poles = poles[np.isfinite(poles) & (poles.imag > 0)]
     light = poles[np.abs(poles.real) < 0.2 * np.abs(poles)].imag / (2 * math.pi)
-    near = [p for p in light if max(p / hz, hz / p) < MODE]
+    near = [p for p in light if max(p / hz, hz / p) < MODE_FACTOR]
     return min(near, key=lambda p: abs(math.log(p / hz)), default=None)

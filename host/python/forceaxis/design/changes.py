@@ -3,8 +3,10 @@
 import contextlib
 import math
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import tomlkit
 
@@ -50,6 +52,23 @@ class Change:
     thesis: str = ""  # section of the thesis that proposes it
 
 
+class ModelBody(NamedTuple):
+    """Name and position, as the model file gives it, of a body."""
+
+    name: str
+    position: float | str
+
+
+def read_bodies(table: Mapping[str, Any]) -> list[ModelBody]:
+    """The bodies of a model file."""
+    return [ModelBody(body["name"], body.get("position", 0.0)) for body in table["body"]]
+
+
+def read_firmware(experiment: Path | None) -> dict[str, Any]:
+    """The firmware settings of an experiment as _core.inputs gives them; empty without one."""
+    return dict(_core.inputs(str(experiment))["firmware"]) if experiment else {}
+
+
 class Design:
     """A model under its parameter values, with the experiment that simulates it.
 
@@ -78,7 +97,7 @@ class Design:
             named = toml.read(own).get("model") if own.exists() else None
             if named and (own.parent / named).resolve() == self.model:
                 self.experiment = own
-        values = _core.inputs(str(self.experiment))["firmware"] if self.experiment else {}
+        values = read_firmware(self.experiment)
         self.timing = timing or ("zoh+1" if values.get("latency_ticks") == 1 else "zoh")
         self.present_gain = values.get("force_gain")
         self.facts = linear.facts(self.model, self.overrides)

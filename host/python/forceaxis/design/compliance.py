@@ -7,21 +7,29 @@ set-point; the hardest strike on the contact that either law survives with the f
 """
 
 import os
-import textwrap
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
 from forceaxis import paths, progress, toml
 from forceaxis._core import InputError
-from forceaxis.design import changes, friction, reduced, sets, simulate
-from forceaxis.design.search import Goal
+from forceaxis.design import friction, sets, simulate
+from forceaxis.design.banks import BankKeys, bank_keys
+from forceaxis.design.cases import ContactCase
+from forceaxis.design.changes import Design, contact_of
+from forceaxis.design.grid import Goal
+from forceaxis.design.reduced import ShortSearch
+from forceaxis.design.simulate import ContactBench, Plant
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, style
+from forceaxis.errors import ParameterError
 from forceaxis.linear import system as linear
-from forceaxis.linear import working
 from forceaxis.linear.bank import Bank
+from forceaxis.results import json_field
 
 SPAN = (1 / 20, 4.0)  # of the model's own stiffness
 POINTS_MAX = 40
@@ -29,28 +37,73 @@ STRIKES = np.geomspace(0.25, 64.0, 9)  # times the strike of simulate's cases
 SLOW_HZ = 0.01  # static, also where the axis integrates
 
 
-def element_of(model, overrides):
-    """The stiffness of the contact, a parameter."""
-    contact = changes.contact_of(toml.read(linear.find_model(model)))
+@dataclass(frozen=True)
+class CompliancePoint:
+    """The figures at one stiffness in N/m; None: no gain keeps the margins. p_: of the P law, the
+    others of the bank that was designed for the stiffness."""
+
+    stiffness: float
+    p_fS_Hz: float | None
+    fS_Hz: float | None
+    p_static_error: float | None  # share of the set-point
+    static_error: float | None
+    motion_m: float  # travel of the drive from first contact to the set-point
+    p_strike_N_s: float | None  # hardest impact that is stable; 0: not even the weakest
+    strike_N_s: float | None
+    p_bank: BankKeys | None
+    bank: BankKeys | None
+    refused: str | None = json_field(omit_none=True)  # why no law exists
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compliance:
+    """What `forceaxis compliance --json` prints; present: stiffness of the model in N/m; over: the
+    tolerances; strike_max_N_s: the hardest impact that is simulated."""
+
+    model: str
+    element: str
+    unit: str
+    present: float
+    over: list[str]
+    adc_bits: int
+    setpoint_N: float
+    strike_max_N_s: float
+    rows: list[CompliancePoint]
+    mode: dict[str, str] | None = json_field(omit_none=True)
+    mode_text: str | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True)
+class ComplianceOrder:
+    """What `compliance` is asked for; a field for each option of the verb."""
+
+    text: str  # MODEL or EXPERIMENT
+    element: str | None = None  # a parameter in N/m; None: the stiffness of the contact
+    overrides: Mapping[str, float] | None = None
+    over: Sequence[str] | None = None  # texts NAME=PERCENT%; None: `sets.workpiece`
+    span: tuple[float, float] | None = None  # (lowest, highest) N/m; None: SPAN
+    points: int = 9
+    bits: int | None = None  # None: those of the model
+    threads: int | None = None
+    states: Mapping[str, str] | None = None  # {element: state} of all plants
+
+
+def element_of(model: str | Path, overrides: Mapping[str, float]) -> str:
+    """The parameter that is the stiffness of the contact. Raises InputError where it is none."""
+    contact = contact_of(toml.read(linear.find_model(model)))
     name = contact.get("stiffness") if contact else None
     if name not in linear.facts(model, overrides).parameters:
-        raise InputError(
-            f"{model}: --element: expected the name of a stiffness, the contact's is no parameter"
+        raise ParameterError(
+            "element",
+            f"expected the name of a stiffness, the contact of {model} has a number",
         )
-    return name
+    return str(name)
 
 
-def compliance(
-    text, element=None, overrides=None, over=None, span=None, points=9, bits=None, threads=None,
-    states=None,
-):  # fmt: skip
-    """What `forceaxis compliance --json` prints.
-
-    text: MODEL or EXPERIMENT; element: a parameter in N/m, by default the contact's stiffness;
-    over: texts as --over, by default `sets.workpiece`; span: (lowest, highest) N/m; states:
-    {element: state} of all plants. Raises InputError.
-    """
-    with changes.Design(text, overrides, states=states) as design:
+def compliance(order: ComplianceOrder) -> Compliance:
+    """The figures at each stiffness. Raises InputError."""
+    element, span, points, states = order.element, order.span, order.points, order.states
+    with Design(order.text, order.overrides, states=states) as design:
         if design.facts.reading is None:
             raise InputError(
                 f"{design.model}: adc: expected one on channel 0 that reads a force, there is none"
@@ -59,59 +112,73 @@ def compliance(
         known = design.facts.parameters
         if element not in known or known[element][1] != "N/m":
             stiff = sorted(n for n, (_, unit) in known.items() if unit == "N/m")
-            raise InputError(f"--element: expected one of {', '.join(stiff)}, got {element}")
+            raise ParameterError("element", f"expected one of {', '.join(stiff)}, got {element}")
         own = known[element][0]
         low, high = span or (own * SPAN[0], own * SPAN[1])
         if not (0 < low < high and 2 <= points <= POINTS_MAX):
-            raise InputError(
-                f"--from, --to: expected 0 < from < to and 2 to {POINTS_MAX} points, got {low:g}, "
-                f"{high:g} and {points}"
-            )
-        over = tuple(sets.workpiece(design.model, design.overrides) if over is None else over)
-        bits = bits or design.facts.required_reading.bits
-        bench = simulate.Bench(design, bits)
+            raise ParameterError(
+                "lowest", f"expected above 0 and below `highest`, with 2 to {POINTS_MAX} `points`, "
+                f"got {low:g}, {high:g} and {points}",
+            )  # fmt: skip
+        over = tuple(
+            sets.workpiece(design.model, design.overrides) if order.over is None else order.over
+        )
+        bits = order.bits or design.facts.required_reading.bits
+        bench = ContactBench(design, bits)
         setpoint, hardest = bench.setpoints_N[1], _strikes(bench)[1][-1]
         overrides, mode = design.overrides, design.working()
+    given = replace(order, overrides=overrides, over=over, bits=bits)
     rows = [
-        _point(text, element, float(value), overrides, over, bits, setpoint, threads, states)
+        _point(given, element, float(value), setpoint)
         for value in progress.each(np.geomspace(low, high, points), "stiffnesses")
     ]
-    return {
-        "model": paths.display(design.model),
-        "element": element,
-        "unit": "N/m",
-        "present": own,
-        "over": list(over),
-        **working.summary(mode),
-        "adc_bits": bits,
-        "setpoint_N": setpoint,
-        "strike_max_N_s": hardest,
-        "rows": rows,
-    }
+    return Compliance(
+        model=paths.display(design.model),
+        element=element,
+        unit="N/m",
+        present=own,
+        over=list(over),
+        adc_bits=bits,
+        setpoint_N=setpoint,
+        strike_max_N_s=hardest,
+        rows=rows,
+        mode=dict(mode.modes) if mode.text else None,
+        mode_text=mode.text or None,
+    )
 
 
-def _point(text, element, value, overrides, over, bits, setpoint, threads, states):
-    row = {"stiffness": value, **dict.fromkeys(COLUMNS)}
-    with changes.Design(text, overrides | {element: value}, states=states) as design:
-        plants = sets.plant_set(design.model, design.overrides, over, fixed=design.states)
-        row["motion_m"] = setpoint * motion(design)
+def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) -> CompliancePoint:
+    overrides = {**(order.overrides or {}), element: value}
+    with Design(order.text, overrides, states=order.states) as design:
+        plants = sets.plant_set(design.model, design.overrides, order.over, fixed=design.states)
+        motion_m = setpoint * motion(design)
+        bits = order.bits or design.facts.required_reading.bits
         try:
-            problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
+            problem = ShortSearch(plants, Goal(adc_bits=bits), random=0)
         except InputError as error:  # no small gain keeps a member stable
-            return row | {"refused": str(error)}
+            nothing = None, None, None, None
+            return CompliancePoint(value, *nothing, motion_m, *nothing, refused=str(error))
         p, found = problem.worst(Bank(1.0)), problem.designed()
-        for prefix, law in (("p_", p), ("", found)):
-            if law["worst"] is None:
-                continue
-            row[prefix + "fS_Hz"] = law["worst"]["fS_Hz"]
-            row[prefix + "static_error"] = law["worst"]["static_error"]
-            row[prefix + "bank"] = law["bank"].keys()
-            row[prefix + "strike_N_s"] = _strike(design, bits, law["bank"], threads)
-    return row
+        p_strike, strike = (
+            _strike(design, bits, law.bank, order.threads) if law.worst else None
+            for law in (p, found)
+        )
+        return CompliancePoint(
+            stiffness=value,
+            p_fS_Hz=p.worst.fS_Hz if p.worst else None,
+            fS_Hz=found.worst.fS_Hz if found.worst else None,
+            p_static_error=p.worst.static_error if p.worst else None,
+            static_error=found.worst.static_error if found.worst else None,
+            motion_m=motion_m,
+            p_strike_N_s=p_strike,
+            strike_N_s=strike,
+            p_bank=bank_keys(p.bank) if p.worst else None,
+            bank=bank_keys(found.bank) if found.worst else None,
+        )
 
 
-def motion(design):
-    """Way of the drive's body for a newton of the reading, m/N, at rest."""
+def motion(design: Design) -> float:
+    """Travel of the body of the drive for a newton of measured force, m/N, at standstill."""
     body = design.facts.required_drive.body
     plants = (
         linear.linearise(
@@ -119,110 +186,79 @@ def motion(design):
         )
         for output in (f"{body}.position", "reading")
     )
-    way, force = (abs(plant.response(SLOW_HZ)) for plant in plants)
-    return float(way / force)
+    travel, force = (abs(plant.response(SLOW_HZ)) for plant in plants)
+    return float(travel / force)
 
 
-def _strike(design, bits, bank, threads):
-    """N s, the largest of a ladder up to which all are survived; 0: not even the first."""
-    bench = simulate.Bench(design, bits)
+def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float:
+    """The largest impact in N s of a ladder up to which all are stable; 0: not even the first."""
+    bench = ContactBench(design, bits)
     bench.wait_for(bank)
     case, strikes = _strikes(bench)
-    plants = [{}, *friction.members(bench.frictions)]
+    plants: list[Plant] = [{}, *friction.members(bench.frictions)]
     jobs = [bench.job(replace(case, strike_N_s=s), bank, m, 0) for s in strikes for m in plants]
-    outcomes = simulate.run(jobs, threads or os.cpu_count() or 1)
-    good = [o["verdict"] == "stable" and o["fault"] == "none" for o in outcomes]
-    borne = 0.0
+    good = [one.is_stable for one in simulate.run(jobs, threads or os.cpu_count() or 1)]
+    tolerated = 0.0
     for i, strike in enumerate(strikes):
         if not all(good[i * len(plants) : (i + 1) * len(plants)]):
             break
-        borne = strike
-    return borne
+        tolerated = strike
+    return tolerated
 
 
-def _strikes(bench):
-    """(a case at the middle set-point, the strikes on it in N s)."""
+def _strikes(bench: ContactBench) -> tuple[ContactCase, list[float]]:
+    """(a case at the middle set-point, its impacts in N s)."""
     case = next(c for c in bench.cases if c.strike_N_s and c.setpoint_N == bench.setpoints_N[1])
     return case, [float(s) * case.strike_N_s for s in STRIKES]
 
 
-COLUMNS = (
-    *("p_fS_Hz", "fS_Hz", "p_static_error", "static_error", "motion_m", "p_strike_N_s"),
-    *("strike_N_s", "p_bank", "bank"),
-)
+Column = Callable[[CompliancePoint], float | None]
+Curve = tuple[str, Column, str]  # name, values, colour
 
 
-def describe(result):
-    """The map for a terminal."""
-
-    def number(value, scale=1.0):
-        return "-" if value is None else f"{scale * value:.3g}"
-
-    def strike(value):
-        return (">= " if value == result["strike_max_N_s"] else "") + number(value)
-
-    lines = [
-        f"model        {result['model']}, {result['element']} = {result['present']:.6g} N/m",
-        f"set          {', '.join(result['over']) or 'this plant alone'}",
-        *working.lines(result),
-        f"set-point    {result['setpoint_N']:.4g} N",
-    ]
-    table = [["", "P fS", "bank fS", "P error", "motion", "P strike", "bank strike"],
-             ["N/m", "Hz", "Hz", "%", "mm", "N s", "N s"]]  # fmt: skip
-    for row in result["rows"]:
-        table.append([
-            f"{row['stiffness']:.4g}", number(row["p_fS_Hz"]), number(row["fS_Hz"]),
-            number(row["p_static_error"], 100), number(row["motion_m"], 1e3),
-            strike(row["p_strike_N_s"]), strike(row["strike_N_s"]),
-        ])  # fmt: skip
-    wide = [max(len(r[i]) for r in table) for i in range(len(table[0]))]
-    lines += ["  ".join(c.rjust(w) for c, w in zip(r, wide, strict=True)) for r in table]
-    lines += textwrap.wrap(
-        "fS: lowest frequency at which |S| reaches -3 dB, of the set's worst member; error: of the "
-        "force held; motion: of the drive, from touch to the set-point; strike: the hardest "
-        "survived in simulation; -: no gain at the margins",
-        80,
-    )
-    return "\n".join(lines)
-
-
-def figure(result):
-    """The map as a figure."""
-    rows = result["rows"]
-    k = [r["stiffness"] for r in rows]
+def figure(result: Compliance) -> Figure:
+    """Bandwidth, error and motion, and tolerated impacts over the stiffness, as a figure."""
+    rows = result.rows
+    k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))
-    panels = (
-        ("bandwidth over the set, Hz", 1.0, ("P", "p_fS_Hz", GOT), ("bank", "fS_Hz", INK)),
-        ("error of P, %; motion, mm", None, ("error of P", "p_static_error", GOT),
-         ("motion", "motion_m", WANTED)),
-        ("strike survived, N s", 1.0, ("P", "p_strike_N_s", GOT), ("bank", "strike_N_s", INK)),
+
+    def scaled(value: float | None, scale: float) -> float | None:
+        return None if value is None else scale * value
+
+    panels: tuple[tuple[str, Curve, Curve], ...] = (
+        ("bandwidth over the set, Hz", ("P", lambda r: r.p_fS_Hz, GOT),
+         ("bank", lambda r: r.fS_Hz, INK)),
+        ("error of P, %; motion, mm",
+         ("error of P", lambda r: scaled(r.p_static_error, 100.0), GOT),
+         ("motion", lambda r: scaled(r.motion_m, 1e3), WANTED)),
+        ("strike survived, N s", ("P", lambda r: r.p_strike_N_s, GOT),
+         ("bank", lambda r: r.strike_N_s, INK)),
     )  # fmt: skip
-    scales = {"p_static_error": 100.0, "motion_m": 1e3}
-    strikes = ("p_strike_N_s", "strike_N_s")
-    for ax, (label, _, *curves) in zip(axes, panels, strict=True):
+    strikes = [value for r in rows for value in (r.p_strike_N_s, r.strike_N_s)]
+    for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        struck = curves[0][1] in strikes  # 0 is a result: not even the weakest strike
+        struck = ax is axes[-1]  # 0 is a result: not even the weakest impact is stable
         if not struck:
             ax.set_yscale("log")
-        for name, key, colour in curves:
-            y = [np.nan if r[key] is None else scales.get(key, 1.0) * r[key] for r in rows]
+        for name, column, colour in curves:
+            y = [np.nan if value is None else value for value in map(column, rows)]
             y = [np.nan if value <= 0 and not struck else value for value in y]
             ax.plot(k, y, "o-", color=colour, markersize=3, linewidth=1.1, label=name)
-        ax.axvline(result["present"], color=FAINT, linewidth=0.8, linestyle=":")
+        ax.axvline(result.present, color=FAINT, linewidth=0.8, linestyle=":")
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         if not struck:
             ax.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
-        elif all(r[key] in (None, 0.0) for r in rows for key in strikes):
+        elif not any(strikes):
             ax.set_ylim(-0.05, 1)
-            known = any(r[key] is not None for r in rows for key in strikes)
+            known = any(value is not None for value in strikes)
             text = "no strike of the ladder is survived" if known else "no gain at the margins"
             ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=FAINT, fontsize=8)
         else:
             ax.set_ylim(bottom=0)
         ax.set_ylabel(label)
         legend(ax)
-    axes[-1].set_xlabel(f"{result['element']}, N/m (dotted: present)")
-    name, over = name_of(result["model"]), ", ".join(result["over"])
+    axes[-1].set_xlabel(f"{result.element}, N/m (dotted: present)")
+    name, over = name_of(result.model), ", ".join(result.over)
     finish(drawn, axes[0], f"{name}: soft contact or low gain, over {over}")
     return drawn

@@ -4,11 +4,15 @@ An integral that is slower than the loop leaves a tail, a faster one an overshoo
 the bandwidth. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from forceaxis.design.grid import Response
 from forceaxis.linear.bank import TICK_S
+from forceaxis.linear.stability import Loop
 
-PERIOD = 30.0  # ramps
+PERIOD_RAMPS = 30.0
 HARMONICS = 256
 POINTS = 2048
 OVERSHOOT_MAX = 0.055  # of the set-point
@@ -20,13 +24,13 @@ SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 class Ramp:
     """loops: around the plants, law p; delays: ticks; ramp_s: how long the set-point rises."""
 
-    def __init__(self, loops, delays, ramp_s):
-        period = PERIOD * ramp_s
+    def __init__(self, loops: Sequence[Loop], delays: Sequence[int], ramp_s: float) -> None:
+        period = PERIOD_RAMPS * ramp_s
         k = np.arange(1, 2 * HARMONICS, 2)
         k = k[k / period < 0.49 / TICK_S]
         hz = k / period
-        share = np.arange(POINTS) / POINTS * PERIOD  # of time in ramps
-        shape = np.clip(share, 0, 1) - np.clip(share - PERIOD / 2, 0, 1) - 0.5
+        share = np.arange(POINTS) / POINTS * PERIOD_RAMPS  # of time in ramps
+        shape = np.clip(share, 0, 1) - np.clip(share - PERIOD_RAMPS / 2, 0, 1) - 0.5
         self._harmonics = k
         self._setpoint = np.fft.rfft(shape)[k]
         rows = [loop.open.response(hz) / loop.codes_per_gain for loop in loops]
@@ -41,9 +45,9 @@ class Ramp:
         held = share[self._from : POINTS // 2]
         self._short = np.where(held < SHORT_MAX[1][0], SHORT_MAX[0][1], SHORT_MAX[1][1])
 
-    def excess(self, law):
-        """How far the response leaves the band about the set-point, a share of it, 0 within. law:
-        gain and all, at z."""
+    def excess(self, law: Response) -> float:
+        """Largest distance of the response from its band about the set-point, as a share of the
+        set-point; 0 within the band. law: its response with the gain, at z."""
         worst = 0.0
         for lag in self._lag:
             L = self.plant * law * lag

@@ -9,28 +9,60 @@ import datetime
 import os
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol
 
 import tomlkit
 
 from forceaxis import _core, objects
-from forceaxis._core import InputError
+from forceaxis.design.cases import ContactCase
+from forceaxis.design.changes import Change, Design
+from forceaxis.errors import ParameterError
+from forceaxis.linear.bank import Bank
+
+if TYPE_CHECKING:
+    from forceaxis.design.outcome import DesignOutcome
+
+
+class WritableBench(Protocol):
+    """The parts of a simulate.ContactBench that its files contain."""
+
+    design: Design
+    change: Change
+    model: Path
+    overrides: dict[str, float]
+    settings: dict[str, float | str]
+
+    @property
+    def shown(self) -> ContactCase: ...
+
+    def text(
+        self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
+        model: str | None = None,
+    ) -> str: ...  # fmt: skip
+
+    def approach_count_per_s(self, case: ContactCase) -> int: ...
+
 
 BANK = 1  # the bank that a design is written to
 EPOCH = datetime.date(1984, 1, 1)  # of certificate_date
 LOSS = ("contact_loss_cap", "contact_loss_dwell")
 
 
-def signed(name, value):
-    """An object's engineering value as _core.inputs gives it, with its sign."""
+def signed(name: str, value: float) -> float:
+    """The engineering value of an object, as _core.inputs gives it, with its sign."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
 
 
-def tolerance_per_mille(ranges, units, unit):
-    """How far parameters of a unit may be off, to either side: the smallest of the set's; 0: the
-    set has none."""
+def tolerance_per_mille(
+    ranges: Mapping[str, tuple[float, float, float]], units: Mapping[str, str], unit: str
+) -> int:
+    """The smallest tolerance of the parameters with a unit, to either side; 0 where the set has no
+    such parameter."""
     shares = [
         min(nominal - low, high - nominal) / nominal
         for name, (nominal, low, high) in ranges.items()
@@ -39,7 +71,10 @@ def tolerance_per_mille(ranges, units, unit):
     return max(0, min(1000, int(1000 * min(shares) + 0.5))) if shares else 0
 
 
-def bank_objects(experiment, worst_ms, ranges, units, date):
+def bank_objects(
+    experiment: str | Path, worst_ms: float, ranges: Mapping[str, tuple[float, float, float]],
+    units: Mapping[str, str], date: datetime.date,
+) -> dict[str, float]:  # fmt: skip
     """{object: engineering value} of the bank in an experiment's file: sensor, bank, certificate,
     contact loss, and at the end its selection."""
     settings = _core.inputs(str(experiment))["firmware"]
@@ -68,7 +103,7 @@ def bank_objects(experiment, worst_ms, ranges, units, date):
     return {n: int(v) if objects.BY_NAME[n].scale == 1 else v for n, v in values.items()}
 
 
-def law_keys(bench, bank, loss):
+def law_keys(bench: WritableBench, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
     """The [firmware] keys of a design."""
     sensor = {name: bench.settings[name] for name in ("adc_bits", "force_zero_code", "force_scale")}
     return (
@@ -78,10 +113,13 @@ def law_keys(bench, bank, loss):
     )
 
 
-def with_bank(bench, experiment, bank, loss, model=None):
-    """The text of an experiment with a bank put in, its comments kept. model: what its model is
-    from there on; by default the bench's."""
-    text = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
+def with_bank(
+    bench: WritableBench, experiment: Path, bank: Bank, loss: Mapping[str, int],
+    model: str | Path | None = None,
+) -> str:  # fmt: skip
+    """The text of an experiment with a bank; its comments stay. model: path of its model from
+    there; by default the model of the bench."""
+    text: dict[str, Any] = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
     text["model"] = str(model or bench.model)
     if bench.overrides and "set" not in text:
         text["set"] = tomlkit.table()
@@ -95,29 +133,33 @@ def with_bank(bench, experiment, bank, loss, model=None):
     return tomlkit.dumps(text)
 
 
-class Folder:
-    """A new folder that appears whole: files go beside it, and move on leaving without an error."""
+class NewFolder:
+    """A new folder that appears complete: its files are written to another folder beside it, which
+    gets its name at the end of the context, unless an exception ends the context."""
 
-    def __init__(self, out):
+    def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
         refuse_existing(self.out)
         self.parent = self.out.absolute().parent
 
-    def __enter__(self):
+    def __enter__(self) -> "NewFolder":
         self.parent.mkdir(parents=True, exist_ok=True)
         self.path = Path(tempfile.mkdtemp(prefix=f".{self.out.name}.", dir=self.parent))
         return self
 
-    def write(self, name, text):
+    def write(self, name: str, text: str) -> Path:
+        """Write a file and return its path."""
         path = self.path / name
         path.write_text(text, encoding="utf-8")
         return path
 
-    def reference(self, path):
-        """A file as files in the folder refer to it."""
+    def reference(self, path: str | Path) -> str:
+        """The relative path by which files in the folder refer to a file."""
         return os.path.relpath(Path(path).resolve(), self.parent.resolve() / self.out.name)
 
-    def __exit__(self, kind, *_):
+    def __exit__(
+        self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None
+    ) -> None:
         try:
             if kind is None:
                 refuse_existing(self.out)
@@ -129,24 +171,21 @@ class Folder:
             shutil.rmtree(self.path, ignore_errors=True)
 
 
-def refuse_existing(out):
-    """A folder that holds something is not written over."""
+def refuse_existing(out: Path) -> None:
+    """Raise InputError if `out` is a file or a folder with content."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise InputError(f"--out: {out}: expected no such file or folder, take another name")
+        raise ParameterError("out", f"{out}: expected no such file or folder, take another name")
 
 
-def largest_ms(worst):
-    """With whatever latency it is known; 0, which is nobody's, where the set has none."""
-    known = (worst.get(name) for name in ("Ms", "Ms_late"))
-    return max((ms for ms in known if ms is not None), default=0.0)
-
-
-def write(folder, bench, outcome, own=None, date=None):
-    """Experiments and bank.toml of an Outcome into a Folder. Returns the files' names."""
+def write(
+    folder: NewFolder, bench: WritableBench, outcome: "DesignOutcome", own: Path | None = None,
+    date: datetime.date | None = None,
+) -> list[str]:  # fmt: skip
+    """Write experiments and bank.toml of a design into a folder. Returns the names of the files."""
     names = []
     model = folder.reference(bench.model)
     if bench.change.edit is not None:
-        document = tomlkit.parse(Path(bench.model).read_text(encoding="utf-8"))
+        document: dict[str, Any] = tomlkit.parse(Path(bench.model).read_text(encoding="utf-8"))
         if "parameters_file" in document:
             document["parameters_file"] = folder.reference(document["parameters_file"])
         folder.write("model.toml", tomlkit.dumps(document))
@@ -155,21 +194,21 @@ def write(folder, bench, outcome, own=None, date=None):
     # Read where the files of the bench are: a relative path of this folder holds once it is named.
     case = bench.shown
     values = bank_objects(
-        bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss)),
-        largest_ms(outcome.worst), outcome.ranges, outcome.units, date or datetime.date.today(),
+        bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),
+        outcome.worst.largest_ms, outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
     if outcome.slowed:  # what its contacts were simulated with
-        values = {"approach_velocity_max": bench.loads(case)["approach_velocity_max"]} | values
-    contact = bench.text(case, outcome.bank, outcome.loss, model)
+        values = {"approach_velocity_max": bench.approach_count_per_s(case)} | values
+    contact = bench.text(case, outcome.bank, outcome.loss_objects, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}
     if own is not None:
-        texts[own.name] = with_bank(bench, own, outcome.bank, outcome.loss, model)
+        texts[own.name] = with_bank(bench, own, outcome.bank, outcome.loss_objects, model)
     for name, text in texts.items():
         folder.write(name, text)
     return [*names, *texts]
 
 
-def bank_text(bench, values):
+def bank_text(bench: WritableBench, values: dict[str, float]) -> str:
     document = tomlkit.document()
     document.add(
         tomlkit.comment(f"The force law designed for {bench.design.model.stem}: objects of an")

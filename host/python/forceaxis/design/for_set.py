@@ -5,9 +5,11 @@ that it takes away is said, and another structure is taken that is left with mor
 written is `files` and `page`.
 """
 
+import contextlib
 import itertools
 import math
 import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,8 +17,19 @@ from forceaxis import objects, paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, friction, search, simulate
 from forceaxis.design.cases import most_losses
-from forceaxis.design.outcome import LATENCIES, MEMBERS, TIMINGS, Outcome, Slowed, plain
+from forceaxis.design.certificate import WorstFigures
+from forceaxis.design.changes import Design
+from forceaxis.design.outcome import (
+    LATENCIES,
+    MEMBERS,
+    TIMINGS,
+    DesignOrder,
+    DesignOutcome,
+    SlowedApproach,
+)
 from forceaxis.design.sets import slopes
+from forceaxis.design.simulate import ContactBench, Plant
+from forceaxis.errors import ParameterError
 from forceaxis.linear import over as sets
 from forceaxis.linear import settings
 from forceaxis.linear.bank import Bank
@@ -24,33 +37,36 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # of P's limit; integral of the first law
-FIGURES = ("fS_Hz", "fT_Hz", "Ms", "gain_margin", "phase_margin_deg")
+
+Say = Callable[[str], None]
+Instead = Callable[[str], DesignOutcome | None]  # the design with the named structure, if any
 
 
-def check(order):
-    """The numbers that no model is needed for."""
+def check(order: DesignOrder) -> None:
+    """Raise InputError for a value that is out of range whatever the model."""
     for name, value, low in (
-        ("--ms", order.ms, 1.0),
-        ("--ms-late", order.ms_late, 1.0),
-        ("--gain-margin", order.gain_margin, 1.0),
+        ("ms", order.ms, 1.0),
+        ("ms_late", order.ms_late, 1.0),
+        ("gain_margin", order.gain_margin, 1.0),
     ):
         if not low < value <= 100:
-            raise InputError(f"{name}: expected a number above {low:g}, at most 100, got {value:g}")
+            raise ParameterError(
+                name, f"expected a number above {low:g}, at most 100, got {value:g}"
+            )
     if order.adc_bits is not None and not 8 <= order.adc_bits <= 16:
-        raise InputError(f"--adc-bits: expected 8 to 16, got {order.adc_bits}")
+        raise ParameterError("adc_bits", f"expected 8 to 16, got {order.adc_bits}")
     for force_N in order.forces_N:
         if not 0 < force_N < math.inf:
-            raise InputError(f"--force: expected newtons above 0, got {force_N:g}")
+            raise ParameterError("forces_N", f"expected newtons above 0, got {force_N:g}")
     if not order.over:
-        raise InputError(
-            "--over: expected at least one parameter and how far it may be off, such as "
-            "--over k_w=30%,m_w=30%"
+        raise ParameterError(
+            "over", "expected at least one parameter with its tolerance, such as k_w=30%,m_w=30%"
         )
 
 
-def plant_set(bench, order):
-    """The PlantSet of an order, in all modes or in those that a contact visits under a weak law
-    with an integral, which reaches the set-points' static commands."""
+def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
+    """The set of plants of an order, in all modes or in those that occur in a contact with a small
+    gain and integral action, which reaches the static commands of the set-points."""
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
@@ -63,19 +79,23 @@ def plant_set(bench, order):
     return PlantSet(str(plant.model), plant.overrides, ranges, modes, order.together)
 
 
-def visited(bench, bank, modes):
-    """`modes` and those that the largest force and a strike with a bank visit, each once."""
+def visited(
+    bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
+) -> tuple[dict[str, str], ...]:
+    """`modes` and the modes that occur at the largest force and in an impact, each once."""
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
-        jobs.append(bench.own_job(bank, 0))
+        jobs.append(bench.own_job(bench.own, bank, 0))
     plant = bench.design
     runs = [mode for job in jobs for mode in sets.modes_visited(*job, fixed=plant.states)]
     every = [plant.states | mode for mode in [*modes, *runs]]
     return sets.distinct(plant.model, plant.overrides, "reading", every) or (plant.states,)
 
 
-def design(order, out=None, progress=None):
-    """The Outcome of an Order, written into folder `out` if one is given, all of it or nothing.
+def design(
+    order: DesignOrder, out: str | Path | None = None, progress: Say | None = None
+) -> DesignOutcome:
+    """The design of an order, written into folder `out` if one is given, all of it or nothing.
 
     progress(text) is called at every step. Raises InputError, SimulationError.
     """
@@ -91,7 +111,7 @@ def design(order, out=None, progress=None):
         given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts.required_reading.bits
-        bench = simulate.Bench(plant, bits, own, asked(order, plant), order.forces_N)
+        bench = ContactBench(plant, bits, own, asked(order, plant), order.forces_N)
         say("modes of the contact")
         plants = plant_set(bench, order)
         outcome, instead = found(plant, plants, order, bits, say)
@@ -103,7 +123,7 @@ def design(order, out=None, progress=None):
         if out is not None:
             from forceaxis.design import page  # Matplotlib, only where something is drawn
 
-            with files.Folder(out) as folder:
+            with files.NewFolder(out) as folder:
                 outcome.written = files.write(folder, bench, outcome, own)
                 say("drawing the page")
                 page.write(folder, bench, outcome, f"{paths.display(Path(out))}/contact.toml")
@@ -112,24 +132,26 @@ def design(order, out=None, progress=None):
         return outcome
 
 
-def asked(order, plant):
-    """The firmware settings of an order, its approach among them."""
+def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
+    """The firmware settings of an order, with the speed of its approach."""
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
-        raise InputError(f"{plant.model}: encoder: expected one for --approach, there is none")
+        raise InputError(f"{plant.model}: encoder: expected one for the approach, there is none")
     most = objects.BY_NAME["approach_velocity_max"].max
     count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts.required_encoder.scale))
     if not 1 <= count_per_s <= most:
-        raise InputError(
-            f"--approach: expected 1 to {most} encoder counts per second, "
-            f"{order.approach_mm_per_s:g} mm/s are {count_per_s}"
-        )
+        raise ParameterError(
+            "approach_mm_per_s", f"expected 1 to {most} encoder counts per second, "
+            f"{order.approach_mm_per_s:g} mm/s are {count_per_s}",
+        )  # fmt: skip
     return order.firmware | {"approach_velocity_max": count_per_s}
 
 
-def found(plant, plants, order, bits, say):
-    """(the Outcome of the search, name -> the Outcome with another structure, or None)."""
+def found(
+    plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
+) -> tuple[DesignOutcome, Instead]:
+    """The outcome of the search, and a function that gives the one with another structure."""
     timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
     goal = search.Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
@@ -137,18 +159,16 @@ def found(plant, plants, order, bits, say):
     )  # fmt: skip
     units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
-    def outcome(answer):
-        p = plain(answer.p)
-        return Outcome(
+    def outcome(answer: search.SearchResult) -> DesignOutcome:
+        return DesignOutcome(
             order=order,
             plants=plants,
             units=units,
             bits=bits,
             bank=answer.bank,
-            worst=plain(answer.worst),
-            p=p,
-            p_bank=Bank(p["force_gain"]),
-            structures=plain(answer.structures),
+            worst=answer.worst,
+            p=answer.p,
+            structures=list(answer.structures),
             chosen=answer.chosen,
             limited_by=answer.limited_by,
             working=plant.working(),
@@ -156,42 +176,45 @@ def found(plant, plants, order, bits, say):
 
     answer = search.search(plants, goal, say)
 
-    def instead(name):
+    def instead(name: str) -> DesignOutcome | None:
         other = answer.instead(name)
-        return other and outcome(other)
+        return outcome(other) if other else None
 
     return outcome(answer), instead
 
 
-def simulated(bench, outcome, instead, say):
-    """(the Outcome with what the simulation leaves of its gain, or of that of another structure,
-    which it may leave with more bandwidth; the bench with the approach that it has then): a slower
-    one where contacts do not settle or lose contact more than LOSSES_MAX times at the speed that is
-    there, unless the order says how fast it approaches. Raises InputError where none is left."""
+def simulated(
+    bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
+) -> tuple[DesignOutcome, ContactBench]:
+    """(the design with the gain that the simulation permits, or that of another structure if it
+    then has more bandwidth; the bench with the approach of this design).
+
+    The approach becomes slower where contacts do not settle or lose contact more than LOSSES_MAX
+    times, unless the order names a speed. Raises InputError where no gain is permitted."""
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = contact_members(bench, outcome.plants, MEMBERS)
+    best: DesignOutcome | None = None
+    refused: InputError | None = None
     try:
-        best, refused = settled(bench, outcome, instead, members, threads, say), None
+        best = settled(bench, outcome, instead, members, threads, say)
     except InputError as error:
-        best, refused = None, error
+        refused = error
     before = most_losses(best.rows) if best else None
     given = "approach_velocity_max" in order.firmware or order.approach_mm_per_s is not None
-    if not given and (best is None or before > simulate.LOSSES_MAX):
+    if not given and (before is None or before > simulate.LOSSES_MAX):
         share, slow = calmer(bench, outcome.bank, latencies, threads)
         speed = bench.cases[0].speed_m_per_s
         say(f"a slower approach, {1e3 * share * speed:.3g} mm/s")
-        try:
+        with contextlib.suppress(InputError):
             other = settled(slow, outcome, instead, members, threads, say)
-        except InputError:
-            other = None
-        losses = most_losses(other.rows) if other else math.inf
-        if losses < (math.inf if before is None else before):
-            longer_s = bench.gap_m() * (1 / share - 1) / speed
-            other.slowed = Slowed(speed, share * speed, before, losses, longer_s)
-            best, bench = other, slow
+            losses = most_losses(other.rows)
+            if before is None or losses < before:
+                longer_s = bench.gap_m() * (1 / share - 1) / speed
+                other.slowed = SlowedApproach(speed, share * speed, before, losses, longer_s)
+                best, bench = other, slow
     if best is None:
-        raise refused
+        raise refused or InputError("simulation: expected a contact that settles")
     best.frictions = bench.frictions
     bench.wait_for(best.bank)
     if best.p_bank.force_gain:
@@ -200,45 +223,50 @@ def simulated(bench, outcome, instead, say):
     return best, bench
 
 
-def calmer(bench, bank, latencies, threads):
+def calmer(
+    bench: ContactBench, bank: Bank, latencies: Sequence[int], threads: int
+) -> tuple[float, ContactBench]:
     """(share, bench): of the slower SPEEDS the fastest at which an impact by itself loses contact
     the fewest times."""
-    fewest = None
+    fewest: dict[float, int] = {}  # share -> losses
     for share in simulate.SPEEDS[1:]:
         slow = bench.at(share)
         slow.wait_for(bank)
-        slow.feel(bank, latencies, threads)
-        losses = max(losses for losses, _ in slow.impacts.values())
-        if fewest is None or losses < fewest:
-            fewest, found = losses, share
-        if not losses:
+        slow.measure_impacts(bank, latencies, threads)
+        fewest[share] = max(losses for losses, _ in slow.impacts.values())
+        if not fewest[share]:
             break
-    return found, bench.at(found)
+    chosen = min(fewest, key=lambda share: fewest[share])
+    return chosen, bench.at(chosen)
 
 
-def settled(bench, outcome, instead, members, threads, say):
-    """The Outcome with most bandwidth of those whose contacts settle on a bench, the given one or
+def settled(
+    bench: ContactBench, outcome: DesignOutcome, instead: Instead, members: Sequence[Plant],
+    threads: int, say: Say,
+) -> DesignOutcome:  # fmt: skip
+    """The design with most bandwidth of those whose contacts settle on a bench, the given one or
     one of another structure. Raises InputError where there is none."""
     latencies = LATENCIES[outcome.order.latency]
 
-    def left(one, least):
+    def left(one: DesignOutcome, least: float) -> DesignOutcome:
         bench.wait_for(one.bank)
-        bank, one.loss, one.rows, one.cuts = simulate.safe(
-            bench, one.bank, members, latencies, threads, say, least
-        )
+        done = simulate.safe(bench, one.bank, members, latencies, threads, say, least)
+        one.loss, one.rows, one.cuts = done.loss, done.contacts, done.cuts
         if one.cuts:
-            one.bank, one.worst = bank, reassessed(one, bank)
+            one.bank, one.worst = done.bank, reassessed(one, done.bank)
         return one
 
-    promised = {row["name"]: row["worst"]["fS_Hz"] for row in outcome.structures if row["worst"]}
+    promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
-    names = [outcome.chosen, *sorted(names, key=promised.get, reverse=True)]
+    names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
     # First each with about as much gain as the next one promises; then, if all fail, with any.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
-    best, refused, passed = None, None, {}
+    best: DesignOutcome | None = None
+    refused: InputError | None = None
+    passed: dict[str, str] = {}
     for tries in (zip(names, shares, strict=True), ((name, 0.0) for name in names[:-1])):
         for name, least in tries:
-            if best and (not best.cuts or promised[name] <= best.worst["fS_Hz"]):
+            if best and (not best.cuts or promised[name] <= best.worst.bandwidth_Hz):
                 continue
             one = replace(outcome) if name == outcome.chosen else instead(name)
             try:
@@ -247,17 +275,19 @@ def settled(bench, outcome, instead, members, threads, say):
                 refused = error  # the last one has tried the least gain
                 passed[name] = str(error)
                 continue
-            if one and (best is None or one.worst["fS_Hz"] > best.worst["fS_Hz"]):
+            if one and (best is None or one.worst.bandwidth_Hz > best.worst.bandwidth_Hz):
                 best = one
         if best:
             break
     if best is None:
-        raise refused
+        raise refused or InputError("simulation: expected a contact that settles")
     best.passed_over = {name: why for name, why in passed.items() if name != best.chosen}
     return best
 
 
-def contact_members(bench, plants, count, seed=1988):
+def contact_members(
+    bench: ContactBench, plants: PlantSet, count: int, seed: int = 1988
+) -> list[Plant]:
     """[{parameter: value}] that contacts are simulated on: the nominal plant, without friction and
     with the most of it, and random ones of the set, each with a friction of its own. A friction
     whose parameter the set names has that range instead."""
@@ -270,27 +300,37 @@ def contact_members(bench, plants, count, seed=1988):
     ]  # fmt: skip
 
 
-def random_members(plants, count, seed=1988):
+def random_members(plants: PlantSet, count: int, seed: int = 1988) -> list[Plant]:
     """[{parameter: value}], without regard to modes; `together` in turn."""
     turns = len(plants.together)
     drawn = replace(plants, modes=({},)).random(count, seed)
     return [drawn[turns * i + i % turns].values for i in range(count)]
 
 
-def reassessed(outcome, bank):
-    """`worst` of a bank whose gain was reduced, over the same set."""
+def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
+    """The worst figures of a bank whose gain was reduced, over the same set."""
     found = {
         timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))
         for timing in (TIMINGS[t] for t in LATENCIES[outcome.order.latency])
     }
-    worst = dict(outcome.worst)
-    for name in FIGURES:
-        known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
-        pick = max if name == "Ms" else min
-        value, (member, timing) = pick(known, key=lambda k: k[0], default=(None, (Member(), "")))
-        worst[name] = value
-        if name == "fS_Hz":
-            worst["member"] = plain(member) | {"timing": timing}
-    for name, timing in (("Ms", "zoh"), ("Ms_late", "zoh+1")):
-        worst[name] = found[timing].Ms if timing in found else None
-    return worst
+    fS_Hz, slowest = _smallest(found, "fS_Hz")
+    member, timing = slowest or (Member(), "")
+    late = found.get("zoh+1")
+    return WorstFigures(
+        fS_Hz=fS_Hz,
+        fT_Hz=_smallest(found, "fT_Hz")[0],
+        Ms=found["zoh"].Ms if "zoh" in found else None,
+        Ms_late=late.Ms if late else None,
+        gain_margin=_smallest(found, "gain_margin")[0],
+        phase_margin_deg=_smallest(found, "phase_margin_deg")[0],
+        static_error=outcome.worst.static_error,
+        member=member.values | member.modes | {"timing": timing},
+    )
+
+
+def _smallest(
+    found: Mapping[str, sets.Worst], name: str
+) -> tuple[float | None, tuple[Member, str] | None]:
+    """The smallest value of a figure and its (member, timing); None where no member has it."""
+    known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
+    return min(known, key=lambda one: one[0], default=(None, None))

@@ -17,7 +17,7 @@ MOST = 2.0  # times the declared friction
 
 
 @dataclass(frozen=True)
-class Range:
+class FrictionRange:
     """A friction of a model: its two ends, the parameters of its sliding force and stiction (one
     or two) with their declared values in N, and the most of it, a multiple of them."""
 
@@ -36,7 +36,9 @@ class Range:
         return {name: share * value for name, value in self.declared_N}
 
 
-def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...]:
+def ranges(
+    model: str | Path, overrides: dict[str, float] | None = None
+) -> tuple[FrictionRange, ...]:
     """The frictions of a model whose forces are parameters (`named`), but those that the drive
     never breaks loose. The most is twice the declared, or half-way to what the drive brings."""
     arriving = working.arriving_N(model, overrides)
@@ -47,11 +49,11 @@ def ranges(model: str | Path, overrides: dict | None = None) -> tuple[Range, ...
         limit = arriving.get(one.name, one.stiction_N)
         if own and one.stiction_N and limit > one.stiction_N:
             most = min(MOST, (1 + limit / one.stiction_N) / 2)
-            found.append(Range(one.name, one.between, tuple(own.items()), most))
+            found.append(FrictionRange(one.name, one.between, tuple(own.items()), most))
     return tuple(found)
 
 
-def members(found: tuple[Range, ...]) -> list[dict[str, float]]:
+def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
     """Overrides: without any friction, and with the most of each."""
     if not found:
         return []
@@ -59,13 +61,13 @@ def members(found: tuple[Range, ...]) -> list[dict[str, float]]:
     return [_at(found, chosen) for chosen in shares]
 
 
-def drawn(found: tuple[Range, ...], count: int, seed: int) -> list[dict[str, float]]:
+def drawn(found: tuple[FrictionRange, ...], count: int, seed: int) -> list[dict[str, float]]:
     """Overrides of `count` random members: each friction uniform from none to its most."""
     rng = random.Random(seed)
     return [_at(found, [rng.uniform(0.0, one.most) for one in found]) for _ in range(count)]
 
 
-def _at(found: tuple[Range, ...], shares: list[float]) -> dict[str, float]:
+def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, float]:
     return {name: N for one, share in zip(found, shares, strict=True)
             for name, N in one.at(share).items()}  # fmt: skip
 

@@ -8,12 +8,20 @@ is stable at small gains is stable up to there, as no gain on the way touches -1
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core
 from forceaxis.linear.bank import HF_CODES_MAX, TICK_S
+from forceaxis.linear.plant_set import Member, PlantSet
+from forceaxis.linear.stability import Loop
+
+Samples = NDArray[np.float64]
+Response = NDArray[np.complex128]
 
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
@@ -24,7 +32,10 @@ THIN = 1 / 3
 WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
-BLOCK = 16  # members of a Grid, where there are many
+BLOCK_MEMBERS = 16  # members of one Grid of `blocks`
+# Codes per 8-bit count: the noise in N of the measured force does not shrink with the ADC's code.
+HF_DEFAULT = 80.0
+HF_SHARE = 0.99  # of a bound, for the rounding of the coefficients
 
 
 @dataclass(frozen=True)
@@ -32,20 +43,81 @@ class Bounds:
     """What a loop must keep. ms: peak of |S| for each timing; mt: peak of |T|; gain_margin: factor;
     phase_margin_deg: perhaps None; hf_gain: DAC codes per 8-bit count."""
 
-    ms: tuple
+    ms: tuple[float, ...]
     mt: float | None
     gain_margin: float
     phase_margin_deg: float | None
     hf_gain: float
 
 
-def hf_most(adc_bits):
-    """The gain at high frequency, codes per 8-bit count, that the firmware lets an ADC have."""
+@dataclass(frozen=True)
+class Goal:
+    """ms, ms_late: peak of |S| without and with a tick of delay; mt: peak of |T|, None: free;
+    gain_margin: factor; phase_margin_deg: None: as ms gives; adc_bits: of the force ADC; hf_gain:
+    DAC codes per 8-bit count at most, None: chosen; timings: of loops.TIMINGS; ramp_s: rise time of
+    the set-point that the force has to follow, None: chosen."""
+
+    ms: float = 2.0
+    ms_late: float = 2.2
+    mt: float | None = None
+    gain_margin: float = 2.3
+    phase_margin_deg: float | None = None
+    adc_bits: int = 8
+    hf_gain: float | None = None
+    timings: tuple[str, ...] = ("zoh", "zoh+1")
+    ramp_s: float | None = None
+
+    def ms_of(self, timing: str) -> float:
+        """The largest |S| permitted with a timing of loops.TIMINGS."""
+        return self.ms if timing == "zoh" else self.ms_late
+
+    def bounds(self) -> Bounds:
+        """The goal as the bounds of a Grid."""
+        most = hf_most(self.adc_bits)
+        return Bounds(
+            tuple(self.ms_of(timing) for timing in self.timings),
+            self.mt,
+            self.gain_margin,
+            self.phase_margin_deg,
+            HF_SHARE * min(most, self.hf_gain or max(HF_DEFAULT, hf_most(8))),
+        )
+
+    def hf_cure(self) -> str:
+        """The change that raises the bound of the gain at high frequency."""
+        if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
+            return "an ADC of more bits would let it rise"
+        if self.hf_gain:
+            return "a higher bound, which a reading with less noise permits, would let it rise"
+        return "a larger hf_gain of the design lets it rise where the reading is quiet"
+
+
+class GridPlace(NamedTuple):
+    """Indices of a member and of a timing of a Grid, and a frequency in Hz."""
+
+    member: int
+    timing: int
+    frequency_hz: float
+
+
+class GainLimit(NamedTuple):
+    """The largest gain that the bounds permit: the bound that ends it ("hf", "ms", "mt", "gm" or
+    "pm") and where it does; place is None for "hf"."""
+
+    gain: float
+    name: str
+    place: GridPlace | None
+
+
+Index = tuple[int, int]  # (member, frequency) of an array of a Grid
+
+
+def hf_most(adc_bits: int) -> float:
+    """The largest gain at high frequency, in codes per 8-bit count, that the firmware permits."""
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
-def _frequencies(loop, density):
-    """A member's grid, rising, up to half the tick rate."""
+def _frequencies(loop: Loop, density: float) -> Samples:
+    """The grid of a member in Hz, rising, up to half the tick rate."""
     ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
     parts = [
         np.geomspace(low, high, round(density * dense * math.log10(high / low)))
@@ -62,26 +134,32 @@ def _frequencies(loop, density):
     return grid[(grid >= LOWEST_HZ) & (grid <= HALF_RATE_HZ)]
 
 
-def _damping(roots):
+def _damping(roots: Response) -> Samples:
     return -roots.real / np.abs(roots)
 
 
 class Grid:
-    """members: those that have a path, in the order given; frequency_hz and plant (m, n): the
-    reading, 8-bit counts, per DAC code, without a delay; timings: names of loops.TIMINGS.
-    Figures are right to some thousandth, at the density THIN to a percent or two; but there a
-    search finds the laws whose peaks stand between two points."""
+    """members: those that have a path, in the order given; frequency_hz and plant (m, n): measured
+    force in 8-bit counts per DAC code, without a delay; timings: names of loops.TIMINGS.
+    Figures are right to some thousandth, at the density THIN to a percent or two. At that density a
+    search finds laws whose peaks are between two points."""
 
-    def __init__(self, plants, members, timings, density=1.0):
+    def __init__(
+        self, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
+        density: float = 1.0,
+    ) -> None:  # fmt: skip
         self.timings = tuple(timings)
-        self.members, self.open_loops, grids, refused = [], [], [], None
+        self.members: list[Member] = []
+        self.open_loops: list[Loop] = []
+        grids: list[Samples] = []
+        refused: _core.InputError | None = None
         for member in members:
             try:
                 loop = plants.loop(member, "zoh")
             except _core.InputError as error:
                 if "expected a path" not in str(error):
                     raise
-                refused = error  # no loop in this mode, so that every law bears it
+                refused = error  # no loop in this mode, so that every law is stable
                 continue
             if loop.codes_per_gain is None:
                 raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
@@ -89,7 +167,7 @@ class Grid:
             self.open_loops.append(loop)
             grids.append(_frequencies(loop, density))
         if not self.members:
-            raise refused
+            raise refused or _core.InputError("members: expected at least one plant, got none")
         longest = max(map(len, grids))
         # Padding repeats the last frequency.
         self.frequency_hz = np.array([np.pad(g, (0, longest - len(g)), "edge") for g in grids])
@@ -108,24 +186,27 @@ class Grid:
         self.lag = [self.z ** -DELAYS[t] for t in self.timings]
         self.log_f = np.log(self.frequency_hz)
 
-    def loops(self, law):
-        """(Re L, |L|^2) of each timing, L for the gain 1; law (m, n): its response without gain."""
+    def loops(self, law: Response) -> list[tuple[Response, Samples]]:
+        """(L, |L|^2) of each timing, for the gain 1; law (m, n): its response without gain."""
         whole = self.plant * law
         squared = whole.real**2 + whole.imag**2
         return [((whole * lag), squared) for lag in self.lag]
 
-    def largest_gain(self, law, hf_gain, bounds):
-        """The largest g up to which all bounds hold, and which of them ends it: (g, name, member
-        index, timing index, frequency_hz). hf_gain: of the law for g = 1."""
-        best = (bounds.hf_gain / hf_gain, "hf", None, None, None)
+    def largest_gain(self, law: Response, hf_gain: float, bounds: Bounds) -> GainLimit:
+        """The largest gain g at which all bounds are kept, and the bound that ends it; hf_gain:
+        gain of the law at high frequency for g = 1."""
+        best = GainLimit(bounds.hf_gain / hf_gain, "hf", None)
         for t, (L, q) in enumerate(self.loops(law)):
             for name, found in self._ends(L, q, bounds, t):
                 gain, at = found
-                if gain < best[0]:
-                    best = (gain, name, at[0], t, float(self.frequency_hz[at]))
+                if gain < best.gain:
+                    place = GridPlace(at[0], t, float(self.frequency_hz[at]))
+                    best = GainLimit(gain, name, place)
         return best
 
-    def _ends(self, L, q, bounds, t):
+    def _ends(
+        self, L: Response, q: Samples, bounds: Bounds, t: int
+    ) -> Iterator[tuple[str, tuple[float, Index]]]:
         a = L.real
         ahead = np.maximum(-a, 0.0)
         share = 1 - 1 / bounds.ms[t] ** 2
@@ -141,7 +222,7 @@ class Grid:
             i, j = im[rows, columns], im[rows, columns + 1]
             real = a[rows, columns] + (a[rows, columns + 1] - a[rows, columns]) * i / (i - j)
             k = int(np.argmin(real))
-            yield "gm", (1 / (-real[k] * bounds.gain_margin), (rows[k], columns[k]))
+            yield "gm", (1 / (-real[k] * bounds.gain_margin), (int(rows[k]), int(columns[k])))
         k = int(np.argmax(ahead[:, -1]))
         if ahead[k, -1] > 0:
             yield "gm", (1 / (ahead[k, -1] * bounds.gain_margin), (k, -1))
@@ -150,11 +231,11 @@ class Grid:
             close = np.where(
                 ahead > math.cos(math.radians(bounds.phase_margin_deg)) * size, size, 0.0
             )
-            at = np.unravel_index(int(np.argmax(close)), close.shape)
+            at = _highest(close)
             if close[at] > 0:
                 yield "pm", (1 / close[at], at)
 
-    def bandwidths(self, law, gain):
+    def bandwidths(self, law: Response, gain: float) -> tuple[Samples, Samples]:
         """(fS, first fT) in Hz of each timing and member, (t, m): where |S| first reaches -3 dB and
         |T| first falls through it; 0 where it starts there."""
         first, falls = [], []
@@ -164,7 +245,7 @@ class Grid:
             falls.append(self._where(HALF_POWER * apart / (gain**2 * q)))
         return np.array(first), np.array(falls)
 
-    def last_falls(self, law, gain):
+    def last_falls(self, law: Response, gain: float) -> Samples:
         """Where |T| falls through -3 dB for the last time, as `bandwidths`."""
         found = []
         for L, q in self.loops(law):
@@ -175,20 +256,20 @@ class Grid:
             found.append(np.where(above.any(axis=1), self._between(level, i, j), 0.0))
         return np.array(found)
 
-    def _where(self, level):
+    def _where(self, level: Samples) -> Samples:
         """The first frequency of each row at which the level passes 1."""
         past = level >= 1
         j = np.where(past.any(axis=1), np.argmax(past, axis=1), level.shape[1] - 1)
         return np.where(j == 0, 0.0, self._between(level, np.maximum(j - 1, 0), j))
 
-    def _between(self, level, i, j):
+    def _between(self, level: Samples, i: NDArray[np.intp], j: NDArray[np.intp]) -> Samples:
         rows = np.arange(len(level))
         low, high = np.log(level[rows, i]), np.log(level[rows, j])
         span = np.where(high == low, 1.0, high - low)
         share = np.clip(-low / span, 0, 1)
         return np.exp(self.log_f[rows, i] + share * (self.log_f[rows, j] - self.log_f[rows, i]))
 
-    def peaks(self, law, gain):
+    def peaks(self, law: Response, gain: float) -> tuple[Samples, Samples]:
         """(peak |S|, peak |T|) of each timing and member, (t, m), on the grid."""
         s, t = [], []
         for L, q in self.loops(law):
@@ -197,8 +278,9 @@ class Grid:
             t.append(np.sqrt((gain**2 * q / apart).max(axis=1)))
         return np.array(s), np.array(t)
 
-    def margins(self, law, gain):
-        """{gain_margin, phase_margin_deg}: the smallest of all members and timings, None: none."""
+    def margins(self, law: Response, gain: float) -> tuple[float | None, float | None]:
+        """(gain margin, phase margin in degrees), the smallest of all members and timings; None
+        where no member has that margin."""
         factor, phase = math.inf, math.inf
         for L, q in self.loops(law):
             value = gain * L
@@ -216,28 +298,34 @@ class Grid:
             turned = -value  # its angle is the phase margin
             near = turned[rows, columns] * (1 - share) + turned[rows, columns + 1] * share
             phase = min(phase, np.min(np.abs(np.angle(near)), initial=math.inf))
-        return {
-            "gain_margin": float(factor) if math.isfinite(factor) else None,
-            "phase_margin_deg": math.degrees(phase) if math.isfinite(phase) else None,
-        }
+        return (
+            float(factor) if math.isfinite(factor) else None,
+            math.degrees(phase) if math.isfinite(phase) else None,
+        )
 
 
-def blocks(plants, members, timings):
-    """[Grid] of all members, a few in each: their arrays stay in the processor's cache."""
-    found, refused = [], None
-    for i in range(0, len(members), BLOCK):
+def blocks(plants: PlantSet, members: Sequence[Member], timings: Sequence[str]) -> list[Grid]:
+    """Grids of all members, a few in each: their arrays stay in the processor's cache."""
+    found: list[Grid] = []
+    refused: _core.InputError | None = None
+    for i in range(0, len(members), BLOCK_MEMBERS):
         try:
-            found.append(Grid(plants, members[i : i + BLOCK], timings))
+            found.append(Grid(plants, members[i : i + BLOCK_MEMBERS], timings))
         except _core.InputError as error:
             if "expected a path" not in str(error):
                 raise
             refused = error
     if not found:
-        raise refused
+        raise refused or _core.InputError("members: expected at least one plant, got none")
     return found
 
 
-def _first_root(ahead, share_q, constant):
+def _highest(values: Samples) -> Index:
+    row, column = np.unravel_index(int(np.argmax(values)), values.shape)
+    return int(row), int(column)
+
+
+def _first_root(ahead: Samples, share_q: Samples, constant: float) -> tuple[float, Index]:
     """The smallest g > 0 of constant - 2 g ahead + g^2 q' = 0 over all points, q' = share_q scaled
     so that the constant is `constant`: (gain, index)."""
     root = ahead**2 - share_q
@@ -245,5 +333,5 @@ def _first_root(ahead, share_q, constant):
     if not real.any():
         return math.inf, (0, 0)
     value = np.where(real, ahead + np.sqrt(np.maximum(root, 0)), 0.0)
-    at = np.unravel_index(int(np.argmax(value)), value.shape)
+    at = _highest(value)
     return constant / value[at], at

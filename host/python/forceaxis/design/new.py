@@ -2,7 +2,6 @@
 
 import math
 import os
-import shlex
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -14,12 +13,14 @@ import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
+from forceaxis.design.banks import BankKeys
 from forceaxis.design.data_sheet import (
     BY_NAME,
     back_emf_speed,
     radius_m,
     weight_n,
 )
+from forceaxis.errors import ParameterError
 
 APPROACH_M_PER_S = 0.02  # at most
 MOMENTUM_SHARE = 0.1  # of the sensor's full scale, of the force that it makes at the touch
@@ -32,7 +33,7 @@ HELD = "held.toml"  # with a bank
 
 
 @dataclass
-class Axis:
+class AxisConstants:
     """Constants derived from the data sheet."""
 
     v: dict  # data-sheet values by name
@@ -92,7 +93,7 @@ def derive(v):
             b_workpiece = 2 * zeta * math.sqrt(k * v["workpiece_mass_kg"])
     per_rev = v["encoder_counts_per_rev"]
     half = 2.0 ** (v["sensor_bits"] - 1)
-    return Axis(
+    return AxisConstants(
         v, r, rotor, mass, k_torque, v["guide_damping_n_s_per_m"], current, k_current, k_amp,
         k_tach, k_fdbk, k_cmd, 2 * math.pi * v["velocity_filter_hz"], b_transmission, b_workpiece,
         1e3 * v["encoder_counts_per_mm"] if per_rev is None else per_rev / (2 * math.pi * r),
@@ -296,6 +297,58 @@ def render(name, title, axis, sources, first=None):
     return environment.from_string(text).render(context)
 
 
+@dataclass(frozen=True)
+class BankForAxis:
+    """The bank of a new axis: its set of plants and modes, structure, worst bandwidth fS in Hz and
+    that of P at the same margins, P's gain in codes per 8-bit count and static error as a share,
+    what limits, the speed of the approach. None: no gain of P keeps the margins."""
+
+    over: list[str]
+    modes: list[dict[str, str]]
+    structure: str
+    bank: BankKeys
+    fS_Hz: float
+    p_fS_Hz: float | None
+    p_force_gain: float
+    p_static_error: float | None
+    limited_by: str
+    approach_m_per_s: float
+
+    @property
+    def set_text(self) -> str:
+        """The tolerances, such as "k_w +-30 %"."""
+        return ", ".join(text.replace("=", " +-").replace("%", " %") for text in self.over)
+
+
+@dataclass(frozen=True)
+class NoBank:
+    """There is no bank for a new axis, and why."""
+
+    refused: str
+
+
+@dataclass(frozen=True)
+class NewAxis:
+    """What `forceaxis new --json` prints: files, masses in kg, gains in codes per 8-bit count with
+    the linear limit, set-point in counts and in N, share of it that the law of contact.toml holds,
+    the bank, names of the values that are defaults, and doubts about the data sheet."""
+
+    folder: str
+    files: list[str]
+    total_mass_kg: float
+    force_limit_gain: float
+    force_gain: float
+    force_setpoint: float
+    setpoint_N: float
+    held_share: float
+    held_with: str  # end of a line: what the share contains or leaves out
+    position_gain: float
+    design: BankForAxis | NoBank | None  # None: not asked for
+    defaults: list[str]
+    doubts: list[str]
+    marked: int  # values of the model that are defaults
+
+
 def write(folder, values, sources, force=False, design=None):
     """Write model and experiments into `folder`; all of them or none. Returns what was written.
 
@@ -336,22 +389,22 @@ def write(folder, values, sources, force=False, design=None):
             os.replace(part, folder)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return {
-        "folder": paths.display(folder),
-        "files": list(written),
-        "total_mass_kg": axis.mass,
-        "force_limit_gain": first.limit,
-        "force_gain": first.gain,
-        "force_setpoint": first.setpoint,
-        "setpoint_N": first.setpoint * values["sensor_full_scale_n"] / 128,
-        "held_share": first.held,
-        "held_with": held_with(values),
-        "position_gain": first.position_gain,
-        "design": bought,
-        "defaults": [n for n, s in sources.items() if s != "given"],
-        "doubts": doubts(values) + stuck(values, first),
-        "marked": written[model].count("default, check"),
-    }
+    return NewAxis(
+        folder=paths.display(folder),
+        files=list(written),
+        total_mass_kg=axis.mass,
+        force_limit_gain=first.limit,
+        force_gain=first.gain,
+        force_setpoint=first.setpoint,
+        setpoint_N=first.setpoint * values["sensor_full_scale_n"] / 128,
+        held_share=first.held,
+        held_with=held_with(values),
+        position_gain=first.position_gain,
+        design=bought,
+        defaults=[n for n, s in sources.items() if s != "given"],
+        doubts=doubts(values) + stuck(values, first),
+        marked=written[model].count("default, check"),
+    )
 
 
 def held_with(v) -> str:
@@ -372,27 +425,7 @@ def refuse_existing(folder, force):
         raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
     there = [name for name in (*FILES, HELD) if (folder / name).exists()]
     if there and not force:
-        raise InputError(
-            f"{folder}: expected no {', '.join(there)} there; take another name or give --force"
-        )
-
-
-def described(done):
-    """Lines (key, text) for a terminal."""
-    bought = []
-    if done["design"]:
-        from forceaxis.design import own_axis
-
-        bought = own_axis.describe(done["design"])
-    return [
-        ("written", ", ".join(shlex.quote(f"{done['folder']}/{name}") for name in done["files"])),
-        ("total mass", f"{done['total_mass_kg']:.4g} kg, reflected rotor included"),
-        ("force gain", f"{done['force_gain']:.4g}, a sixth of the linear limit "
-         f"{done['force_limit_gain']:.4g}"),
-        ("set-point", f"{done['setpoint_N']:.4g} N, of which this gain holds "
-         f"{100 * done['held_share']:.3g} %{done['held_with']}"),
-        *bought,
-        *(("check", text) for text in done["doubts"]),
-        ("not given", f'{done["marked"]} values: look for "default, check" in model.toml'),
-        ("next", f"forceaxis run {shlex.quote(done['folder'] + '/contact.toml')}"),
-    ]  # fmt: skip
+        raise ParameterError(
+            "name", f"{folder}: expected no {', '.join(there)} there; take another name or give "
+            "`force`",
+        )  # fmt: skip

@@ -1,18 +1,29 @@
 """The page of a design: one HTML file with its tables and figures."""
 
+from collections.abc import Iterable, Sequence
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from forceaxis import _core, drawing, objects
-from forceaxis.design import files, simulate
 from forceaxis.design import outcome as outcomes
+from forceaxis.design.cases import ContactCase
+from forceaxis.design.certificate import WorstFigures
+from forceaxis.design.files import NewFolder
+from forceaxis.design.grid import Response, Samples
+from forceaxis.design.outcome import DesignOutcome
+from forceaxis.design.simulate import ContactBench
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, legend, style
 from forceaxis.experiments import run as runs
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.system import TICK_S
 from forceaxis.words import plain
@@ -21,33 +32,31 @@ WIDE_IN = 4.4  # of a figure; two stand side by side, one on a telephone
 FAR = 20.0  # |L| beyond the frame
 RANDOM = 4  # choices of values drawn beside nominal and corners
 ROWS = (
-    ("fS, Hz", "fS_Hz"),
-    ("fT, Hz", "fT_Hz"),
-    ("Ms", "Ms"),
-    ("Ms, a tick late", "Ms_late"),
-    ("gain margin", "gain_margin"),
-    ("phase margin, degrees", "phase_margin_deg"),
-    ("gain, DAC codes per count of force", "force_gain"),
-)
+    "fS, Hz", "fT, Hz", "Ms", "Ms, a tick late", "gain margin", "phase margin, degrees",
+    "gain, DAC codes per count of force",
+)  # fmt: skip
+
+Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, its key of LOOKS)
 
 
-def responses(outcome, bank, frequency_hz):
-    """[(L at the frequencies, its key of LOOKS)] over the set and its latencies."""
+def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
+    """The loop gains of a bank over the set and its latencies."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
-    found = []
+    found: Loops = []
     for latency in outcomes.LATENCIES[outcome.order.latency]:
         for member, nominal in members:
             loop = plants.loop(member, outcomes.TIMINGS[latency], LoopSpec("bank", bank=bank))
             gain = loop.gain_of(bank.force_gain)
             kind = "members" if not nominal else "late" if latency else "nominal"
-            found.append((gain * loop.open.response(frequency_hz), kind))
+            response = np.asarray(gain * loop.open.response(frequency_hz), complex)
+            found.append((response, kind))
     return found
 
 
 # How a curve is drawn, and its name in a legend.
-LOOKS = {
+LOOKS: dict[str, tuple[dict[str, Any], str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
              "nominal, a tick late"),
@@ -55,20 +64,20 @@ LOOKS = {
 }  # fmt: skip
 
 
-def keys(loops):
-    """Handles of the legend of what responses() gave."""
+def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
+    """Handles of the legend for the curves of responses()."""
     met = {kind for _, kind in loops}
     return [plt.Line2D([], [], label=name, **look)
             for kind, (look, name) in LOOKS.items() if kind in met]  # fmt: skip
 
 
-def laws(outcome):
-    """[(name, bank)] of what is drawn side by side; P only where one meets the margins."""
+def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
+    """[(name, bank)] of the laws that are drawn; P only where a gain keeps the margins."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
 
-def sensitivity(outcome, name, frequency_hz, loops):
+def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops: Loops) -> Figure:
     """|S| and |T| of one law over the set, in dB."""
     figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
     for L, kind in loops:
@@ -96,7 +105,7 @@ def sensitivity(outcome, name, frequency_hz, loops):
     return figure
 
 
-def nyquist(outcome, name, loops):
+def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
     """Loop gains of one law around -1."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 4.2))
     turn = np.linspace(0, 2 * np.pi, 200)
@@ -118,16 +127,15 @@ def nyquist(outcome, name, loops):
     return figure
 
 
-def contact(bench, outcome, case):
-    """Force over time of a case, P and design."""
+def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> Figure:
+    """Force over time in a case, with P and with the design."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
     latency = outcomes.LATENCIES[outcome.order.latency][0]
-    loss = {name: outcome.loss[name] for name in files.LOSS if name in outcome.loss}
     start = bench.touch_s(case) + bench.settle_s if case.strike_N_s else 0.0
     for name, bank in laws(outcome):
         color = INK if bank is outcome.bank else GOT
-        own = loss if bank is outcome.bank else None
+        own = outcome.loss_objects if bank is outcome.bank else None
         file, texts = bench.job(case, bank, {}, latency, own)
         done = runs.run(Path(file), texts)
         force = done.columns[bench.facts.contacts[0].name + ".force"]
@@ -145,41 +153,54 @@ def contact(bench, outcome, case):
     return figure
 
 
-def shown(value):
+def shown(value: float | str) -> str:
+    """A value of a member of the set."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 
-def structure_rows(outcome):
+def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
+    """(figure, value of P, value of the design), in the order of ROWS."""
+
+    def values(w: WorstFigures | None, force_gain: float) -> Sequence[float | None]:
+        if w is None:
+            return (None,) * 6 + (force_gain,)
+        return (
+            w.fS_Hz, w.fT_Hz, w.Ms, w.Ms_late, w.gain_margin, w.phase_margin_deg, force_gain
+        )  # fmt: skip
+
+    p = values(outcome.p if isinstance(outcome.p, WorstFigures) else None, outcome.p.force_gain)
+    own = values(outcome.worst, outcome.bank.force_gain)
     number = outcomes.number
+    return [(name, number(a), number(b)) for name, a, b in zip(ROWS, p, own, strict=True)]
+
+
+def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
+    """Name, fS, Ms, gain margin, gain and gain at high frequency of each structure."""
     rows = []
-    for s in outcome.structures:
-        worst, bank = s["worst"] or {}, s["bank"]
-        rows.append([
-            s["name"], *(number(worst.get(key)) for key in ("fS_Hz", "Ms", "gain_margin")),
-            number(bank["force_gain"]), number(bank["hf_gain"]),
-        ])  # fmt: skip
+    for one in outcome.structures:
+        w = one.worst
+        margins = (w.fS_Hz, w.Ms, w.gain_margin) if w else (None,) * 3
+        figures = (*margins, one.bank.force_gain, one.bank.hf_gain)
+        rows.append([one.name, *map(outcomes.number, figures)])
     return rows
 
 
-def write(folder, bench, outcome, run):
-    """index.html into a files.Folder. run: the experiment that it names."""
+def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
+    """Write index.html into a folder. run: the experiment that the page names."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = resources.files("forceaxis.design").joinpath("page.html.jinja").read_text("utf-8")
-    number = outcomes.number
     html = environment.from_string(text).render(
         o=outcome,
         title=drawing.name_of(bench.design.model),
         ranges=", ".join(f"{n} {plain(r[1], 4)} to {plain(r[2], 4)} {outcome.units[n]}"
                          for n, r in outcome.ranges.items()),
         latencies=" and ".join(map(str, outcomes.LATENCIES[outcome.order.latency])),
-        figures=[(n, number(outcome.p.get(k)),
-                  number(outcome.bank.force_gain if k == "force_gain" else outcome.worst.get(k)))
-                 for n, k in ROWS],
+        figures=figure_rows(outcome),
         worst_member=", ".join(
             f"{n} = {shown(v)} {outcome.units.get(n, '')}".rstrip()
-            for n, v in outcome.worst["member"].items()
+            for n, v in outcome.worst.member.items()
         ),
         structures=structure_rows(outcome),
         sensitivity=[
@@ -198,7 +219,6 @@ def write(folder, bench, outcome, run):
         cases=[[case, {"p": "P", "design": outcome.chosen}[law], *cells]
                for case, law, *cells in outcomes.cases(outcome.rows)],
         style=Markup(drawing.page_style()),
-        strikes_survived=simulate.strikes_survived,
         unsettled=lambda cell: len(set(cell.split(" of "))) > 1,
         members=outcomes.MEMBERS,
         run=run,

@@ -16,112 +16,91 @@ from scipy import optimize
 
 from forceaxis._core import InputError
 from forceaxis.design import certificate, structures
+from forceaxis.design.banks import BankFigures, bank_figures
+from forceaxis.design.certificate import P, WorstFigures
 from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, THIN, Bounds, Grid, blocks, hf_most
+from forceaxis.design.grid import DELAYS, THIN, Goal, Grid, Response, Samples, blocks
+from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
+from forceaxis.linear.plant_set import Member, PlantSet
 
-PAYS = 1.1  # a larger structure is taken for this much more bandwidth
+LARGER_STRUCTURE_MIN = 1.1  # factor of bandwidth from which a larger structure is chosen
 RANDOM = 1000  # choices of values that the result is checked on
 PROBE = 60  # of them in the rounds of the search
 ROUNDS = 4
 CORNERS_MAX = 8  # of values, in the set that a search starts with; others join as they break a law
 SEED = 1988
-RAMP = 0.2  # of the period of a PI law's bandwidth
+RAMP_PERIODS = 0.2  # rise time in periods of the bandwidth of a PI law
 RAMP_MIN_S = 0.1
 # The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
-SAFE = 0.97
+GAIN_SHARE = 0.97
 GENERATIONS = 90  # half as many often end in a lesser optimum, more restarts or not
 RESTARTS = (1, 2, 2)  # of the search, with no, one, two sections
 # Where zeros and poles may begin, in bandwidths of a PI law: each restart has its own, and what
 # reaches furthest is taken. Whether they ring when contact is made is judged by the ramp.
 BEGINS = (1.5, 0.5)
 STATIC_ERROR_MAX = 0.01  # of the set-point, that a law without an integral may leave
-# Codes per 8-bit count: the reading's noise, in N, does not shrink with the ADC's code.
-HF_DEFAULT = 80.0
-HF_SHARE = 0.99  # of a bound, for the rounding of the coefficients
 
 
 @dataclass(frozen=True)
-class Goal:
-    """ms, ms_late: peak of |S| without and with a tick of delay; mt: peak of |T|, None: free;
-    gain_margin: factor; phase_margin_deg: None: as ms gives; adc_bits: of the reading; hf_gain: DAC
-    codes per 8-bit count at most, None: chosen; timings: of loops.TIMINGS; ramp_s: the set-point's
-    rise in which the force has to follow, None: chosen."""
+class StructureDesign:
+    """The best law of one structure; worst: its figures over the set, None where no gain keeps the
+    margins."""
 
-    ms: float = 2.0
-    ms_late: float = 2.2
-    mt: float | None = None
-    gain_margin: float = 2.3
-    phase_margin_deg: float | None = None
-    adc_bits: int = 8
-    hf_gain: float | None = None
-    timings: tuple = ("zoh", "zoh+1")
-    ramp_s: float | None = None
+    name: str
+    bank: BankFigures
+    worst: WorstFigures | None
 
-    def ms_of(self, timing):
-        """The peak of |S| that a timing of loops.TIMINGS may have."""
-        return self.ms if timing == "zoh" else self.ms_late
-
-    def bounds(self):
-        """The same for a Grid."""
-        most = hf_most(self.adc_bits)
-        return Bounds(
-            tuple(self.ms_of(timing) for timing in self.timings),
-            self.mt,
-            self.gain_margin,
-            self.phase_margin_deg,
-            HF_SHARE * min(most, self.hf_gain or max(HF_DEFAULT, hf_most(8))),
-        )
-
-    def hf_cure(self):
-        """What would widen the bound of the gain at high frequency."""
-        if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
-            return "an ADC of more bits would let it rise"
-        if self.hf_gain:
-            return "a higher bound, which a reading with less noise permits, would let it rise"
-        return "`design --hf-gain` lets it rise where the reading is quiet"
+    @property
+    def bandwidth_Hz(self) -> float:
+        """fS over the set in Hz; 0 where the law has none."""
+        return self.worst.bandwidth_Hz if self.worst else 0.0
 
 
 @dataclass(frozen=True)
-class Found:
-    """bank: quantised; worst: fS_Hz, fT_Hz, Ms, Ms_late, gain_margin, phase_margin_deg, member;
-    p: the same for P, with force_gain; structures: [{name, bank, worst}] in order of size;
-    limited_by: one sentence; chosen: a structure's name; instead(name): the Found with another one
-    chosen."""
+class SearchResult:
+    """bank: quantised; worst, p: figures over the set, of the bank and of P at the same margins;
+    structures: in order of size; limited_by: one sentence; chosen: name of a structure;
+    instead(name): the result with another structure chosen, None where no gain keeps the margins
+    with it."""
 
     bank: Bank
-    worst: dict
-    p: dict
-    structures: list
+    worst: WorstFigures
+    p: P
+    structures: list[StructureDesign]
     limited_by: str
     chosen: str
-    instead: Callable
+    instead: Callable[[str], "SearchResult | None"]
 
 
-class Problem:
-    """One set of members, and how good a law is for it."""
+class SearchProblem:
+    """A set of members on a grid, the bounds of a goal, and the bandwidth of a law under both."""
 
-    def __init__(self, plants, members, goal, ramp, density=1.0):
+    def __init__(
+        self, plants: PlantSet, members: list[Member], goal: Goal, ramp: Ramp | None,
+        density: float = 1.0,
+    ) -> None:  # fmt: skip
         self.bounds = goal.bounds()
         self.grid = Grid(plants, members, goal.timings, density)
         self.ramp = ramp
 
-    def law(self, numbers):
-        """(law, its HF gain) for the gain 1, or None where no firmware could hold it."""
+    def law(self, numbers: Samples) -> tuple[Response, float] | None:
+        """(response, gain at high frequency) of a law for the gain 1; None where the firmware
+        cannot store its coefficients."""
         bank = structures.bank(numbers, 1.0)
         if not structures.is_legal(bank.sections):
             return None
         law = structures.response(numbers, self.grid)
         return law, max(bank.hf_gain(), _noise(law, numbers, self.grid))
 
-    def judge(self, numbers):
-        """(bandwidth in Hz less what the bounds take, gain)."""
+    def evaluate(self, numbers: Samples) -> tuple[float, float]:
+        """(bandwidth in Hz, lowered where the force does not follow the ramp; largest gain)."""
         found = self.law(numbers)
         if found is None:
             return 0.0, 0.0
         law, steep = found
-        gain = self.grid.largest_gain(law, steep, self.bounds)[0]
-        first, falls = self.grid.bandwidths(law, SAFE * gain)
+        gain = self.grid.largest_gain(law, steep, self.bounds).gain
+        first, falls = self.grid.bandwidths(law, GAIN_SHARE * gain)
         value = float(first.min())
         if len(numbers):
             value = min(value, float(falls.min()))
@@ -131,14 +110,17 @@ class Problem:
         return value, gain
 
 
-def _noise(law, numbers, grid):
-    """The law's largest gain, its integral aside."""
+def _noise(law: Response, numbers: Samples, grid: Grid) -> float:
+    """Largest gain of the law without its integral action."""
     if not len(numbers):
         return 1.0
     return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())
 
 
-def _starts(name, limits, plants_zeros, best, rng, count):
+def _starts(
+    name: str, limits: Samples, plants_zeros: list[float], best: Samples, rng: np.random.Generator,
+    count: int,
+) -> Samples:  # fmt: skip
     """The first population: zeros on the plant's antiresonances with a pole above, the smaller
     structure's result with a section that does nothing, and the whole space."""
     low, high = limits.T
@@ -158,16 +140,19 @@ def _starts(name, limits, plants_zeros, best, rng, count):
     return np.clip(rows, low, high)
 
 
-def _cost(problem, low, high):
-    return lambda numbers: -problem.judge(np.clip(numbers, low, high))[0]
+def _cost(problem: SearchProblem, low: Samples, high: Samples) -> Callable[[Samples], float]:
+    return lambda numbers: -problem.evaluate(np.clip(numbers, low, high))[0]
 
 
-def _search(problem, thin, name, fS, zeros, best, seed):
-    """The numbers of a structure's best law of a Problem, searched for on its thin grid; fS: the
-    bandwidth of a PI law, Hz."""
-    rng = np.random.default_rng(seed)
+def _search(
+    problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
+    best: Samples,
+) -> Samples:  # fmt: skip
+    """The numbers of the best law of a structure for `problem`, searched for on its thin grid; fS:
+    the bandwidth of a PI law, Hz; best: numbers of the next smaller structure."""
+    rng = np.random.default_rng(SEED)
     results = []
-    for begin in BEGINS[: RESTARTS[structures.STRUCTURES[name]]]:
+    for begin in BEGINS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
         limits = structures.bounds(name, begin * fS)
         low, high = limits.T
         cost, rough = _cost(problem, low, high), _cost(thin, low, high)
@@ -181,10 +166,12 @@ def _search(problem, thin, name, fS, zeros, best, seed):
             polish=False,
         )
         results.append(_polished(cost, found.x, low, high))
-    return max(results, key=lambda numbers: problem.judge(numbers)[0])
+    return max(results, key=lambda numbers: problem.evaluate(numbers)[0])
 
 
-def _polished(cost, numbers, low, high):
+def _polished(
+    cost: Callable[[Samples], float], numbers: Samples, low: Samples, high: Samples
+) -> Samples:
     for _ in range(2):  # a simplex that has collapsed goes on from a new one
         found = optimize.minimize(
             cost, numbers, method="Nelder-Mead",
@@ -194,34 +181,37 @@ def _polished(cost, numbers, low, high):
     return numbers
 
 
-def first_members(plants):
-    """Nominal first, then corners, of many a sample."""
+def first_members(plants: PlantSet) -> list[Member]:
+    """The nominal members, then the corners; of many corners a random sample."""
     corners, most = plants.corners(), CORNERS_MAX * len(plants.modes)
     if len(corners) > most:
         corners = random.Random(SEED).sample(corners, most)
     return plants.nominal() + corners
 
 
-def _random(plants, count, seed):
+def _random(plants: PlantSet, count: int, seed: int) -> list[Member]:
     return plants.random(count, seed) if plants.ranges else []
 
 
-def search(plants, goal=None, progress=None):
-    """The design for a PlantSet: Found. Raises InputError, in one line, where there is none."""
+def search(
+    plants: PlantSet, goal: Goal | None = None, progress: Callable[[str], None] | None = None
+) -> SearchResult:
+    """The best law for a set of plants. Raises InputError, in one line, where no law keeps the
+    margins. progress(text) is called at every step."""
     goal = goal or Goal()
     say = progress or (lambda text: None)
     _check(goal)
     members = first_members(plants)
-    problem, thin = (Problem(plants, members, goal, None, density) for density in (1.0, THIN))
+    problem, thin = (SearchProblem(plants, members, goal, None, density) for density in (1.0, THIN))
     check_plants(problem)
     zeros = antiresonances(problem.grid)
-    own = _search(problem, thin, "PI", 1.0, zeros, None, SEED)
+    own = _search(problem, thin, "PI", 1.0, zeros, np.zeros(0))
     best = {"P": np.zeros(0), "PI": own}
-    fS = problem.judge(own)[0]
+    fS = problem.evaluate(own)[0]
     if not fS:
         raise _no_gain()
     limits = {name: structures.bounds(name, min(BEGINS) * fS) for name in structures.STRUCTURES}
-    ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP / fS)
+    ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / fS)
     nominal = [problem.grid.open_loops[i] for i in nominal_of(problem.grid, plants)]
     ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
     problem.ramp = thin.ramp = ramp
@@ -229,8 +219,8 @@ def search(plants, goal=None, progress=None):
     richer = list(structures.STRUCTURES)[1:]
     for done, name in enumerate(richer):
         say(f"{name}: searching, {done}/{len(richer)} structures")
-        best[name] = before = _search(problem, thin, name, fS, zeros, before, SEED)
-        say(f"{name}: {problem.judge(before)[0]:.2f} Hz")
+        best[name] = before = _search(problem, thin, name, fS, zeros, before)
+        say(f"{name}: {problem.evaluate(before)[0]:.2f} Hz")
     say("random members")
     others = plants.nominal() + plants.corners() + _random(plants, PROBE, SEED)
     probe = Grid(plants, others, goal.timings)
@@ -240,21 +230,22 @@ def search(plants, goal=None, progress=None):
         if not joined:
             break
         members = members + list(joined.values())
-        problem = Problem(plants, members, goal, ramp)
+        problem = SearchProblem(plants, members, goal, ramp)
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
             low, high = limits[name].T
             best[name] = _polished(_cost(problem, low, high), best[name], low, high)
     return _result(plants, goal, problem, best, say)
 
 
-def nominal_of(grid, plants):
+def nominal_of(grid: Grid, plants: PlantSet) -> list[int]:
+    """Indices of the nominal members in a grid."""
     nominal = plants.nominal()
     return [i for i, m in enumerate(grid.members) if m in nominal] or [0]
 
 
-def antiresonances(grid):
-    """Hz of the plants' lightly damped zeros, each once."""
-    found = []
+def antiresonances(grid: Grid) -> list[float]:
+    """Frequencies in Hz of the lightly damped zeros of the plants, each once."""
+    found: list[float] = []
     for loop in grid.open_loops:
         zeros = loop.open.zeros_s()
         zeros = zeros[np.isfinite(zeros) & (zeros.imag > 0)]
@@ -266,15 +257,16 @@ def antiresonances(grid):
     return sorted(found)[:8]
 
 
-def _violator(problem, probe, numbers):
-    """The member of a Grid for which the law's gain would have to be lowest, or None."""
-    gain = problem.judge(numbers)[1]
+def _violator(problem: SearchProblem, probe: Grid, numbers: Samples) -> Member | None:
+    """The member of a grid that needs the lowest gain, if the gain of the law is too large for it;
+    else None."""
+    gain = problem.evaluate(numbers)[1]
     law = structures.response(numbers, probe)
     limit = probe.largest_gain(law, 1e-9, problem.bounds)
-    return probe.members[limit[2]] if limit[0] < 0.999 * gain else None
+    return probe.members[limit.place.member] if limit.place and limit.gain < 0.999 * gain else None
 
 
-def _check(goal):
+def _check(goal: Goal) -> None:
     for timing in goal.timings:
         if timing not in DELAYS:
             raise InputError(
@@ -283,10 +275,11 @@ def _check(goal):
             )
     for name in ("ms", "ms_late", "gain_margin"):
         if not getattr(goal, name) > 1:
-            raise InputError(f"--{name.replace('_', '-')}: expected a number above 1")
+            raise ParameterError(name, "expected a number above 1")
 
 
-def check_plants(problem):
+def check_plants(problem: SearchProblem) -> None:
+    """Raise InputError if a member is unstable at every gain."""
     for loop, member in zip(problem.grid.open_loops, problem.grid.members, strict=True):
         if loop.limit().gain == 0:
             raise InputError(
@@ -295,65 +288,79 @@ def check_plants(problem):
             )
 
 
-def _result(plants, goal, problem, best, say):
-    """Found, of the numbers of each structure's law."""
+def _result(
+    plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
+    say: Callable[[str], None],
+) -> SearchResult:  # fmt: skip
+    """The result of the numbers of each structure's law."""
     bounds = problem.bounds
-    members = {m.label(): m for m in problem.grid.members + plants.corners()}
-    members = list(members.values()) + _random(plants, RANDOM, SEED + 1)
+    joined = {m.label(): m for m in problem.grid.members + plants.corners()}
+    members = list(joined.values()) + _random(plants, RANDOM, SEED + 1)
     grids = blocks(plants, members, goal.timings)
-    rows, steep = [], {}
+    rows: list[StructureDesign] = []
+    steep: dict[str, float] = {}
+
+    def largest_gain(grid: Grid, bank: Bank, name: str) -> float:
+        return grid.largest_gain(bank.response(grid.z), steep[name], bounds).gain
+
     for name, numbers in best.items():
-        unit = structures.bank(numbers, 1.0).quantised()
-        steep[name] = problem.law(numbers)[1]
-        gain = min(_largest_gain(grid, unit, steep[name], bounds) for grid in grids)
+        law = problem.law(numbers)
+        if law is None:
+            continue
+        unit, steep[name] = structures.bank(numbers, 1.0).quantised(), law[1]
+        gain = min(largest_gain(grid, unit, name) for grid in grids)
         bank = certificate.lowered(unit, gain)
         if bank.force_gain:
-            rows.append({"name": name, "bank": bank, "worst": certificate.on_grids(grids, bank)})
-            say(f"{name}: {rows[-1]['worst']['fS_Hz']:.2f} Hz over {len(members)} members")
+            worst = certificate.on_grids(grids, bank)
+            rows.append(StructureDesign(name, bank_figures(bank), worst))
+            say(f"{name}: {worst.bandwidth_Hz:.2f} Hz over {len(members)} members")
     chosen = None
     for row in rows:
-        if chosen is None or _pays(row["worst"], chosen):
+        if chosen is None or _is_worth_it(row, chosen):
             chosen = row
-    p = next((row for row in rows if row["name"] == "P" and row["worst"]), None)
 
-    def taken(row):
-        # The others are only compared with it.
-        bank, worst = certificate.exact(plants, grids, row["bank"], goal)
-        if not worst or not worst["fS_Hz"]:
+    def taken(name: str) -> SearchResult | None:
+        # The gain of the other structures is not made exact: they are only compared.
+        at = next(i for i, row in enumerate(rows) if row.name == name)
+        bank, worst = certificate.exact(plants, grids, rows[at].bank.bank, goal)
+        if not worst or not worst.fS_Hz:
             return None
-        row |= {"bank": bank, "worst": worst}
-        limiting = steep[row["name"]]
-        tightest = min(grids, key=lambda grid: _largest_gain(grid, bank, limiting, bounds))
-        return Found(
+        rows[at] = StructureDesign(name, bank_figures(bank), worst)
+        tightest = min(grids, key=lambda grid: largest_gain(grid, bank, name))
+        return SearchResult(
             bank,
             worst,
-            (p["worst"] | {"force_gain": p["bank"].force_gain}) if p else {"force_gain": 0.0},
+            _p_of(rows),
             rows,
-            certificate.sentence(tightest, bank, limiting, bounds, goal.hf_cure()),
-            row["name"],
-            lambda name: taken(next(row for row in rows if row["name"] == name)),
+            certificate.sentence(tightest, bank, steep[name], bounds, goal.hf_cure()),
+            name,
+            taken,
         )
 
-    found = taken(chosen) if chosen else None
+    found = taken(chosen.name) if chosen else None
     if found is None:
         raise _no_gain()
     return found
 
 
-def _largest_gain(grid, bank, steep, bounds):
-    return grid.largest_gain(bank.response(grid.z), steep, bounds)[0]
+def _p_of(rows: list[StructureDesign]) -> P:
+    """The figures of the P law among the structures."""
+    for row in rows:
+        if row.name == "P" and row.worst:
+            return certificate.p_figures(row.worst, row.bank.bank)
+    return certificate.NoPFigures()
 
 
-def _no_gain():
-    return InputError(
-        f"--ms: expected margins that some law keeps over the set and still follows, no gain from "
-        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow --over or accept smaller margins"
-    )
+def _no_gain() -> ParameterError:
+    return ParameterError(
+        "ms", "expected margins that some law keeps over the set and still follows, no gain from "
+        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow `over` or accept smaller margins",
+    )  # fmt: skip
 
 
-def _pays(worst, smaller):
-    """Whether a larger structure is worth it."""
-    before = smaller["worst"]
-    return worst["fS_Hz"] >= PAYS * before["fS_Hz"] or (
-        smaller["name"] == "P" and before["static_error"] > STATIC_ERROR_MAX
+def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
+    """Whether a larger structure is chosen in place of a smaller one."""
+    before = smaller.worst
+    return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
+        smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX
     )

@@ -11,7 +11,8 @@ has to settle and to hold its force.
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tomlkit
@@ -19,9 +20,26 @@ import tomlkit
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, friction
-from forceaxis.design.cases import Case, Cut, Named, row, unstable, why
+from forceaxis.design.cases import (
+    ContactCase,
+    ContactRun,
+    GainCut,
+    NamedCase,
+    SimulatedContact,
+    read_run,
+    simulated_contact,
+    unstable,
+    why,
+)
+from forceaxis.design.changes import Design
+from forceaxis.design.outcome import ContactLoss
+from forceaxis.errors import ParameterError
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
+from forceaxis.linear.bank import Bank
+
+Job = tuple[str, list[str]]  # (experiment, overrides)
+Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
 
 # Set-points as shares of the reading's range: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
@@ -48,15 +66,20 @@ SATURATED_MAX_S = 0.02
 WEAK = 0.25  # of the designed gain: a law that adds nothing to an impact
 
 
-class Bench:
-    """A model, with an ADC of `bits`, under touch-downs. own: an experiment that is a case
-    besides; firmware: settings in place of the experiment's, of KEPT."""
+class ContactBench:
+    """A model, with an ADC of `bits`, that makes first contacts. own: an experiment that is one
+    more case; firmware: settings in place of those of the experiment, of KEPT; forces_N: set-points
+    in N, empty: chosen by the ranges of sensor and drive."""
 
-    def __init__(self, design, bits, own=None, firmware=None, forces_N=()):
+    def __init__(
+        self, design: Design, bits: int, own: Path | None = None,
+        firmware: Mapping[str, float | str] | None = None, forces_N: Sequence[float] = (),
+    ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        self.losses_max = LOSSES_MAX  # of a touch-down, beside those of the impact
-        self.impacts = {}  # case -> (losses, peak in N) of the impact alone
+        self.losses_max = LOSSES_MAX  # of a first contact, beside those of the impact
+        # Losses of contact and peak in N of the impact alone.
+        self.impacts: dict[ContactCase, tuple[int, float]] = {}
         own_bits = design.facts.required_reading.bits
         self.change = (
             changes.Change("", "", firmware={"adc_bits": bits})
@@ -69,33 +92,33 @@ class Bench:
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts.required_reading.per_count)
         self._given = dict(toml.read(design.experiment)["firmware"]) if design.experiment else {}
-        self._asked = firmware or {}
+        self._asked = dict(firmware or {})
         self._given |= self._asked
         self._check()
         self.settings = self._settings(bits)
         self.cases = self._cases()
-        self._files = {}
+        self._files: dict[tuple[object, ...], Path] = {}
         text = friction.named(Path(self.model))
         self._run_model = self.design.file("rubbing.toml", text) if text else self.model
         self.frictions = friction.ranges(self._run_model, self.overrides)
 
-    def at(self, share):
-        """A bench whose approach has a share of the speed of this one's."""
+    def at(self, share: float) -> "ContactBench":
+        """A bench whose approach has `share` of the speed of this bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
         self._files = {}  # the other one writes files of the same names
-        return Bench(
+        return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
             self.forces_N,
         )  # fmt: skip
 
-    def wait_for(self, bank):
+    def wait_for(self, bank: Bank) -> None:
         """Lengthens the cases for a slow integral; before the first of them."""
         if bank.integral_rad_per_s:
             low, high = SETTLE_S
             self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
 
-    def _check(self):
+    def _check(self) -> None:
         signal = self.facts.required_reading.signal
         if self.facts.signals.get(signal) != "N":
             raise InputError(
@@ -112,7 +135,7 @@ class Bench:
                 "an [encoder]"
             )
 
-    def _settings(self, bits):
+    def _settings(self, bits: int) -> dict[str, float | str]:
         """Firmware settings that all cases share, without set-point, speed and bank."""
         reading = next(a for a in self.design.table["adc"] if a["channel"] == 0)
         zero = self.change.firmware.get("force_zero_code")
@@ -141,142 +164,147 @@ class Bench:
             "modes_of_operation": 4,
         }
 
-    def _check_forces(self, counts):
-        """The forces that were asked for can be read and made."""
+    def _check_forces(self, counts: float) -> None:
+        """Raise InputError if the sensor cannot measure or the drive cannot make a given force."""
         for most_N, what in (
             (min(counts, 255.0) * self.count_N, "what the sensor reads"),
             (self._stall_N(), "the drive's largest force"),
         ):
             if self.forces_N[-1] > most_N:
-                raise InputError(
-                    f"--force: {self.forces_N[-1]:.4g} N: expected at most {most_N:.4g} N, {what}"
+                raise ParameterError(
+                    "forces_N",
+                    f"{self.forces_N[-1]:.4g} N: expected at most {most_N:.4g} N, {what}",
                 )
         if self.forces_N[0] < self.count_N:
-            raise InputError(
-                f"--force: {self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, a "
-                "count of the reading at 8 bits"
-            )
+            raise ParameterError(
+                "forces_N", f"{self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, a "
+                "count of the reading at 8 bits",
+            )  # fmt: skip
 
-    def _position_gain(self):
-        """A sixth of the linear limit out of contact, as `forceaxis new` takes it."""
+    def _position_gain(self) -> float:
+        """A sixth of the linear limit out of contact, as in `forceaxis new`."""
         gain = loops.force_loop(
             self.model, overrides=self.overrides, output="encoder", free=True
         ).limit().stable_to  # fmt: skip
         highest = 256.0 if gain is None else gain / self.facts.volts_per_code
         return max(1, math.floor(min(highest, 256.0) / 6 * 256)) / 256
 
-    def _stall_N(self):
+    def _stall_N(self) -> float:
         """Largest static force of the drive, N; infinite where the model has no limits."""
         table, drive = self.design.table.get("drive", {}), self.facts.required_drive.values
-        known = {n: changes.value_of(self.design, table.get(n)) for n in ("supply_limit", "R")}
-        if not all(known.values()) or not drive.get("r_trans"):
+        supply_V, R = (changes.value_of(self.design, table.get(n)) for n in ("supply_limit", "R"))
+        r_trans = drive.get("r_trans")
+        if not supply_V or not R or not r_trans:
             return math.inf
-        return known["supply_limit"] / known["R"] * drive["k_torque"] / drive["r_trans"]
+        return float(supply_V / R * drive["k_torque"] / r_trans)
 
-    def _speed(self):
-        """Approach speed, m/s: as given, else 20 mm/s or the object's default."""
+    def _speed(self) -> float:
+        """Approach speed in m/s: as given, else 20 mm/s or the default of the object."""
         scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
-        if "approach_velocity_max" not in self._given:
-            return min(default / scale, APPROACH_M_PER_S)
-        if "approach_velocity_max" in self._asked:
-            return self._asked["approach_velocity_max"] / scale
-        settings = _core.inputs(str(self.design.experiment))["firmware"]
-        return settings["approach_velocity_max"] / scale
+        name = "approach_velocity_max"
+        if name not in self._given:
+            return float(min(default / scale, APPROACH_M_PER_S))
+        if name in self._asked:
+            return float(self._asked[name]) / scale
+        return float(changes.read_firmware(self.design.experiment)[name]) / scale
 
-    def _cases(self):
+    def _cases(self) -> list[ContactCase]:
         speed, strike = self._speed(), STRIKE_S * self.rated_N
         lower = self.setpoints_N[:-1] or self.setpoints_N
         return [
-            *(Case(force_N, speed) for force_N in self.setpoints_N),
-            Case(lower[-1], speed / 2),
-            *(Case(force_N, speed, strike) for force_N in lower),
+            *(ContactCase(force_N, speed) for force_N in self.setpoints_N),
+            ContactCase(lower[-1], speed / 2),
+            *(ContactCase(force_N, speed, strike) for force_N in lower),
         ]
 
     @property
-    def shown(self):
-        """The touch-down that stands for the others: at full speed, at the middle force."""
+    def shown(self) -> ContactCase:
+        """The first contact that is drawn: at full speed and the middle force."""
         return self.cases[len(self.setpoints_N[:-1]) // 2]
 
     @property
-    def largest(self):
-        """The touch-down at the largest force."""
+    def largest(self) -> ContactCase:
+        """The first contact at the largest force."""
         return self.cases[len(self.setpoints_N) - 1]
 
-    def feel(self, bank, latencies=(0, 1), threads=1, cases=None):
-        """Measures what each impact does alone: losses and peak with a law of little gain. cases:
-        touch-downs in place of the bench's."""
+    def measure_impacts(
+        self, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1,
+        cases: Sequence[ContactCase] = (),
+    ) -> None:  # fmt: skip
+        """Simulate the impact of each case with a small gain, for its losses of contact and its
+        peak. cases: first contacts in place of those of the bench."""
         weak = replace(bank, force_gain=WEAK * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
-        plants = [{}, *friction.members(self.frictions)]
+        plants: list[Plant] = [{}, *friction.members(self.frictions)]
         jobs = [
             (c, self.job(c, weak, m, t, loss)) for c in cases for t in latencies for m in plants
         ]
         self.impacts, self._files = {}, {}
-        for (case, _), outcome in zip(jobs, run([job for _, job in jobs], threads), strict=True):
+        for (case, _), one in zip(jobs, run([job for _, job in jobs], threads), strict=True):
             losses, peak_N = self.impacts.get(case, (0, 0.0))
-            metrics = outcome["metrics"]
-            self.impacts[case] = (
-                max(losses, metrics["contact_losses_run"]),
-                max(peak_N, metrics["peak_force_N"]),
-            )
+            self.impacts[case] = (max(losses, one.losses), max(peak_N, one.peak_N))
         self._files = {}  # the limits are others
 
-    def limits(self, case, bank):
-        """What the [verdict] of a case asks for."""
-        found = {}
+    def losses_permitted(self, case: ContactCase) -> int | None:
+        """Losses of contact that the verdict of a case permits; None: any number."""
+        if case.strike_N_s:
+            return None
+        return self.impacts.get(case, (0, 0.0))[0] + self.losses_max
+
+    def limits(self, case: ContactCase, bank: Bank) -> dict[str, float]:
+        """The limits in [verdict] of a case."""
+        found: dict[str, float] = {}
         if bank.integral_rad_per_s:
             error_N = max(ERROR_MAX * case.setpoint_N, HALF_COUNT * self.count_N)
             found["held_force_error_max_N"] = float(f"{error_N:.4g}")
-        if case.strike_N_s:
+        losses_max = self.losses_permitted(case)
+        if losses_max is None:
             return found
-        losses, peak_N = self.impacts.get(case, (0, 0.0))
-        peak_N = PEAK_MAX * max(case.setpoint_N, peak_N)
+        peak_N = PEAK_MAX * max(case.setpoint_N, self.impacts.get(case, (0, 0.0))[1])
         return found | {
             "peak_force_max_N": float(f"{peak_N:.4g}"),
-            "contact_losses_max": losses + self.losses_max,
+            "contact_losses_max": losses_max,
             "saturated_max_s": SATURATED_MAX_S,
         }
 
-    def extreme(self):
-        """The cases of the largest set-point and of the strike there is most force behind."""
+    def extreme(self) -> list[ContactCase]:
+        """The case with the largest set-point, and the impact at the largest force."""
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
-    def struck(self):
-        """(body, sign) that a strike hits: the workpiece, or what presses on the ground."""
+    def struck(self) -> tuple[str, float]:
+        """(body, sign) of an impact: the workpiece, or the body that presses on the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
-    def gap_m(self):
-        """Between the bodies of the contact at the start."""
-        places = {b["name"]: self._place(b.get("position", 0.0)) for b in self.design.table["body"]}
+    def gap_m(self) -> float:
+        """Distance of the two bodies of the contact at the start."""
+        places = {
+            body.name: self._place(body.position) for body in changes.read_bodies(self.design.table)
+        }
         near, far = self.facts.contacts[0].between
         return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
 
-    def _place(self, text):
+    def _place(self, text: float | str) -> float:
         sign = -1.0 if isinstance(text, str) and text.startswith("-") else 1.0
         text = text.removeprefix("-") if isinstance(text, str) else text
         return sign * (changes.value_of(self.design, text) or 0.0)
 
-    def touch_s(self, case):
-        """When the axis has touched, with a reserve."""
+    def touch_s(self, case: ContactCase) -> float:
+        """Time in s by which the axis is in contact, with a margin of a fifth."""
         return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
 
-    def text(self, case, bank, loss=None, model=None):
-        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: its model's path
-        where the file is to stand; by default the absolute one."""
+    def text(
+        self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
+        model: str | None = None,
+    ) -> str:  # fmt: skip
+        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: path of the model
+        from where the file will be; by default the absolute path."""
         begin = self.touch_s(case) + self.settle_s
-        text = tomlkit.document()
-        text["title"] = f"{self.design.model.stem}: {case.name}"
-        text["model"] = str(model or self._run_model)
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
-        text["duration_s"] = round(begin + wait + WINDOW_S, 3)
-        if self.overrides:
-            text["set"] = dict(self.overrides)
         law = files.law_keys(self, bank, loss or {})
-        text["firmware"] = self.settings | self.loads(case) | law
-        at = [
+        at: list[dict[str, object]] = [
             {"time_s": time_s, "firmware": {"controlword": word}}
             for time_s, word in ((0.01, 6), (0.02, 7), (0.03, 15))
         ]
@@ -284,49 +312,66 @@ class Bench:
             body, sign = self.struck()
             hit = {"body": body, "N_s": sign * case.strike_N_s}
             at.append({"time_s": round(begin, 3), "impulse": hit})
-        text["at"] = at
-        text["verdict"] = {
-            "window_s": WINDOW_S,
-            "contact_held": True,
-            "force_ripple_max_count": RIPPLE_COUNT,
-            **self.limits(case, bank),
-        }
+        text = tomlkit.document()
+        text.update({
+            "title": f"{self.design.model.stem}: {case.name}",
+            "model": str(model or self._run_model),
+            "duration_s": round(begin + wait + WINDOW_S, 3),
+            **({"set": dict(self.overrides)} if self.overrides else {}),
+            "firmware": self.settings | self.loads(case) | law,
+            "at": at,
+            "verdict": {
+                "window_s": WINDOW_S,
+                "contact_held": True,
+                "force_ripple_max_count": RIPPLE_COUNT,
+                **self.limits(case, bank),
+            },
+        })  # fmt: skip
         return tomlkit.dumps(text)
 
-    def loads(self, case):
+    def loads(self, case: ContactCase) -> dict[str, float | str]:
         """Firmware settings of a case."""
-        scale = abs(self.facts.required_encoder.scale)
         return {
             "target_force": round(1000 * case.setpoint_N / self.rated_N),
-            "approach_velocity_max": max(1, round(case.speed_m_per_s * scale)),
+            "approach_velocity_max": self.approach_count_per_s(case),
         }
 
-    def file(self, case, bank):
-        """Its path."""
+    def approach_count_per_s(self, case: ContactCase) -> int:
+        """Speed of the approach in encoder counts per second."""
+        scale = abs(self.facts.required_encoder.scale)
+        return max(1, round(case.speed_m_per_s * scale))
+
+    def file(self, case: ContactCase, bank: Bank) -> Path:
+        """Path of the experiment of a case."""
         if (case, bank) not in self._files:
             name = f"case_{len(self._files)}.toml"
             self._files[case, bank] = self.design.file(name, self.text(case, bank))
         return self._files[case, bank]
 
-    def job(self, case, bank, member, latency, loss=None):
-        """(experiment, overrides). loss: {"contact_loss_cap": code, ...}."""
-        firmware = {"latency_ticks": latency} | (loss or {})
+    def job(
+        self, case: ContactCase, bank: Bank, member: Plant, latency: int,
+        loss: Mapping[str, int] | None = None,
+    ) -> Job:  # fmt: skip
+        """The run of a case on a plant. loss: {"contact_loss_cap": code, ...}."""
+        firmware = {"latency_ticks": latency} | dict(loss or {})
         texts = linear.override_texts(member)
         return str(self.file(case, bank)), [
             *texts, *(f"firmware.{n}={v}" for n, v in firmware.items())
         ]  # fmt: skip
 
-    def own_job(self, bank, latency, loss=None):
-        """The same of the bench's own experiment, with the bank in it."""
-        key = (self.own, bank, *(loss or {}).values())
+    def own_job(
+        self, own: Path, bank: Bank, latency: int, loss: Mapping[str, int] | None = None
+    ) -> Job:
+        """The run of the user's own experiment with the bank."""
+        key = (own, bank, *(loss or {}).values())
         if key not in self._files:
-            text = files.with_bank(self, self.own, bank, loss or {})
+            text = files.with_bank(self, own, bank, loss or {})
             self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
-    def press_speed_code(self, speed_m_per_s, share=1.0):
-        """The code that moves the free axis at a speed, against a share of the most of its
-        frictions: less leaves it standing where they stick."""
+    def press_speed_code(self, speed_m_per_s: float, share: float = 1.0) -> int:
+        """The DAC code that moves the free axis at a speed against `share` of the largest friction.
+        With a smaller code the axis remains at standstill where the friction sticks."""
         body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
@@ -343,38 +388,50 @@ class Bench:
         return min(2048, max(1, round(speed_m_per_s / float(speed))))
 
 
-def run(jobs, threads):
-    """Outcomes of (experiment, overrides) pairs. Raises SimulationError of the first that fails."""
-    outcomes = _core.run_many(jobs, threads, None, True, None, _core.Experiments())
+def run(
+    jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
+) -> list[ContactRun]:
+    """Runs of the jobs in their order. experiments: `_core.Experiments` that keeps files which were
+    read, for calls with the same files. Raises SimulationError of the first run that fails."""
+    shared = experiments or _core.Experiments()
+    outcomes = _core.run_many(jobs, threads, None, True, None, shared)
     for outcome in outcomes:
         if "error" in outcome:
             raise _core.SimulationError(outcome["error"])
-    return outcomes
+    return [read_run(outcome) for outcome in outcomes]
 
 
-def simulate(bench, bank, members, latencies=(0, 1), loss=None, threads=1, law="design"):
-    """Rows of all cases of a bench with a bank on members: [{parameter: value}]; the bench's own
-    experiment on the nominal one alone."""
-    keys = [(c, m, t) for c in bench.cases for m in members for t in latencies]
-    jobs = [bench.job(c, bank, m, t, loss) for c, m, t in keys]
+def simulate(
+    bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
+    loss: Mapping[str, int] | None = None, threads: int = 1, law: str = "design",
+) -> list[SimulatedContact]:  # fmt: skip
+    """All cases of a bench with a bank on each plant of `members` and with each latency; the user's
+    own experiment on the nominal plant alone."""
+    keys: list[tuple[ContactCase | NamedCase, Plant, int]] = []
+    jobs, most = [], []
+    for case in bench.cases:
+        for member in members:
+            for latency in latencies:
+                keys.append((case, member, latency))
+                jobs.append(bench.job(case, bank, member, latency, loss))
+                most.append(bench.losses_permitted(case))
     if bench.own is not None:
-        keys += [(Named(bench.own.stem), {}, t) for t in latencies]
-        jobs += [bench.own_job(bank, t, loss) for t in latencies]
-    outcomes = run(jobs, threads)
-    most = {c: bench.limits(c, bank).get("contact_losses_max") for c in bench.cases}
+        keys += [(NamedCase(bench.own.stem), {}, t) for t in latencies]
+        jobs += [bench.own_job(bench.own, bank, t, loss) for t in latencies]
+        most += [None for _ in latencies]
     return [
-        row(law, c.name, m, t, o, most.get(c)) for (c, m, t), o in zip(keys, outcomes, strict=True)
+        simulated_contact(law, case.name, member, latency, one, losses_max)
+        for (case, member, latency), one, losses_max in zip(
+            keys, run(jobs, threads), most, strict=True
+        )
     ]
 
 
-def choose_loss(bench, bank, latencies=(0, 1), threads=1):
-    """The cap and the dwell after a loss of contact that bear the hardest strikes.
-
-    Returns {"contact_loss_cap", "contact_loss_dwell", "strike_N_s": the largest of a ladder up to
-    which every strike is survived at both lower set-points, "strike_default_N_s": the same with
-    the firmware's defaults, "strike_hardest_N_s": of the ladder}; 0 where not even the first is
-    survived.
-    """
+def choose_loss(
+    bench: ContactBench, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1
+) -> ContactLoss:
+    """The cap and the dwell after a loss of contact with which the law tolerates the hardest
+    impacts, of a ladder of STRIKES."""
     slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in SHARES)
     caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
@@ -392,52 +449,59 @@ def choose_loss(bench, bank, latencies=(0, 1), threads=1):
         )
         for choice, case, latency, plant, share in keys
     ]  # fmt: skip
-    stable = [outcome["verdict"] == "stable" for outcome in run(jobs, threads)]
-    borne = {choice: [] for choice in choices}
+    stable = [one.verdict == "stable" for one in run(jobs, threads)]
+    tolerated: dict[tuple[int, int], list[float]] = {choice: [] for choice in choices}
     for i in range(0, len(keys), len(STRIKES)):
         ladder = [*stable[i : i + len(STRIKES)], False]
         survived = ladder.index(False)
-        borne[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
+        tolerated[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
     able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
-    best = max(able, key=lambda c: (min(borne[c]), sum(borne[c])))  # the first of equals
+    # The first of equals.
+    best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
-    return {
-        "contact_loss_cap": best[0],
-        "contact_loss_dwell": best[1],
-        "strike_N_s": min(borne[best]) * strike,
-        "strike_default_N_s": min(borne[choices[0]]) * strike,
-        "strike_hardest_N_s": STRIKES[-1] * strike,
-    }
+    return ContactLoss(
+        contact_loss_cap=best[0],
+        contact_loss_dwell=best[1],
+        strike_N_s=min(tolerated[best]) * strike,
+        strike_default_N_s=min(tolerated[choices[0]]) * strike,
+        strike_hardest_N_s=STRIKES[-1] * strike,
+    )
 
 
-def strikes_survived(loss):
-    """The sentence on what choose_loss() found; ">=" where the ladder ends before the law does."""
-    texts = [
-        (">= " if loss[key] == loss["strike_hardest_N_s"] else "") + f"{loss[key]:.3g}"
-        for key in ("strike_N_s", "strike_default_N_s")
-    ]
-    return f"strikes of {texts[0]} N s are survived, {texts[1]} with the firmware's defaults"
-
-
-def losses(bench):
-    """What is done at a loss of contact, in the order in which it is tried: the firmware's default,
-    then pressing on at the speed of the approach. With friction the default, a cap of 0, comes
-    last: an axis that just touches stands there, and some friction lets it touch like that."""
+def losses(bench: ContactBench) -> tuple[dict[str, int], ...]:
+    """Firmware objects for a loss of contact, in the order in which they are simulated: first the
+    default, then a motion towards the workpiece at the speed of the approach. With friction the
+    default, a cap of 0, comes last: an axis that just touches the workpiece then stays at
+    standstill there."""
     speed = bench.cases[0].speed_m_per_s
     on = {"contact_loss_cap": bench.press_speed_code(speed)}
     slow = [{"contact_loss_cap": bench.press_speed_code(speed / 4, share)} for share in SHARES]
     return (*slow, on, {}) if bench.frictions else ({}, on)
 
 
-def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least=0.0):
-    """(bank, loss, rows, cuts): the bank with its gain reduced until every case is stable.
+@dataclass(frozen=True)
+class SafeDesign:
+    """A bank with which every simulated contact is stable: the bank, the limits after a loss of
+    contact, the contacts, and the larger gains that were rejected."""
 
-    least: share of its gain below which no step is tried but the first. Each step is tried with all
+    bank: Bank
+    loss: ContactLoss
+    contacts: list[SimulatedContact]
+    cuts: list[GainCut]
+
+
+def safe(
+    bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
+    threads: int = 1, progress: Callable[[str], None] | None = None, least: float = 0.0,
+) -> SafeDesign:  # fmt: skip
+    """The bank with its gain reduced until every case is stable.
+
+    least: share of the gain below which only the full gain is tried. Each gain is tried with all
     of losses(). Raises InputError where none of BACKOFFS steps is enough, or where no step helps
     because the contact is never made.
     """
-    bench.feel(bank, latencies, threads)
-    cuts = []
+    bench.measure_impacts(bank, latencies, threads)
+    cuts: list[GainCut] = []
     for steps in range(BACKOFFS + 1):
         if steps and BACKOFF**steps < least:
             break
@@ -445,7 +509,7 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
         tried = replace(bank, force_gain=gain).quantised()
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
-        bad = None
+        bad: list[SimulatedContact] | None = None
         for first in losses(bench):
             rows = simulate(bench, tried, members, latencies, first, threads)
             failed = unstable(rows)
@@ -454,35 +518,39 @@ def safe(bench, bank, members, latencies=(0, 1), threads=1, progress=None, least
             if not bad:
                 break
         if bad:
-            cuts.append(Cut(tried.force_gain, len(bad), len(rows), bad[0]["case"], why(bad[0])))
+            cuts.append(GainCut(tried.force_gain, len(bad), len(rows), bad[0].case, why(bad[0])))
             _expect_contact(bench, bad)
             continue
         loss = choose_loss(bench, tried, latencies, threads)
-        objects_ = {n: loss[n] for n in ("contact_loss_cap", "contact_loss_dwell")}
-        chosen = simulate(bench, tried, members, latencies, objects_, threads)
-        if unstable(chosen):  # of a member that the strikes on the nominal plant say nothing of
-            loss |= {"contact_loss_cap": 0, "contact_loss_dwell": DWELLS_MS[0]} | first
-            loss["strike_N_s"] = loss["strike_default_N_s"]
+        chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
+        if unstable(chosen):  # on a member whose impacts choose_loss() does not simulate
+            loss = replace(
+                loss,
+                contact_loss_cap=first.get("contact_loss_cap", 0),
+                contact_loss_dwell=DWELLS_MS[0],
+                strike_N_s=loss.strike_default_N_s,
+            )
             chosen = rows
-        return tried, loss, chosen, cuts
-    bad, share = cuts[-1], tried.force_gain / bank.force_gain
+        return SafeDesign(tried, loss, chosen, cuts)
+    last, share = cuts[-1], tried.force_gain / bank.force_gain
     raise InputError(
-        f"simulation: expected contact that settles, {bad.case} does not even at "
-        f"{bad.force_gain:.3g}, {share:.2g} of the designed gain ({bad.why}); a smaller set, a "
-        "softer pad, a slower approach (--approach) or other forces (--force)"
+        f"simulation: expected contact that settles, {last.case} does not even at "
+        f"{last.force_gain:.3g}, {share:.2g} of the designed gain ({last.why}); a smaller set, a "
+        "softer pad, a slower approach or other forces"
     )
 
 
-def _expect_contact(bench, bad):
-    """No smaller gain of the force law makes a contact that the approach does not reach."""
-    never = [row for row in bad if row["verdict"] == "never_in_contact" and row["fault"] == "none"]
+def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> None:
+    """Raise InputError if the approach does not reach the workpiece: no gain of the force law
+    changes that."""
+    never = [row for row in bad if row.verdict == "never_in_contact" and row.fault == "none"]
     if not never:
         return
-    gain = bench.settings["position_gain"]
+    gain = float(bench.settings["position_gain"])
     raise InputError(
-        f"simulation: expected the approach to reach the part, {never[0]['case']} never touches it "
+        f"simulation: expected the approach to reach the part, {never[0].case} never touches it "
         f"({1e3 * bench.gap_m():.3g} mm away); the force law has no part in this: the position "
         f"gain {gain:.4g} is too small against what holds the axis back (a flexure, gravity, dry "
-        "friction), or the approach too slow; raise [firmware] position_gain or --approach, or "
-        "start nearer to the part"
+        "friction), or the approach too slow; raise [firmware] position_gain or the "
+        "speed of the approach, or start nearer to the part"
     )

@@ -6,9 +6,12 @@ of the integral's rad/s, then for each section of zero Hz, zero damping, pole Hz
 """
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
+from forceaxis.design.contact import Ramp
+from forceaxis.design.grid import Grid, Response, Samples
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
 INTEGRAL = (0.6, 100.0)  # rad/s; a slower one has not settled within the ten seconds of simulate
@@ -16,24 +19,32 @@ HIGHEST_HZ = 600.0
 ZERO_DAMPING = (0.02, 2.0)
 POLE_DAMPING = (0.4, 2.0)  # less amplifies the quantisation of the reading at one frequency
 # Name -> number of sections; None: neither integral nor section.
-STRUCTURES = {"P": None, "PI": 0, "PI and one biquad": 1, "PI and two biquads": 2}
+STRUCTURES: dict[str, int | None] = {
+    "P": None,
+    "PI": 0,
+    "PI and one biquad": 1,
+    "PI and two biquads": 2,
+}
 
 
-def bounds(name, lowest_hz):
-    """(lowest, highest) of each number, as logarithms, (n, 2). lowest_hz: of zeros and poles."""
+def bounds(name: str, lowest_hz: float) -> Samples:
+    """(lowest, highest) logarithm of each number of a structure, (n, 2). lowest_hz: lowest
+    frequency of zeros and poles."""
     frequency = (lowest_hz, HIGHEST_HZ)
     section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
-    ranges = [] if sections is None else [INTEGRAL, *section * sections]
+    ranges = [] if sections is None else [INTEGRAL, *(section * sections)]
     return np.log(np.array(ranges).reshape(-1, 2))
 
 
-def _warped(hz):
+def _warped(hz: float) -> float:
     return 2 / TICK_S * math.tan(math.pi * hz * TICK_S)
 
 
-def section(zero_hz, zero_damping, pole_hz, pole_damping):
-    """(b0, b1, b2, a1, a2)."""
+def section(
+    zero_hz: float, zero_damping: float, pole_hz: float, pole_damping: float
+) -> tuple[float, float, float, float, float]:
+    """Coefficients (b0, b1, b2, a1, a2) of a section; frequencies in Hz, damping ratios."""
     k = 2 / TICK_S
     wz, wp = _warped(zero_hz), _warped(pole_hz)
     over = k * k + 2 * pole_damping * wp * k + wp * wp
@@ -47,24 +58,26 @@ def section(zero_hz, zero_damping, pole_hz, pole_damping):
     )
 
 
-def _sections(numbers):
-    values = np.exp(numbers)
-    return [tuple(float(v) for v in values[i : i + 4]) for i in range(1, len(values), 4)]
+def _sections(numbers: Samples) -> list[tuple[float, float, float, float]]:
+    values = [float(value) for value in np.exp(numbers)]
+    return [
+        (values[i], values[i + 1], values[i + 2], values[i + 3]) for i in range(1, len(values), 4)
+    ]
 
 
-def bank(numbers, gain):
-    """The Bank of these numbers."""
+def bank(numbers: Samples, gain: float) -> Bank:
+    """The bank of these numbers, with force_gain `gain`."""
     if not len(numbers):
         return Bank(gain)
     rate = float(np.exp(numbers[0]))
     return Bank(gain, rate, 0.0, tuple(section(*s) for s in _sections(numbers)))
 
 
-def response(numbers, grid):
-    """The law without its gain on a Grid."""
+def response(numbers: Samples, grid: Grid | Ramp) -> Response:
+    """The response of the law without its gain at the points of `grid`."""
     if not len(numbers):
         return np.ones_like(grid.plant)
-    law = 1 + math.exp(numbers[0]) * grid.integral
+    law: Response = 1 + math.exp(numbers[0]) * grid.integral
     w, square = grid.warped, grid.warped_squared
     for zero_hz, zero_damping, pole_hz, pole_damping in _sections(numbers):
         wz, wp = _warped(zero_hz), _warped(pole_hz)
@@ -73,6 +86,6 @@ def response(numbers, grid):
     return law
 
 
-def is_legal(sections):
-    """Whether the firmware's coefficients hold all values."""
+def is_legal(sections: Iterable[Iterable[float]]) -> bool:
+    """Whether the firmware can store all coefficients."""
     return all(abs(c) <= COEFFICIENT_MAX for values in sections for c in values)

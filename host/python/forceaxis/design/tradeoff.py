@@ -1,38 +1,82 @@
-"""What bandwidth costs: designs for one margin after another, as a front (`--pareto`)."""
+"""What bandwidth costs: designs for one margin after another, as a front (`pareto`)."""
 
 import json
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from forceaxis import drawing, paths
 from forceaxis._core import InputError
-from forceaxis.design import changes, files, for_set, reduced, search, simulate
-from forceaxis.design.outcome import LATENCIES, TIMINGS
+from forceaxis.design import changes, files, for_set, simulate
+from forceaxis.design.banks import BankKeys, bank_keys
+from forceaxis.design.certificate import WorstFigures
+from forceaxis.design.grid import Goal
+from forceaxis.design.outcome import LATENCIES, TIMINGS, DesignOrder
+from forceaxis.design.reduced import ShapedDesign, ShortSearch
+from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank
-from forceaxis.words import counted
+from forceaxis.results import json_field, to_json
 
 # What bandwidth is set against: its values, and what they are.
-AGAINST = {
+AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
     "ms": ((1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6), "largest |S|, a tenth more one tick late"),
     "hf": ((2, 4, 8, 15, 30, 60, 120), "gain at high frequency, codes per 8-bit count"),
     "gain_margin": ((1.6, 1.9, 2.3, 2.7, 3.2, 4.0), "gain margin"),
 }
 
 
-def against_of(text):
+@dataclass(frozen=True, kw_only=True)
+class TradeoffRow:
+    """The design for one value of the second figure, which is the field of its name; None: no gain
+    keeps the margins."""
+
+    bandwidth_Hz: float | None
+    p_bandwidth_Hz: float | None
+    p_static_error: float | None
+    bank: BankKeys
+    worst: WorstFigures | None
+    ms: float | None = json_field(omit_none=True)
+    hf: float | None = json_field(omit_none=True)
+    gain_margin: float | None = json_field(omit_none=True)
+
+    @property
+    def value(self) -> float:
+        """The value of the second figure."""
+        return next(v for v in (self.ms, self.hf, self.gain_margin) if v is not None)
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """What `forceaxis design --pareto --json` prints; against: name of the second figure, what: its
+    meaning."""
+
+    model: str
+    over: list[str]
+    modes: list[dict[str, str]]
+    adc_bits: int
+    against: str
+    what: str
+    rows: list[TradeoffRow]
+
+
+def against_of(text: str) -> str:
     """ms of "bandwidth,ms"."""
     names = text.split(",")
     if len(names) != 2 or names[0] != "bandwidth" or names[1] not in AGAINST:
-        raise InputError(
-            f"--pareto: expected bandwidth and one of {', '.join(AGAINST)}, got {text}"
+        raise ParameterError(
+            "pareto", f"expected bandwidth and one of {', '.join(AGAINST)}, got {text}"
         )
     return names[1]
 
 
-def tradeoff(order, against, progress=None):
-    """Designs of an Order for each value of one margin, the others as ordered: what
-    `forceaxis design --pareto --json` prints. The search is `reduced`. Raises InputError."""
+def tradeoff(
+    order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
+) -> Tradeoff:
+    """Designs of an order for each value of one margin, the others as ordered, by the search of
+    `reduced`. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
@@ -41,38 +85,38 @@ def tradeoff(order, against, progress=None):
                 f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
             )
         bits = order.adc_bits or plant.facts.required_reading.bits
-        plants = for_set.plant_set(simulate.Bench(plant, bits), order)
-        goal = search.Goal(
+        plants = for_set.plant_set(simulate.ContactBench(plant, bits), order)
+        goal = Goal(
             ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
             timings=tuple(TIMINGS[t] for t in LATENCIES[order.latency]),
         )  # fmt: skip
-        problem = reduced.Problem(plants, goal)
+        problem = ShortSearch(plants, goal)
         known, rows = [], []
         for done, value in enumerate(values):
             if progress:
                 progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
-            known.append(problem.designed()["numbers"])
+            known.append(problem.designed().numbers)
         for value in values:  # what keeps one margin may be the best at another
             _set(problem, goal, against, value)
             rows.append(_row(against, value, problem, problem.best_of(known)))
-    return {
-        "model": paths.display(plant.model),
-        "over": list(order.over),
-        "modes": list(plants.modes),
-        "adc_bits": bits,
-        "against": against,
-        "what": what,
-        "rows": rows,
-    }
+    return Tradeoff(
+        model=paths.display(plant.model),
+        over=list(order.over),
+        modes=list(plants.modes),
+        adc_bits=bits,
+        against=against,
+        what=what,
+        rows=rows,
+    )
 
 
-def _set(problem, goal, against, value):
+def _set(problem: ShortSearch, goal: Goal, against: str, value: float) -> None:
     problem.goal = _with(goal, against, value)
     problem.inner.bounds = problem.goal.bounds()
 
 
-def _with(goal, against, value):
+def _with(goal: Goal, against: str, value: float) -> Goal:
     if against == "ms":
         return replace(goal, ms=value, ms_late=1.1 * value)
     if against == "hf":
@@ -80,66 +124,43 @@ def _with(goal, against, value):
     return replace(goal, gain_margin=value)
 
 
-def _row(against, value, problem, found):
-    p = problem.worst(Bank(1.0))
-    return {
-        against: value,
-        "bandwidth_Hz": found["worst"]["fS_Hz"] if found["worst"] else None,
-        "p_bandwidth_Hz": p["worst"]["fS_Hz"] if p["worst"] else None,
-        "p_static_error": p["worst"]["static_error"] if p["worst"] else None,
-        "bank": found["bank"].keys() | {"hf_gain": found["bank"].hf_gain()},
-        "worst": found["worst"],
-    }
+def _row(against: str, value: float, problem: ShortSearch, found: ShapedDesign) -> TradeoffRow:
+    p = problem.worst(Bank(1.0)).worst
+    return TradeoffRow(
+        bandwidth_Hz=found.worst.fS_Hz if found.worst else None,
+        p_bandwidth_Hz=p.fS_Hz if p else None,
+        p_static_error=p.static_error if p else None,
+        bank=replace(bank_keys(found.bank), hf_gain=found.bank.hf_gain()),
+        worst=found.worst,
+        ms=value if against == "ms" else None,
+        hf=value if against == "hf" else None,
+        gain_margin=value if against == "gain_margin" else None,
+    )
 
 
-def describe(result):
-    """The front for a terminal."""
-
-    def number(value):
-        return "-" if value is None else f"{value:.3g}"
-
-    against = result["against"]
-    lines = [
-        f"model        {result['model']}",
-        f"set          {', '.join(result['over'])}; {counted(len(result['modes']), 'mode')}",
-        f"{against:>11}  bandwidth Hz  P's  Ms    late  gain margin  "
-        "DAC codes/count of force at high frequency",
-    ]
-    for row in result["rows"]:
-        worst = row["worst"] or {}
-        cells = [row["bandwidth_Hz"], row["p_bandwidth_Hz"]]
-        cells += [worst.get(name) for name in ("Ms", "Ms_late", "gain_margin")]
-        wide = zip(map(number, cells), (12, 4, 4, 5, 12), strict=True)
-        cells = "  ".join(text.ljust(width) for text, width in wide)
-        lines.append(f"{row[against]:11g}  {cells} {row['bank']['hf_gain']:.3g}")
-    lines.append(f"{against}: {result['what']}")
-    return "\n".join(lines)
-
-
-def figure(result):
-    """The front as a figure."""
-    against = result["against"]
+def figure(result: Tradeoff) -> Figure:
+    """The trade-off as a figure."""
     drawn, ax = plt.subplots(figsize=(5.6, 3.4))
     drawing.style(ax)
-    for name, key, colour in (
-        ("designed bank", "bandwidth_Hz", drawing.INK),
-        ("P", "p_bandwidth_Hz", drawing.GOT),
+    for name, curve, colour in (
+        ("designed bank", [(row.value, row.bandwidth_Hz) for row in result.rows], drawing.INK),
+        ("P", [(row.value, row.p_bandwidth_Hz) for row in result.rows], drawing.GOT),
     ):
-        points = [(row[against], row[key]) for row in result["rows"] if row[key]]
+        points = [point for point in curve if point[1]]
         ax.plot(*zip(*points, strict=True), "o-", color=colour, markersize=3.5, label=name)
-    if against == "hf":
+    if result.against == "hf":
         ax.set_xscale("log")
     ax.set_ylim(bottom=0)
-    ax.set_xlabel(result["what"])
+    ax.set_xlabel(result.what)
     ax.set_ylabel("bandwidth fS over the set, Hz")
     drawing.legend(ax)
-    name, over = drawing.name_of(result["model"]), ", ".join(result["over"])
+    name, over = drawing.name_of(result.model), ", ".join(result.over)
     drawing.finish(drawn, ax, f"{name}: what bandwidth costs, over {over}")
     return drawn
 
 
-def write(out, result):
-    """tradeoff.json and tradeoff.png into a new folder."""
-    with files.Folder(out) as folder:
-        folder.write("tradeoff.json", json.dumps(result, allow_nan=False, indent=1) + "\n")
+def write(out: Path, result: Tradeoff) -> None:
+    """Write tradeoff.json and tradeoff.png into a new folder."""
+    with files.NewFolder(out) as folder:
+        folder.write("tradeoff.json", json.dumps(to_json(result), allow_nan=False, indent=1) + "\n")
         drawing.save(figure(result), folder.path / "tradeoff.png")

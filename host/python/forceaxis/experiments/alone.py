@@ -2,13 +2,14 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from forceaxis.experiments.points import Axis, tidy
+from forceaxis.experiments.points import Point, SweepParameter, tidy
 
 
-def find(axes, verdict):
+def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
     """Indices of the points of a grid of one or two parameters that stand alone: judged otherwise
     than every neighbour that was judged, diagonal ones too, of which there are at least two."""
     shape = tuple(len(a.values) for a in axes)
@@ -26,7 +27,7 @@ def find(axes, verdict):
     return sorted(found)
 
 
-def around(axes: list[Axis], point):
+def around(axes: Sequence[SweepParameter], point: Sequence[float]) -> list[Point]:
     """The points half-way between one of the grid and its neighbours, diagonal ones too."""
     choices = []
     for axis, value in zip(axes, point, strict=True):
@@ -37,6 +38,6 @@ def around(axes: list[Axis], point):
     return [p for p in itertools.product(*choices) if p != tuple(point)]
 
 
-def half_way(axis, a, b):
-    """Between two values, on the scale of the axis."""
+def half_way(axis: SweepParameter, a: float, b: float) -> float:
+    """The value between two values, on the scale of the parameter."""
     return tidy(math.sqrt(a * b) if axis.log else (a + b) / 2)

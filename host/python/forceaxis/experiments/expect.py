@@ -5,20 +5,23 @@ FORMAT declares its keys; docs/guide/reference/experiment.md is written from the
 
 import difflib
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import run as runs
+from forceaxis.experiments.run_result import RunResult
 from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
 
 TEXTS = ("verdict", "fault", "trace_hash")
 
 
-# How near a bare number must be met: 1 % of it, 10 ms, one percent of the step.
+# Tolerance of a number without one: 1 % of the number, 10 ms, 0.01 of the step, 0.1 points.
 TOLERANCES = {
     "peak_force_N": {"relative": 0.01},
     "final_value": {"relative": 0.01},
@@ -29,10 +32,12 @@ TOLERANCES = {
 }
 
 
-HELD = {"held_force_N": "held_N", "held_force_error_percent": "error_percent"}
+OF_HELD_FORCE = ("held_force_N", "held_force_error_percent")
 
 
-def _key(key, form, default, meaning, unit="", range_=""):
+def _key(
+    key: str, form: str, default: str, meaning: str, unit: str = "", range_: str = ""
+) -> dict[str, str | bool]:
     return {
         "key": key,
         "form": form,
@@ -44,11 +49,17 @@ def _key(key, form, default, meaning, unit="", range_=""):
     }
 
 
-def _number(key, meaning, unit="", range_=">= 0", form="number or { ... }"):
+def _number(
+    key: str,
+    meaning: str,
+    unit: str = "",
+    range_: str = ">= 0",
+    form: str = "number or { ... }",
+) -> dict[str, str | bool]:
     return _key(key, form, "not compared", meaning, unit, range_)
 
 
-FORMAT = (
+FORMAT: tuple[dict[str, Any], ...] = (
     {
         "path": "expect",
         "header": "[expect]",
@@ -160,7 +171,7 @@ class Number:
     high: float
     value: float | None = None
 
-    def __str__(self):
+    def __str__(self) -> str:
         if self.value is None:
             low = f"at least {self.low:.6g}" if math.isfinite(self.low) else ""
             high = f"at most {self.high:.6g}" if math.isfinite(self.high) else ""
@@ -168,11 +179,15 @@ class Number:
         return f"{self.value:.6g} +-{self.high - self.value:.3g}"
 
 
+Expected: TypeAlias = str | Number
+Obtained: TypeAlias = str | float | None  # None: the run does not have this value
+
+
 @dataclass(frozen=True)
 class Expectation:
-    """A checked [expect] table: key -> text or Number, and how `signal` is evaluated."""
+    """A checked [expect] table, and how `signal` is evaluated."""
 
-    wanted: dict
+    wanted: dict[str, Expected]
     signal: str | None
     from_s: float
     final_s: float | None
@@ -182,38 +197,38 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a run: values by the keys of [expect], and the response they come from."""
+    """Results of a run by the keys of [expect], and the response that they are read from."""
 
-    values: dict
+    values: dict[str, Obtained]
     signal: str
     from_s: float
     final_s: float
     start: float
     final: float
     width: float  # the settling band is final +- width
-    contacts: list
+    contacts: list[str]
 
 
 @dataclass(frozen=True)
-class Check:
-    """One expectation beside what was obtained."""
+class ExpectationCheck:
+    """An expectation beside the value of the run."""
 
     key: str
-    expected: str | Number
-    obtained: str | float
+    expected: Expected
+    obtained: Obtained
     unit: str = ""  # of a number
     why: str = ""  # what the obtained verdict was found for
 
     @property
-    def passed(self):
+    def passed(self) -> bool:
         """Whether the obtained value is the expected one."""
         if isinstance(self.expected, Number) and isinstance(self.obtained, float):
             return self.expected.low <= self.obtained <= self.expected.high
         return self.expected == self.obtained or bool(self.warning)
 
     @property
-    def warning(self):
-        """Of a verdict that matches in the sense of a file from before there were four words."""
+    def warning(self) -> str:
+        """A warning where the verdict matches only as in a file of a version with two verdicts."""
         matches = self.expected == "unstable" and self.obtained in NOT_STABLE[1:]
         if self.key != "verdict" or not matches:
             return ""
@@ -223,7 +238,7 @@ class Check:
         )
 
     @property
-    def difference(self):
+    def difference(self) -> str:
         """How far the obtained value is off: from the expected one, or from the limit it passes."""
         if not (isinstance(self.expected, Number) and isinstance(self.obtained, float)):
             return self.why
@@ -234,7 +249,7 @@ class Check:
         text = f"{abs(off):.3g} {self.unit}".rstrip() + (" above" if off > 0 else " below")
         return text + (f", {abs(off / due):.1%}" if due else "")
 
-    def __str__(self):
+    def __str__(self) -> str:
         text = f"{self.key}: expected {shown(self.expected)}, got {shown(self.obtained)}"
         if self.passed or not self.difference:
             return text
@@ -248,15 +263,15 @@ class Examined:
     run: runs.Run
     expect: Expectation | None
     measured: Measured
-    checks: list
+    checks: list[ExpectationCheck]
 
     @property
-    def differences(self):
+    def differences(self) -> list[ExpectationCheck]:
         """The checks that failed."""
         return [c for c in self.checks if not c.passed]
 
 
-def shown(value):
+def shown(value: Expected | Obtained) -> str:
     """A value for a reader; `--json` and --update have all digits."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) < 64 else text[:16] + "..."
@@ -265,13 +280,14 @@ def shown(value):
 class Reader:
     """Checks the keys of one [expect] table; `file` is named in errors."""
 
-    def __init__(self, file):
+    def __init__(self, file: str | Path) -> None:
         self.file = file
 
-    def fail(self, key, message):
+    def fail(self, key: str, message: str) -> NoReturn:
+        """Raise InputError with the file and the key."""
         raise InputError(f"{self.file}: expect{key and '.'}{key}: {message}")
 
-    def number(self, key, value, low=-LARGEST):
+    def number(self, key: str, value: Any, low: float = -LARGEST) -> float:
         """A plain number of at least `low`."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, "expected a number")
@@ -279,7 +295,7 @@ class Reader:
             self.fail(key, f"expected a number from {low:g} to {LARGEST:g}, got {value:g}")
         return float(value)
 
-    def wanted(self, key, value):
+    def wanted(self, key: str, value: Any) -> Expected:
         """The expectation of a number: a Number, or the word for a missing one."""
         low = -LARGEST if key in ("final_value", "held_force_N") else 0.0
         if isinstance(value, str) and key in NOTHING:
@@ -306,7 +322,7 @@ class Reader:
             width *= abs(expected)
         return Number(expected - width, expected + width, expected)
 
-    def limits(self, key, given, low):
+    def limits(self, key: str, given: Mapping[str, float], low: float) -> Number:
         """The Number of min and max."""
         if len(given) != len(given.keys() & {"min", "max"}):
             self.fail(key, "expected either min and max or value with its tolerance, not both")
@@ -318,30 +334,18 @@ class Reader:
         return limits
 
 
-def read(file, data):
+def read(file: str | Path, data: Mapping[str, Any]) -> Expectation | None:
     """The Expectation of `_core.inputs`, None without [expect]. Raises InputError."""
     table, reader = data["expect"], Reader(file)
     if table is None:
         return None
-    fail, number = reader.fail, reader.number
-    toml.expect_keys(table, KEYS, fail)
-    faults = objects.BY_NAME["fault"].enum
-    for key, texts in (("verdict", VERDICTS), ("fault", faults)):
-        if key in table and table[key] not in texts:
-            meant = difflib.get_close_matches(str(table[key]), texts, 1)
-            hint = f"; did you mean {meant[0]}?" if meant else ""
-            fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}{hint}")
-    if "verdict" in table and not data["criterion"]:
-        fail("verdict", "expected a [verdict] table with the limits of a stable run; add it")
-    text = table.get("trace_hash", "0" * 64)
-    if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
-        fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
-    if not isinstance(table.get("signal", ""), str):
-        fail("signal", "expected the name of a column of the trace")
+    toml.expect_keys(table, KEYS, reader.fail)
+    _check_texts(reader, table, bool(data.get("criterion")))
+    number = reader.number
     band, absolute = table.get("band", 0.05), False
     if isinstance(band, dict):
         if list(band) != ["absolute"]:
-            fail("band", "expected a fraction of the step or { absolute = ... }")
+            reader.fail("band", "expected a fraction of the step or { absolute = ... }")
         band, absolute = band["absolute"], True
     return Expectation(
         wanted={
@@ -355,32 +359,51 @@ def read(file, data):
     )
 
 
-def measure(done, expect, contacts):
+def _check_texts(reader: Reader, table: Mapping[str, Any], has_verdict: bool) -> None:
+    """Check the keys whose values are texts. has_verdict: the experiment has [verdict]. Raises
+    InputError."""
+    for key, texts in (("verdict", VERDICTS), ("fault", objects.BY_NAME["fault"].enum)):
+        if key in table and table[key] not in texts:
+            meant = difflib.get_close_matches(str(table[key]), texts, 1)
+            hint = f"; did you mean {meant[0]}?" if meant else ""
+            reader.fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}{hint}")
+    if "verdict" in table and not has_verdict:
+        reader.fail("verdict", "expected a [verdict] table with the limits of a stable run; add it")
+    text = table.get("trace_hash", "0" * 64)
+    if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
+        reader.fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
+    if not isinstance(table.get("signal", ""), str):
+        reader.fail("signal", "expected the name of a column of the trace")
+
+
+def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measured:
     """Results of a run by the definitions above. Raises InputError where [expect] contradicts the
     run."""
-
-    def fail(key, message):
-        raise InputError(f"{done.experiment}: expect.{key}: {message}")
-
+    reader, result = Reader(done.experiment), done.result
     rate = _core.TICKS_PER_SECOND
     signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
     if signal not in done.columns:
-        fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
+        reader.fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
     if "peak_force_N" in expect.wanted and not contacts:
-        fail("peak_force_N", "expected a model with a contact, this one has none; remove the key")
-    held = done.summary["metrics"].get("held_force") or {}
-    if wanted := HELD.keys() & expect.wanted.keys() if not held else ():
-        fail(
-            min(wanted), "expected an experiment that controls force, this one does not; remove it"
+        reader.fail(
+            "peak_force_N", "expected a model with a contact, this one has none; remove the key"
+        )
+    held = result.metrics.held_force
+    if asked := [key for key in OF_HELD_FORCE if key in expect.wanted and not held]:
+        reader.fail(
+            min(asked), "expected an experiment that controls force, this one does not; remove it"
         )
     first = math.ceil(expect.from_s * rate - 1e-9)
     values = done.columns[signal][first:].astype(float)
     if len(values) < 2:
-        fail("from_s", f"expected a time before the end, {done.columns['time_s'][-1]:g} s")
+        end_s = done.columns["time_s"][-1]
+        reader.fail("from_s", f"expected a time before the end, {end_s:g} s")
     lasts_s = (len(values) - 1) / rate
     final_s = lasts_s / 10 if expect.final_s is None else expect.final_s
     if final_s > lasts_s + 1e-9:
-        fail("final_s", f"expected at most the {lasts_s:g} s that follow from_s, got {final_s:g}")
+        reader.fail(
+            "final_s", f"expected at most the {lasts_s:g} s that follow from_s, got {final_s:g}"
+        )
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
@@ -392,34 +415,37 @@ def measure(done, expect, contacts):
     last = int(outside[-1]) if len(outside) else -1
     settled = last < len(values) - window
     beyond = float((math.copysign(1, step) * (values - final)).max())
-    got = {
-        "verdict": done.summary["verdict"],
-        "fault": done.summary["fault"],
-        "peak_force_N": done.summary["metrics"]["peak_force_N"] if contacts else None,
+    got: dict[str, Obtained] = {
+        "verdict": result.verdict,
+        "fault": result.fault,
+        "peak_force_N": result.metrics.peak_force_N if contacts else None,
         "final_value": final,
-        **{key: held.get(name) for key, name in HELD.items()},
+        "held_force_N": held.held_N if held else None,
+        "held_force_error_percent": held.error_percent if held else None,
         "settle_s": (last + 1) / rate if settled else NOTHING["settle_s"],
         "overshoot": max(0.0, beyond) / abs(step) if abs(step) > rounding else "undefined",
-        "trace_hash": done.summary["trace_hash"],
+        "trace_hash": result.trace_hash,
     }
     return Measured(got, signal, expect.from_s, final_s, start, final, width, contacts)
 
 
-def examine(file, overrides=()):
+def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
     """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
     given = _core.inputs(str(file), list(overrides))
     expect = read(file, given)  # a bad table is refused before the run
     done = runs.run(file, overrides)
-    measured = measure(done, expect or read(file, {"expect": {}}), given["contacts"])
+    how = expect or read(file, {"expect": {}})
+    assert how is not None
+    measured = measure(done, how, given["contacts"])
     wanted = expect.wanted if expect else {}
     checks = [
-        Check(
+        ExpectationCheck(
             key,
             value,
             measured.values[key],
             unit_of(key, measured.signal, done),
-            why(key, done.summary),
+            why(key, done.result),
         )
         for key, value in wanted.items()
     ]
@@ -429,21 +455,21 @@ def examine(file, overrides=()):
 CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc1": "ADC code"}
 
 
-def unit_of(key, signal, done):
+def unit_of(key: str, signal: str, done: runs.Run) -> str:
     """The unit of a number of [expect], by its name; of final_value that of the signal."""
     if key != "final_value":
         return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
     if signal in done.units:
-        return objects.unit_in_words(objects.BY_NAME[signal])
+        return str(objects.unit_in_words(objects.BY_NAME[signal]))
     return CODES.get(signal) or done.signal_units.get(signal, "")
 
 
-def why(key, summary):
-    """What the verdict of a run was found for; of other keys nothing."""
-    return ", ".join(summary["because"]) if key == "verdict" else ""
+def why(key: str, result: RunResult) -> str:
+    """Why a run has its verdict; an empty text for other keys."""
+    return ", ".join(result.because) if key == "verdict" else ""
 
 
-def table(checks):
+def table(checks: Sequence[ExpectationCheck]) -> str:
     """Expected beside obtained, one row a key."""
     rows = [("", "expected", "obtained", "")]
     for c in checks:

@@ -21,6 +21,8 @@ from forceaxis import _core, objects, paths, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as words
+from forceaxis.experiments.run_result import Array, Converter, HeldForce
+from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,7 +142,7 @@ class Result:
         self._run = run
         #: Everything that `forceaxis run --json` prints.
         self.summary: dict[str, Any] = run.summary
-        self.time_s: np.ndarray = run.columns["time_s"]
+        self.time_s: Array = run.columns["time_s"]
         self.units: dict[str, str] = self._units()
 
     def _units(self) -> dict[str, str]:
@@ -152,25 +154,23 @@ class Result:
         for name, column in QUANTITIES.items():
             converter = self._converter(column)
             # An ADC may read something else than a force.
-            if converter and (name != "force" or converter["unit"] == "N"):
-                units[name] = converter["unit"]
+            if converter and (name != "force" or converter.unit == "N"):
+                units[name] = converter.unit
         return units
 
-    def _converter(self, column: str) -> dict[str, Any] | None:
-        found: dict[str, Any] | None = self.summary["converters"].get(column)
-        return found
+    def _converter(self, column: str) -> Converter | None:
+        return self._run.result.converters.get(column)
 
     @property
     def title(self) -> str:
         """The experiment's title, with its figure."""
-        return str(self._run.title)
+        return self._run.title
 
     @property
     def verdict(self) -> str | None:
         """The run is "stable", "unstable", "not_met" (a limit of [verdict] is missed) or
         "never_in_contact"; None: the experiment has no [verdict]."""
-        found: str | None = self.summary["verdict"]
-        return found
+        return self._run.result.verdict
 
     @property
     def stable(self) -> bool:
@@ -180,41 +180,41 @@ class Result:
     @property
     def because(self) -> list[str]:
         """Why the verdict is not "stable", in words."""
-        return list(self.summary["because"])
+        return list(self._run.result.because)
 
     @property
     def missed(self) -> list[dict[str, Any]]:
         """The limits that the run missed: limit, verdict, value, bound, unit of each."""
-        return list(self.summary["missed"])
+        return [to_json(limit) for limit in self._run.result.missed]
 
     @property
     def fault(self) -> str:
         """The first fault that the firmware latched, or "none"."""
-        return str(self.summary["fault"])
+        return self._run.result.fault
 
     @property
-    def _held(self) -> dict[str, Any]:
-        return self.summary["metrics"]["held_force"] or {}
+    def _held(self) -> HeldForce | None:
+        return self._run.result.metrics.held_force
 
     @property
     def setpoint_N(self) -> float | None:
         """The last set-point of force; None: the experiment controls no force."""
-        return self._held.get("setpoint_N")
+        return self._held.setpoint_N if self._held else None
 
     @property
     def held_force_N(self) -> float | None:
         """Mean of the force over the judged window; None: the experiment controls no force."""
-        return self._held.get("held_N")
+        return self._held.held_N if self._held else None
 
     @property
     def overshoot_percent(self) -> float | None:
         """Largest excess of the force over its set-point, of the set-point."""
-        return self._held.get("overshoot_percent")
+        return self._held.overshoot_percent if self._held else None
 
     @property
     def settling_s(self) -> float | None:
         """From the last set-point or touch until the force stays within 5 %; None: it does not."""
-        return self._held.get("settle_s")
+        return self._held.settle_s if self._held else None
 
     @property
     def events(self) -> list[Event]:
@@ -224,11 +224,11 @@ class Result:
     @property
     def trace_hash(self) -> str:
         """Hash of every code of every tick: equal for equal runs."""
-        return str(self.summary["trace_hash"])
+        return self._run.result.trace_hash
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Array:
         """Give a column of the trace, or "force", "position" or "command". Raises KeyError."""
-        columns: dict[str, np.ndarray] = self._run.columns
+        columns = self._run.columns
         if name in columns:
             return columns[name]
         if name not in self.units:
@@ -237,7 +237,7 @@ class Result:
         converter = self._converter(column)
         assert converter is not None  # or it would have no unit
         codes = columns[column].astype(float)
-        return np.asarray((codes - converter["zero"]) * converter["per_code"])
+        return np.asarray((codes - converter.zero) * converter.per_code)
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names that have values."""
@@ -255,14 +255,14 @@ class Result:
         from forceaxis import drawing
         from forceaxis.experiments import trace
 
-        drawn: Figure = trace.figure(self._run, codes)
+        drawn = trace.figure(self._run, codes)
         if path is not None:
             drawing.save(drawn, Path(path), Path(path).suffix.lstrip(".") or "png")
         return drawn
 
     def __str__(self) -> str:
         """Give the summary that `forceaxis run` prints."""
-        return words.describe(self.summary)
+        return words.describe(self._run.result, self._run.overrides)
 
     def __repr__(self) -> str:
         """Verdict, force held and settling time."""
@@ -271,7 +271,7 @@ class Result:
             parts.append(f"fault {self.fault}")
         if self._held:
             settling = self.settling_s
-            parts.append(f"held {self.held_force_N:.4g} N of {self.setpoint_N:.4g} N")
+            parts.append(f"held {self._held.held_N:.4g} N of {self._held.setpoint_N:.4g} N")
             parts.append("not settled" if settling is None else f"settled in {settling:.3g} s")
         return f"<Result of {self.title!r}: {'; '.join(parts)}>"
 

@@ -14,12 +14,24 @@ import socket
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import IO, Any, NamedTuple, Self
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
 from forceaxis.chip import emulator as chip
+from forceaxis.errors import ParameterError
+from forceaxis.experiments.run_result import (
+    LinkReport,
+    ProcessIds,
+    RecordCounts,
+    RefusedWrite,
+    TraceHashes,
+    read_refused,
+)
+from forceaxis.words import option_words
 
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
@@ -32,30 +44,34 @@ class LinkError(Exception):
 
 
 @dataclass(frozen=True)
-class Link:
-    """How plant and firmware are linked."""
+class LinkOptions:
+    """How the processes of plant and firmware are linked."""
 
-    kind: str = "inproc"
-    lcm_url: str = ""  # default: a port that follows from the run's number
-    can: str = "vcan1"
-    inject: str = ""  # for tests: faults in the records sent by either end
+    kind: str = "inproc"  # of KINDS
+    lcm_url: str = ""  # empty: a port that follows from the run's number
+    can: str = "vcan1"  # the CAN interface
+    inject: str = ""  # for tests: faults in the records that both sides send
     start_timeout_s: float = 5.0
     timeout_s: float = 1.0
 
-    def words(self):
-        """The same as command-line options."""
-        words = ["--link", self.kind]
-        for option, value, default in (
-            ("--lcm-url", self.lcm_url, ""),
-            ("--link-can", self.can, "vcan1"),
-            ("--inject", self.inject, ""),
-        ):
-            words += [option, value] if value != default else []
-        return words
+    def words(self) -> list[str]:
+        """The same as options of `forceaxis run`; those that are not the default."""
+        can = self.can if self.can != LinkOptions.can else None
+        return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 
 
-def program(name):
-    """A program that belongs to forceaxis: in the checkout or beside the installed extension."""
+class LinkedRun(NamedTuple):
+    """A run over a link."""
+
+    result: _core.Result
+    report: LinkReport
+    refused: list[RefusedWrite]  # by the firmware's side
+
+
+def program(name: str) -> str:
+    """The path of a program of forceaxis: in the checkout or beside the installed extension.
+
+    Raises LinkError."""
     places = [
         _CHECKOUT / "build" / "release" / "host" / name,
         _CHECKOUT / "build" / name,
@@ -69,14 +85,14 @@ def program(name):
     raise LinkError(f"{name}: expected it in one of {shown}; build it with tools/setup")
 
 
-def under_vcan(link):
+def under_vcan(link: LinkOptions) -> None:
     """Run this very command again under tools/vcan if there is no CAN interface to use here.
 
     Returns where there is one, or where the caller named an interface.
     """
     if link.kind != "socketcan" or os.environ.get(_IN_VCAN) or _has_can(link.can):
         return
-    if link.can != Link.can:
+    if link.can != LinkOptions.can:
         return
     again = "from forceaxis.cli.main import main; main()"
     command = [program("vcan"), "-e", "2", sys.executable, "-c", again, *sys.argv[1:]]
@@ -84,7 +100,7 @@ def under_vcan(link):
     os.execv(command[0], command)
 
 
-def _has_can(interface):
+def _has_can(interface: str) -> bool:
     try:
         socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
         socket.if_nametoindex(interface)
@@ -97,43 +113,56 @@ def _has_can(interface):
 class AxisNode:
     """An axis_node process that serves run after run."""
 
-    link: Link
-    process: subprocess.Popen = field(init=False)
+    link: LinkOptions
+    process: subprocess.Popen[bytes] = field(init=False)
     _text: bytes = field(init=False, default=b"")
 
-    def __post_init__(self):
-        command = [program("axis_node"), "--serve", "--link", self.link.kind]
-        command += ["--link-can", self.link.can]
-        command += ["--start-timeout", str(self.link.start_timeout_s)]
-        command += ["--timeout", str(self.link.timeout_s)]
-        if self.link.lcm_url:
-            command += ["--lcm-url", self.link.lcm_url]
-        if self.link.inject:
-            command += ["--inject", self.link.inject]
+    def __post_init__(self) -> None:
+        link = self.link
+        words = option_words(
+            serve=True,
+            link=link.kind,
+            link_can=link.can,
+            start_timeout=link.start_timeout_s,
+            timeout=link.timeout_s,
+            lcm_url=link.lcm_url,
+            inject=link.inject,
+        )
         self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+            [program("axis_node"), *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,
         )
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
+        stdin, stdout = self._pipes
         with contextlib.suppress(OSError):
-            self.process.stdin.close()
+            stdin.close()
         try:
             self.process.wait(2)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
-        self.process.stdout.close()
+        stdout.close()
 
-    def _line(self, timeout_s):
-        """Its next line of output. Raises LinkError if it ends or times out."""
+    @property
+    def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
+        """Standard input and standard output of the process."""
+        assert self.process.stdin and self.process.stdout
+        return self.process.stdin, self.process.stdout
+
+    def _line(self, timeout_s: float) -> str:
+        """The next line that the process prints. Raises LinkError if it ends or times out."""
+        stdout = self._pipes[1]
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
             remaining = until - time.monotonic()
-            ready = select.select([self.process.stdout], [], [], max(remaining, 0))[0]
-            piece = os.read(self.process.stdout.fileno(), 65536) if ready else b""
+            ready = select.select([stdout], [], [], max(remaining, 0))[0]
+            piece = os.read(stdout.fileno(), 65536) if ready else b""
             if not piece:
                 what = "ended" if ready else f"no response for {timeout_s:g} s"
                 raise LinkError(f"axis_node (pid {self.process.pid}) {what}")
@@ -141,44 +170,50 @@ class AxisNode:
         line, self._text = self._text.split(b"\n", 1)
         return line.decode()
 
-    def _send(self, text):
+    def _send(self, text: str) -> None:
         try:
-            self.process.stdin.write(text.encode())
+            self._pipes[0].write(text.encode())
         except OSError:
             raise LinkError(f"axis_node (pid {self.process.pid}) ended") from None
 
-    def _report(self, timeout_s):
-        report = json.loads(self._line(timeout_s))
+    def _report(self, timeout_s: float) -> dict[str, Any]:
+        """The JSON object that the process prints next. Raises InputError, LinkError."""
+        report: dict[str, Any] = json.loads(self._line(timeout_s))
         if report.get("status") == 2:
             raise InputError(report["error"])
         if "error" in report:
             raise LinkError(report["error"])
         return report
 
-    def begin(self, run_id, experiment, overrides):
-        """Prepares it for a run. Raises InputError, LinkError."""
+    def begin(self, run_id: int, experiment: str | Path, overrides: Sequence[str]) -> None:
+        """Prepare the process for a run. Raises InputError, LinkError."""
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
-            raise InputError(f"{experiment}: expected no tabs and line breaks in names and --set")
+            raise InputError(
+                f"{experiment}: expected no tabs and line breaks in the names of files and "
+                "in the overrides"
+            )
         self._send("\t".join(fields) + "\n")
         line = self._line(30)
         if line.startswith("{"):
             self._text = f"{line}\n".encode() + self._text
             self._report(0)
 
-    def end(self):
-        """Ends the run; returns the node's report of it."""
+    def end(self) -> dict[str, Any]:
+        """End the run. Returns the node's report of it."""
         self._send("\n")
         return self._report(self.link.timeout_s + 5)
 
 
-def new_run_id():
+def new_run_id() -> int:
     """A unique identifier of a run."""
     return secrets.randbelow(2**53)
 
 
-def run_with(node, experiment, overrides, trace=True):
-    """One run with the firmware in `node`. Returns (the result, the report of the link)."""
+def run_with(
+    node: AxisNode, experiment: str | Path, overrides: Sequence[str], trace: bool = True
+) -> LinkedRun:
+    """One run with the firmware in `node`. Raises InputError, LinkError, SimulationError."""
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
@@ -199,26 +234,28 @@ def run_with(node, experiment, overrides, trace=True):
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"--inject: {error}") from None
+        raise ParameterError("inject", str(error)) from None
     report = node.end()
     axis = report["axes"][0]
-    return result, {
-        "kind": link.kind,
-        "where": (link.lcm_url or _core.lcm_url_of(run_id)) if link.kind == "lcm" else link.can,
-        "run_id": run_id,
-        "pids": {"plant": os.getpid(), "axis": report["pid"]},
-        "hashes": {"plant": result.trace_hash, "axis": axis["trace_hash"]},
-        "same": result.trace_hash == axis["trace_hash"],
-        "ticks_per_s": details["ticks_per_s"],
-        "real_time": details["real_time"],
-        "repeated": details["statistics"]["repeated"],
-        "statistics": {"plant": details["statistics"], "axis": report["statistics"]},
-        "refused": axis["refused"],
-    }
+    found = LinkReport(
+        kind=link.kind,
+        where=(link.lcm_url or _core.lcm_url_of(run_id)) if link.kind == "lcm" else link.can,
+        run_id=run_id,
+        pids=ProcessIds(os.getpid(), report["pid"]),
+        hashes=TraceHashes(result.trace_hash, axis["trace_hash"]),
+        same=result.trace_hash == axis["trace_hash"],
+        ticks_per_s=details["ticks_per_s"],
+        real_time=details["real_time"],
+        repeated=details["statistics"]["repeated"],
+        statistics=RecordCounts(details["statistics"], report["statistics"]),
+    )
+    return LinkedRun(result, found, read_refused(axis["refused"]))
 
 
-def run_on_chip(link, experiment, overrides, trace=True):
-    """One run with the firmware on an emulated chip. Returns (the result, the chip's report)."""
+def run_on_chip(
+    link: LinkOptions, experiment: str | Path, overrides: Sequence[str], trace: bool = True
+) -> LinkedRun:
+    """One run with the firmware on an emulated chip. Raises as run_with."""
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
         try:
@@ -227,25 +264,37 @@ def run_on_chip(link, experiment, overrides, trace=True):
             )
         except TransportError as error:
             raise LinkError(f"{error}; {emulator.last_words()}") from None
-    return result, {
-        "kind": link.kind,
-        "where": f"{board.emulator.machine} in {board.emulator.program}",
-        "run_id": None,
-        "pids": {"plant": os.getpid(), "axis": emulator.process.pid},
-        "hashes": {"plant": result.trace_hash, "axis": result.firmware_hash},
-        "same": result.trace_hash == result.firmware_hash,
-        "ticks_per_s": details["ticks_per_s"],
-        "real_time": details["ticks_per_s"] / _core.TICKS_PER_SECOND,
-        "repeated": 0,
-        "statistics": None,
-        "interrupts": details["interrupts"],
-        "ticks": details["ticks"],
-        "refused": result.refused,
-    }
+    emulated = chip.emulated_image(board)
+    where = f"{emulated.machine} in {emulated.program}"
+    ticks_per_s = details["ticks_per_s"]
+    report = replace(
+        _report_here(link.kind, where, result, emulator.process.pid, ticks_per_s),
+        interrupts=details["interrupts"],
+        ticks=details["ticks"],
+    )
+    return LinkedRun(result, report, read_refused(result.refused))
 
 
-def run(link, experiment, overrides):
-    """One run over `link`. Returns (the result, the report of the link)."""
+def _report_here(
+    kind: str, where: str, result: _core.Result, axis_pid: int, ticks_per_s: float
+) -> LinkReport:
+    """The report of a run that exchanges no records over a network."""
+    return LinkReport(
+        kind=kind,
+        where=where,
+        run_id=None,
+        pids=ProcessIds(os.getpid(), axis_pid),
+        hashes=TraceHashes(result.trace_hash, result.firmware_hash),
+        same=result.trace_hash == result.firmware_hash,
+        ticks_per_s=ticks_per_s,
+        real_time=ticks_per_s / _core.TICKS_PER_SECOND,
+        repeated=0,
+        statistics=None,
+    )
+
+
+def run(link: LinkOptions, experiment: str | Path, overrides: Sequence[str]) -> LinkedRun:
+    """One run over `link`. Raises as run_with."""
     if link.kind in CHIPS:
         return run_on_chip(link, experiment, overrides)
     if link.kind != "inproc":
@@ -254,74 +303,52 @@ def run(link, experiment, overrides):
     start = time.perf_counter()
     result = _core.run(str(experiment), list(overrides), firmware_hash=True)
     rate = len(result.tick) / (time.perf_counter() - start)
-    pid = os.getpid()
-    return result, {
-        "kind": "inproc",
-        "where": "one call",
-        "run_id": None,
-        "pids": {"plant": pid, "axis": pid},
-        "hashes": {"plant": result.trace_hash, "axis": result.firmware_hash},
-        "same": result.trace_hash == result.firmware_hash,
-        "ticks_per_s": rate,
-        "real_time": rate / _core.TICKS_PER_SECOND,
-        "repeated": 0,
-        "statistics": None,
-        "refused": result.refused,
-    }
+    report = _report_here("inproc", "one call", result, os.getpid(), rate)
+    return LinkedRun(result, report, read_refused(result.refused))
 
 
-def run_many(link, jobs, progress=None):
-    """(experiment, overrides) pairs one after the other, as _core.run_many; one axis_node."""
-    outcomes = []
+def run_many(
+    link: LinkOptions,
+    jobs: Sequence[tuple[str, Sequence[str]]],
+    progress: Callable[[int, int], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Run (experiment, overrides) pairs one after the other, with one axis_node.
+
+    The outcomes are as those of _core.run_many. Raises as run_with."""
+    outcomes: list[dict[str, Any]] = []
+    one: Callable[..., LinkedRun]
     with contextlib.ExitStack() as stack:
         if link.kind in CHIPS:  # powered up anew for each of them
             one = functools.partial(run_on_chip, link)
         else:
             one = functools.partial(run_with, stack.enter_context(AxisNode(link)))
         for experiment, overrides in jobs:
-            result, details = one(experiment, overrides, trace=False)
-            expect_same(details)
-            outcomes.append(
-                {
-                    "verdict": result.verdict,
-                    "missed": result.missed,
-                    "fault": result.fault,
-                    "metrics": result.metrics,
-                    "criterion": result.criterion,
-                    "overridden": result.overridden,
-                    "trace_hash": result.trace_hash,
-                    "edge_margin": result.edge_margin,
-                }
-            )
+            result, report, _ = one(experiment, overrides, trace=False)
+            expect_same(report)
+            outcomes.append({name: getattr(result, name) for name in OUTCOME})
             if progress:
                 progress(len(outcomes), len(jobs))
     return outcomes
 
 
-def expect_same(report):
+# What _core.run_many gives of each run.
+OUTCOME = (
+    "verdict",
+    "missed",
+    "fault",
+    "metrics",
+    "criterion",
+    "overridden",
+    "trace_hash",
+    "edge_margin",
+)
+
+
+def expect_same(report: LinkReport) -> None:
     """Raise LinkError unless both sides of a run have the same trace."""
-    if not report["same"]:
-        plant, axis = report["hashes"]["plant"], report["hashes"]["axis"]
+    if not report.same:
         raise LinkError(
-            f"link {report['kind']}: expected the same trace hash on both sides, the plant's is "
-            f"{plant}, the firmware's {axis}: a record was changed on the way"
+            f"link {report.kind}: expected the same trace hash on both sides, the plant's is "
+            f"{report.hashes.plant}, the firmware's {report.hashes.axis}: a record was changed on "
+            "the way"
         )
-
-
-def describe(report):
-    """Lines for a terminal: [(key, text)]."""
-    lines = [
-        ("link", f"{report['kind']}, {report['where']}, {report['real_time']:.1f} x real time"),
-        ("processes", f"plant {report['pids']['plant']}, axis {report['pids']['axis']}"),
-        ("axis hash", report["hashes"]["axis"] + ("" if report["same"] else ", NOT THE PLANT'S")),
-    ]
-    if "interrupts" in report:
-        lines.append(("interrupts", f"{report['interrupts']} at 1500 Hz, {report['ticks']} ticks"))
-    if report["statistics"]:
-        plant, axis = report["statistics"]["plant"], report["statistics"]["axis"]
-        lost, twice = (plant[k] + axis[k] for k in ("dropped", "doubled"))
-        lines.append(
-            ("records", f"{plant['sent']} sent, {report['repeated']} of them again; {lost} dropped "
-            f"and {twice} doubled by --inject")
-        )  # fmt: skip
-    return lines

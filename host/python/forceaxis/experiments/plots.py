@@ -1,15 +1,24 @@
 """Traces as figures: one signal below the other over time, and what was asked of them."""
 
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from forceaxis.drawing import AREA, GOT, INK, THIN, WANTED, legend, style
+from forceaxis.experiments.run_result import Array, Columns
+
+Values: TypeAlias = Array | Sequence[float]
+Note: TypeAlias = tuple[str, str]  # (text, colour)
 
 # Unit and factor of a signal of the model, by the last part of its name.
-UNITS = {
+UNITS: dict[str, tuple[str, float]] = {
     "position": ("mm", 1e3),
     "deflection": ("mm", 1e3),
     "velocity": ("mm/s", 1e3),
@@ -28,7 +37,7 @@ UNITS = {
 }
 
 
-def unit_of(name):
+def unit_of(name: str) -> tuple[str, float]:
     """(unit, factor) that a column of a trace is shown in."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
@@ -39,8 +48,10 @@ class Line:
 
     label: str
     unit: str
-    values: np.ndarray
-    names: dict = field(default_factory=dict)  # of its values, shown where it has a row of its own
+    values: Array
+    names: dict[int, str] = field(
+        default_factory=dict
+    )  # of its values, shown where it has a row of its own
     controlled: bool = False  # a force, N, that set-points are meant for
 
 
@@ -48,11 +59,11 @@ class Line:
 class Marks:
     """What a trace shows besides its signals; times in s, any of them outside the figure."""
 
-    setpoints: list = field(default_factory=list)  # (from time, N)
-    contacts: list = field(default_factory=list)  # (from, to)
-    window: tuple | None = None  # (from, to, verdict)
-    events: list = field(default_factory=list)  # (time, kind of EVENTS, text)
-    demand: tuple | None = None  # (times, N) of what is demanded where that is no step
+    setpoints: list[tuple[float, float]] = field(default_factory=list)  # (from time, N)
+    contacts: list[tuple[float, float]] = field(default_factory=list)  # (from, to)
+    window: tuple[float, float, str] | None = None  # (from, to, verdict)
+    events: list[tuple[float, str, str]] = field(default_factory=list)  # (time, of EVENTS, text)
+    demand: tuple[Values, Values] | None = None  # (times, N) of a demand that is no step
 
 
 # Marker and colour of each kind of event.
@@ -67,7 +78,14 @@ CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
 
 
-def trace(time_s, rows, title, notes=(), marks=None, width=5.6):
+def trace(
+    time_s: Array,
+    rows: Sequence[Sequence[Line]],
+    title: str,
+    notes: Sequence[Note] = (),
+    marks: Marks | None = None,
+    width: float = 5.6,
+) -> Figure:
     """Figure of rows of Lines over time. notes: (text, colour) of lines below the title."""
     marks = marks or Marks()
     chars = round(18.5 * width)
@@ -111,15 +129,15 @@ def trace(time_s, rows, title, notes=(), marks=None, width=5.6):
     return figure
 
 
-def draw_row(ax, time_s, row):
+def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
     """The lines of a row, with its label."""
     for line in row:
         values = line.values
         if len(row) == 1 and line.names:
             met, values = np.unique(values, return_inverse=True)
             ax.set_yticks(range(len(met)), [line.names.get(int(v), str(v)) for v in met])
-        stepped = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
-        ax.plot(time_s, values, label=line.label, **THIN, **stepped)
+        stepped: dict[str, Any] = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
+        ax.plot(time_s, values, label=line.label, **(THIN | stepped))
     units = ", ".join(dict.fromkeys(line.unit for line in row if line.unit))
     label = row[0].label.replace("_", "_\n", len(row[0].label) // 20)
     ax.set_ylabel(units if len(row) > 1 else f"{label}\n{units}", parse_math=False)
@@ -127,10 +145,11 @@ def draw_row(ax, time_s, row):
         legend(ax, loc="lower right", bbox_to_anchor=(1, 0.93), ncols=len(row))
 
 
-def draw_setpoints(ax, time_s, marks):
+def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
     """What is demanded of the force: steps, or ramps where it follows its set-points by a slope;
     nothing where there is none."""
-    setpoints, look = marks.setpoints, {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
+    setpoints = marks.setpoints
+    look: dict[str, Any] = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
     if marks.demand is not None:
@@ -145,7 +164,12 @@ def draw_setpoints(ax, time_s, marks):
     ax.set_xlim(time_s[0], time_s[-1])
 
 
-def ramps(setpoints, slope, contacts, end):
+def ramps(
+    setpoints: Sequence[tuple[float, float]],
+    slope: float,
+    contacts: Sequence[tuple[float, float]],
+    end: float,
+) -> tuple[list[float], list[float]]:
     """(times, N) of the corners of a demand that follows set-points, (from time, N), by a slope in
     N/s, from the first contact on; apart nothing is demanded."""
     touch = min((a for a, _ in contacts), default=np.inf)
@@ -165,8 +189,8 @@ def ramps(setpoints, slope, contacts, end):
     return times, newton
 
 
-def shade(ax, marks, time_s):
-    """Contact and the window that is judged."""
+def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
+    """Shade the times of contact and the window of the verdict."""
     low, high = time_s[0], time_s[-1]
     inside = [(max(a, low), min(b, high)) for a, b in marks.contacts if b > low and a < high]
     across = ax.get_xaxis_transform()
@@ -184,10 +208,10 @@ def shade(ax, marks, time_s):
         )  # fmt: skip
 
 
-def mark_events(ax, events, time_s):
+def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
     """A mark above the rows for each event inside the figure; a line from the first to the last of
     those that no picture could keep apart. Their number is in the legend."""
-    look = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+    look: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False}
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
         for cluster in clusters(times, CLOSE * (time_s[-1] - time_s[0])):
@@ -202,9 +226,9 @@ def mark_events(ax, events, time_s):
             )
 
 
-def clusters(times, close):
+def clusters(times: Sequence[float], close: float) -> list[list[float]]:
     """Rising times, parted wherever two are further apart than `close`."""
-    found = []
+    found: list[list[float]] = []
     for time in sorted(times):
         if found and time - found[-1][-1] <= close:
             found[-1].append(time)
@@ -213,10 +237,11 @@ def clusters(times, close):
     return found
 
 
-def keys(marks, time_s, rows):
+def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Artist]:
     """Handles of the legend, of what the figure has."""
     low, high = time_s[0], time_s[-1]
-    found = []
+    found: list[Artist] = []
+    look: dict[str, Any]
     if any(newton for _, newton in marks.setpoints) and any(
         line.controlled for row in rows for line in row
     ):
@@ -238,12 +263,39 @@ def keys(marks, time_s, rows):
     return found
 
 
-def comparison(time_s, rows, levels, settling, table, title):
+@dataclass(frozen=True)
+class ExpectedLevel:
+    """A height of a signal that is expected, in the unit of the trace."""
+
+    row: int  # of the figure
+    name: str
+    from_s: float
+    low: float
+    high: float
+    obtained: float
+
+
+@dataclass(frozen=True)
+class Settling:
+    """A settling time that is expected; times count from from_s on."""
+
+    from_s: float
+    band: list[float]  # its two edges, in the unit of the trace
+    expected_s: tuple[float, float] | None
+    obtained_s: float | None
+
+
+def comparison(
+    time_s: Array,
+    rows: Sequence[Columns],
+    levels: Sequence[ExpectedLevel],
+    settling: Settling | None,
+    table: str,
+    title: str,
+) -> Figure:
     """Figure of the expected values (green) over the obtained ones, with a table of both below.
 
-    rows: [{name: values}], the response first. levels: (row, name, from_s, low, high, obtained) of
-    each height that is expected, in the units of the trace. settling: None, or (from_s, the two
-    edges of the band, the expected times or None, the obtained time or None), times from from_s on.
+    rows: the signals of each row, the response first.
     """
     heights = [2.4] * len(rows) + [0.1 + 0.145 * len(table.splitlines())]
     figure, axes = plt.subplots(
@@ -263,10 +315,10 @@ def comparison(time_s, rows, levels, settling, table, title):
         if len(row) > 1:
             legend(ax, loc="lower right")
     axes[len(rows) - 1].set_xlabel("time, s", fontsize=8)
-    for row, *level in levels:
-        mark_level(axes[row], unit_of(next(iter(rows[row])))[1], time_s[-1], *level)
+    for level in levels:
+        mark_level(axes[level.row], unit_of(next(iter(rows[level.row])))[1], time_s[-1], level)
     if settling:
-        mark_settling(axes[0], unit_of(next(iter(rows[0])))[1], time_s[-1], *settling)
+        mark_settling(axes[0], unit_of(next(iter(rows[0])))[1], time_s[-1], settling)
     axes[0].set_title(title, fontsize=9, loc="left", color=INK, parse_math=False, pad=14)
     legend(
         figure,
@@ -287,32 +339,33 @@ def comparison(time_s, rows, levels, settling, table, title):
     return figure
 
 
-def mark_level(ax, factor, end, name, start, low, high, obtained):
-    """The range expected of a height, from `start` to the end, and the obtained one."""
-    view = ax.get_ylim()
-    low = low * factor if low > -np.inf else view[0]
-    high = high * factor if high < np.inf else view[1]
+def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> None:
+    """The range expected of a height, from its start to the end, and the obtained one."""
+    view, start = ax.get_ylim(), level.from_s
+    low = level.low * factor if level.low > -np.inf else view[0]
+    high = level.high * factor if level.high < np.inf else view[1]
     ax.fill_between((start, end), low, high, color=WANTED, alpha=0.3, linewidth=0, zorder=3)
     edges = [e for e in (low, high) if e not in view]
     ax.hlines(edges, start, end, color=WANTED, linewidth=0.8, zorder=3)
-    ax.hlines(obtained * factor, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
+    obtained = level.obtained * factor
+    ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
-        name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        va="bottom" if name == "peak_force_N" else "top",  # the two are often close
+        level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
+        va="bottom" if level.name == "peak_force_N" else "top",  # the two are often close
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip
 
 
-def mark_settling(ax, factor, end, begin, band, expected, obtained):
+def mark_settling(ax: Axes, factor: float, end: float, settling: Settling) -> None:
     """The settling band, the expected times and the obtained one."""
-    edges = [edge * factor for edge in band]
+    begin, edges = settling.from_s, [edge * factor for edge in settling.band]
     ax.hlines(edges, begin, end, color="#5d6874", linestyle=":", linewidth=1, zorder=3)
-    if expected is not None:
+    if expected := settling.expected_s:
         low, high = (min(begin + time, end) for time in (max(expected[0], 0), expected[1]))
         ax.axvspan(low, high, color=WANTED, alpha=0.3, linewidth=0.8, zorder=3)
         ax.annotate(
             "settle_s", ((low + high) / 2, 1), (0, 2), xycoords=("data", "axes fraction"),
             textcoords="offset points", fontsize=7, color=WANTED, ha="center",
         )  # fmt: skip
-    if obtained is not None:
-        ax.axvline(begin + obtained, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
+    if settling.obtained_s is not None:
+        ax.axvline(begin + settling.obtained_s, color=GOT, linestyle="--", linewidth=1.3, zorder=4)

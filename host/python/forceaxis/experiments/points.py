@@ -1,15 +1,22 @@
-"""The points of a sweep: a grid, random draws, and the axis of a bisection."""
+"""The points of a sweep: a grid, random points, and the parameter of a bisection."""
 
 import hashlib
 import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NoReturn, TypeAlias
 
 from forceaxis import _core, objects
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.words import suggestion
 
 MOST_POINTS = 1_000_000
+Point: TypeAlias = tuple[float, ...]  # a value of each swept parameter
+# Of a parameter of a grid: "FROM:TO:COUNT[:log]", "VALUE,VALUE,...", or the values.
+GridValues: TypeAlias = str | Iterable[float]
 
 
 # Keys of an experiment's tables that are numbers and so can be swept.
@@ -19,8 +26,9 @@ KEYS = {
 }
 
 
-def meant(name, parameters=()):
-    """As words.suggestion(), of all that --set takes; a name without its table is given it."""
+def meant(name: str, parameters: Iterable[str] = ()) -> str:
+    """As words.suggestion(), of all names that an override may have. A name without its table is
+    completed."""
     full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
     full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
     if name in full:
@@ -31,37 +39,40 @@ def meant(name, parameters=()):
 
 
 @dataclass(frozen=True)
-class Axis:
+class SweepParameter:
     """A swept parameter."""
 
     name: str
     low: float
     high: float
     log: bool = False
-    values: tuple = ()  # of a grid
+    values: Point = ()  # of a grid
     tolerance: float = 0.0  # of a bisection
 
-    def at(self, u):
-        """The value at u = 0..1 of the range, rounded to 12 digits: its printed form is exact."""
+    def at(self, u: float) -> float:
+        """The value at u = 0..1 of the range, rounded to 12 digits, so that its text is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
 
 
-def tidy(value):
+def tidy(value: float) -> float:
     """The value rounded to 12 digits."""
     return float(f"{value:.12g}")
 
 
-def parse(option, name, text, more, may_log):
-    """An axis from FROM:TO and the numbers named in `more`, with :log where it may be."""
+def parse(
+    parameter: str, name: str, text: str, more: Sequence[str], may_log: bool
+) -> SweepParameter:
+    """A swept parameter from FROM:TO and the numbers named in `more`, with :log where it may be.
+    parameter: that of sweep() which has the text, for errors."""
     shape = ":".join(("FROM", "TO", *more))
     parts = str(text).split(":")
     log = may_log and parts[-1] == "log"
     numbers = parts[:-1] if log else parts
 
-    def fail(message):
-        raise InputError(f"{option}: {name}={text}: expected {message}")
+    def fail(message: str) -> NoReturn:
+        raise ParameterError(parameter, f"{name}={text}: expected {message}")
 
     try:
         values = [float(part) for part in numbers]
@@ -74,25 +85,25 @@ def parse(option, name, text, more, may_log):
         fail("FROM below TO")
     if log and low <= 0:
         fail("FROM above 0 for :log")
+    swept = SweepParameter(name, low, high, log)
     if "TOLERANCE" in more:
         if not 0 < values[2] < high - low:
             fail("TOLERANCE above 0 and below TO - FROM")
-        return Axis(name, low, high, tolerance=values[2])
+        return replace(swept, tolerance=values[2])
     if "COUNT" in more:
-        if values[2] != int(values[2]) or not 2 <= values[2] <= MOST_POINTS:
-            fail(f"COUNT to be a whole number from 2 to {MOST_POINTS}; --set gives one value")
-        axis = Axis(name, low, high, log)
-        n = int(values[2])
-        return Axis(name, low, high, log, tuple(axis.at(i / (n - 1)) for i in range(n)))
-    return Axis(name, low, high, log)
+        count = int(values[2])
+        if values[2] != count or not 2 <= count <= MOST_POINTS:
+            fail(f"COUNT to be a whole number from 2 to {MOST_POINTS}; `overrides` gives one value")
+        return replace(swept, values=tuple(swept.at(i / (count - 1)) for i in range(count)))
+    return swept
 
 
-def grid_axes(grid):
-    """Axes from {name: text or values}."""
+def grid_axes(grid: Mapping[str, GridValues]) -> list[SweepParameter]:
+    """The swept parameters of a grid. Raises ParameterError."""
     axes = []
     for name, given in grid.items():
         if isinstance(given, str) and ":" in given:
-            axes.append(parse("--grid", name, given, ("COUNT",), True))
+            axes.append(parse("grid", name, given, ("COUNT",), True))
             continue
         try:
             values = tuple(
@@ -101,74 +112,89 @@ def grid_axes(grid):
         except ValueError:
             values = ()
         if not values or not all(map(math.isfinite, values)):
-            raise InputError(
-                f"--grid: {name}={given}: expected NAME=FROM:TO:COUNT[:log] or "
-                "NAME=VALUE,VALUE,..., with finite numbers"
+            raise ParameterError(
+                "grid",
+                f"{name}={given}: expected NAME=FROM:TO:COUNT[:log] or NAME=VALUE,VALUE,..., with "
+                "finite numbers",
             )
-        axes.append(Axis(name, min(values), max(values), values=values))
+        axes.append(SweepParameter(name, min(values), max(values), values=values))
     points = math.prod(len(a.values) for a in axes)
     if points > MOST_POINTS:
-        raise InputError(f"--grid: expected at most {MOST_POINTS} points, got {points}")
+        raise ParameterError("grid", f"expected at most {MOST_POINTS} points, got {points}")
     return axes
 
 
-def grid_points(axes):
-    """All combinations, the last axis fastest."""
+def grid_points(axes: Sequence[SweepParameter]) -> list[Point]:
+    """All combinations, the last parameter fastest."""
     return list(itertools.product(*(a.values for a in axes)))
 
 
-def random_axes(random):
-    """Axes from {name: "FROM:TO[:log]"}."""
-    return [parse("--random", name, text, (), True) for name, text in random.items()]
+def random_axes(random: Mapping[str, str]) -> list[SweepParameter]:
+    """The swept parameters of {name: "FROM:TO[:log]"}. Raises ParameterError."""
+    return [parse("random", name, text, (), True) for name, text in random.items()]
 
 
-def random_points(axes, count, seed):
-    """Point i of a parameter depends on seed, name and i alone.
+def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) -> list[Point]:
+    """Point i of a parameter depends on seed, name and i alone. Raises ParameterError.
 
     u = the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53.
     """
     if not count or not 1 <= count <= MOST_POINTS:
-        raise InputError(f"--count: expected a number of random points, 1 to {MOST_POINTS}")
+        raise ParameterError("count", f"expected a number of random points, 1 to {MOST_POINTS}")
 
-    def draw(axis, i):
+    def draw(axis: SweepParameter, i: int) -> float:
         digest = hashlib.sha256(f"{seed}:{axis.name}:{i}".encode()).digest()
         return axis.at((int.from_bytes(digest[:8], "big") >> 11) / 2**53)
 
     return [tuple(draw(a, i) for a in axes) for i in range(count)]
 
 
-def check_names(experiment, inputs, overrides, axes):
-    """Refuse names that `--set` would refuse, and parameters without effect."""
+def check_names(
+    experiment: Path,
+    inputs: "_core.Inputs",
+    overrides: Sequence[str],
+    axes: Sequence[SweepParameter],
+) -> None:
+    """Refuse names that an override may not have, and parameters without effect. Raises
+    InputError."""
     taken = {text.partition("=")[0] for text in overrides}
     for axis in axes:
-        name = axis.name
-
-        def fail(message, name=name):
-            raise InputError(f"{experiment}: {name}: expected {message}")
-
-        if name in taken:
-            fail("each name once among --grid, --random, --bisect and --set")
-        taken.add(name)
-        room, dot, key = name.partition(".")
-        if not dot:
-            if name not in inputs["parameters"]:
-                fail(
-                    "a parameter of the model, firmware.OBJECT, experiment.KEY or verdict.KEY"
-                    f"{meant(name, inputs['parameters'])}"
-                )
-            value = inputs["parameters"][name]["value"]
-            if name in _core.inputs(str(experiment), [*overrides, f"{name}={value!r}"])["unused"]:
-                fail("a parameter that the model uses, this one changes nothing here")
-        elif room == "firmware":
-            if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
-                fail(f"a firmware object that can be written{meant(name)}; `forceaxis objects` "
-                     "lists them")  # fmt: skip
-        elif key not in KEYS.get(room, ()):
-            known = [f"{r}.{k}" for r, keys in KEYS.items() for k in keys]
-            fail(f"a model parameter, firmware.OBJECT or one of {', '.join(known)}{meant(name)}")
+        if axis.name in taken:
+            problem = "each name once among the swept parameters and the overrides"
+        else:
+            problem = _problem_of(axis.name, experiment, inputs, overrides)
+        if problem:
+            raise InputError(f"{experiment}: {axis.name}: expected {problem}")
+        taken.add(axis.name)
 
 
-def unit_of(name, inputs):
+def _problem_of(
+    name: str, experiment: Path, inputs: "_core.Inputs", overrides: Sequence[str]
+) -> str:
+    """What is expected instead of a name; an empty text: the name can be swept."""
+    room, dot, key = name.partition(".")
+    if not dot:
+        if name not in inputs["parameters"]:
+            return (
+                "a parameter of the model, firmware.OBJECT, experiment.KEY or verdict.KEY"
+                f"{meant(name, inputs['parameters'])}"
+            )
+        value = inputs["parameters"][name]["value"]
+        if name in _core.inputs(str(experiment), [*overrides, f"{name}={value!r}"])["unused"]:
+            return "a parameter that the model uses, this one changes nothing here"
+    elif room == "firmware":
+        if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
+            return (
+                f"a firmware object that can be written{meant(name)}; `forceaxis objects` lists "
+                "them"
+            )
+    elif key not in KEYS.get(room, ()):
+        known = [f"{r}.{k}" for r, keys in KEYS.items() for k in keys]
+        return f"a model parameter, firmware.OBJECT or one of {', '.join(known)}{meant(name)}"
+    return ""
+
+
+def unit_of(name: str, inputs: "_core.Inputs") -> str:
     """The unit of a swept parameter, "" for none."""
     room, _, key = name.partition(".")
     if room == "firmware":

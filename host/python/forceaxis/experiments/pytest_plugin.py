@@ -13,12 +13,18 @@ The path is relative to the test's file. The returned object also has `.run.colu
 pytest runs every *.toml with an [expect] table below these folders as a test.
 """
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+if TYPE_CHECKING:
+    from forceaxis.experiments.expect import ExpectationCheck, Measured
+    from forceaxis.experiments.run import Run
 
-def pytest_addoption(parser):
+
+def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini(
         "forceaxis_experiments",
         "folders in which every *.toml with an [expect] table is a test (forceaxis test --help); "
@@ -29,13 +35,13 @@ def pytest_addoption(parser):
     )
 
 
-def pytest_configure(config):
+def pytest_configure(config: pytest.Config) -> None:
     """A plain `pytest` visits the folders even where testpaths does not name them."""
     if config.args_source == config.ArgsSource.TESTPATHS:
         config.args += [str(p) for p in config.getini("forceaxis_experiments")]
 
 
-def pytest_collect_file(file_path, parent):
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "ExperimentFile | None":
     folders = parent.config.getini("forceaxis_experiments")
     if file_path.suffix != ".toml" or not any(file_path.is_relative_to(f) for f in folders):
         return None
@@ -49,49 +55,49 @@ def pytest_collect_file(file_path, parent):
 class ExperimentFile(pytest.File):
     """An experiment with [expect]: one item."""
 
-    def collect(self):
+    def collect(self) -> "Iterator[ExperimentItem]":
         yield ExperimentItem.from_parent(self, name="expect")
 
 
 class ExperimentItem(pytest.Item):
     """Runs the experiment and compares."""
 
-    def runtest(self):
-        Experiment(self.path).check()
+    def runtest(self) -> None:
+        CheckedExperiment(self.path).check()
 
-    def repr_failure(self, excinfo, style=None):
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         from forceaxis._core import InputError, SimulationError
 
         if excinfo.errisinstance((AssertionError, InputError, SimulationError)):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
-    def reportinfo(self):
+    def reportinfo(self) -> tuple[Path, None, str]:
         return self.path, None, self.path.name
 
 
-class Experiment:
+class CheckedExperiment:
     """A finished run: `run` (summary, columns, events), `measured` and `checks` of its [expect]."""
 
-    def __init__(self, file, overrides=()):
+    def __init__(self, file: Path, overrides: tuple[str, ...] = ()) -> None:
         from forceaxis.experiments import expect
 
         self.file = file
         self._examined = expect.examine(file, overrides)
 
     @property
-    def run(self):
+    def run(self) -> "Run":
         return self._examined.run
 
     @property
-    def measured(self):
+    def measured(self) -> "Measured":
         return self._examined.measured
 
     @property
-    def checks(self):
+    def checks(self) -> "list[ExpectationCheck]":
         return self._examined.checks
 
-    def check(self):
+    def check(self) -> None:
         """Fail with a line for each value that differs from [expect]."""
         __tracebackhide__ = True
         from forceaxis._core import InputError
@@ -107,10 +113,10 @@ class Experiment:
 
 
 @pytest.fixture
-def forceaxis_experiment(request):
+def forceaxis_experiment(request: pytest.FixtureRequest) -> Callable[..., CheckedExperiment]:
     """Run an experiment, path relative to the test's file: forceaxis_experiment(path).check()."""
 
-    def run(path, *overrides):
-        return Experiment(Path(request.path).parent / path, overrides)
+    def run(path: str | Path, *overrides: str) -> CheckedExperiment:
+        return CheckedExperiment(Path(request.path).parent / path, overrides)
 
     return run

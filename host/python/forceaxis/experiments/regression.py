@@ -5,44 +5,50 @@ import functools
 import os
 import time
 import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from forceaxis import _core, paths, toml
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, rewrite
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 @dataclass
-class Outcome:
-    """One test's end: passed, failed, error (bad input), updated or skipped (no [expect])."""
+class RegressionOutcome:
+    """The result of one test. status: passed, failed, error (bad input), updated or skipped (the
+    file has no [expect])."""
 
     file: Path
     status: str
     seconds: float = 0.0
     message: str = ""  # the reason why it could not be examined
-    checks: list = field(default_factory=list)
+    checks: list[expect.ExpectationCheck] = field(default_factory=list)
     examined: expect.Examined | None = None  # kept while it is needed for a plot or an update
     drawn: Path | None = None  # the figure of its differences
 
     @property
-    def name(self):
-        """Its name in every output."""
+    def name(self) -> str:
+        """The name of the file in every output."""
         return paths.display(self.file)
 
     @property
-    def lines(self):
+    def lines(self) -> list[str]:
         """The differences, one line each."""
         return [str(c) for c in self.checks if not c.passed] or [self.message]
 
     @property
-    def warnings(self):
+    def warnings(self) -> list[str]:
         """What passed, but is to be written otherwise; one line each."""
         return [c.warning for c in self.checks if c.warning]
 
-    def summary(self):
+    def summary(self) -> dict[str, Any]:
         """The entry that `--json` prints."""
         checks = [
             {
@@ -63,7 +69,7 @@ class Outcome:
         }
 
 
-def is_test(file):
+def is_test(file: Path) -> bool | None:
     """True: has [expect] (or cannot be read, which its run reports); False: an experiment without
     one; None: no experiment but a model, a measurement or a file of another program."""
     try:
@@ -75,17 +81,19 @@ def is_test(file):
     return False if {"model", "duration_s"} <= data.keys() else None
 
 
-def find(targets, pattern=None):
+def find(
+    targets: Sequence[str | Path], pattern: str | None = None
+) -> tuple[list[Path], list[Path]]:
     """(tests, experiments without [expect]) at and below the targets. Raises InputError."""
-    files = {}
+    files: dict[Path, Path] = {}
     for target in map(Path, targets):
         if target.is_dir():
             below = (p for p in target.rglob("*.toml") if p.is_file())
-            found = (
+            found = [
                 p
                 for p in below
                 if not any(part.startswith(".") for part in p.relative_to(target).parts)
-            )
+            ]
         elif target.exists():
             found = [target]
         else:
@@ -110,11 +118,11 @@ def find(targets, pattern=None):
     return tests, skipped
 
 
-def run_test(file, update=False):
-    """Outcome of one file; a user's mistake is an Outcome, not an exception. update: one that
-    passes keeps the run too, if its [expect] is to be filled."""
+def run_test(file: Path, update: bool = False) -> RegressionOutcome:
+    """Outcome of one file; an error in the file is an outcome, not an exception. update: the
+    outcome of a test that passes keeps its run too, if its [expect] is to be filled."""
     began = time.perf_counter()
-    outcome = Outcome(file, "error")
+    outcome = RegressionOutcome(file, "error")
     try:
         outcome.examined = expect.examine(file)
         outcome.checks = outcome.examined.checks
@@ -139,9 +147,9 @@ def run_test(file, update=False):
     return outcome
 
 
-def write_update(outcome):
+def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
     """Rewrite the file's [expect] so that it passes; limits are kept, so that it may still fail."""
-    file, examined = outcome.file, outcome.examined
+    file = outcome.file
     try:
         with file.open(encoding="utf-8", newline="") as stream:
             text = stream.read()
@@ -151,7 +159,8 @@ def write_update(outcome):
             paths.replace_text(file, new)
         elif outcome.status == "passed":
             return
-        wanted = expect.read(file, _core.inputs(str(file))).wanted
+        expected = expect.read(file, _core.inputs(str(file)))
+        assert expected is not None
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return
@@ -159,19 +168,29 @@ def write_update(outcome):
         outcome.status = "error"
         outcome.message = f"{file}: expected to be able to write it, {error.strerror}"
         return
-    outcome.checks = [expect.Check(k, v, examined.measured.values[k]) for k, v in wanted.items()]
+    outcome.checks = [
+        expect.ExpectationCheck(k, v, examined.measured.values[k])
+        for k, v in expected.wanted.items()
+    ]
     outcome.status = "updated" if all(c.passed for c in outcome.checks) else "failed"
     outcome.message = ""
 
 
-def run(targets, update=False, out=None, threads=None, pattern=None, report=None):
+def run(
+    targets: Sequence[str | Path],
+    update: bool = False,
+    out: Path | None = None,
+    threads: int | None = None,
+    pattern: str | None = None,
+    report: Callable[[RegressionOutcome], None] | None = None,
+) -> list[RegressionOutcome]:
     """Run every test at and below the targets, in parallel; Outcomes in the order of their names.
 
     update: rewrite [expect] where it differs. out: folder for a plot and a table of each
     difference. report: called with each Outcome, in order, as soon as it is known.
     """
     tests, skipped = find(targets, pattern)
-    fresh = out and not out.exists()
+    fresh = out is not None and not out.exists()
     if out:
         out.mkdir(parents=True, exist_ok=True)
     top = Path(os.path.commonpath([p.resolve().parent for p in tests]))
@@ -181,45 +200,48 @@ def run(targets, update=False, out=None, threads=None, pattern=None, report=None
             for outcome in pool.map(functools.partial(run_test, update=update), tests):
                 if out and outcome.status == "failed" and outcome.examined:
                     place = out / outcome.file.resolve().relative_to(top)
-                    outcome.drawn = write_difference(outcome, place)
+                    outcome.drawn = write_difference(outcome, outcome.examined, place)
                 if update and outcome.examined:
-                    write_update(outcome)
+                    write_update(outcome, outcome.examined)
                 outcome.examined = None
                 outcomes.append(outcome)
                 if report:
                     report(outcome)
         except KeyboardInterrupt:
-            if fresh:
+            if out and fresh:
                 with contextlib.suppress(OSError):
                     out.rmdir()  # refused where a difference is there
             raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-    return outcomes + [Outcome(p, "skipped", message="no [expect] table") for p in skipped]
+    return outcomes + [
+        RegressionOutcome(p, "skipped", message="no [expect] table") for p in skipped
+    ]
 
 
-def write_difference(outcome, place):
+def write_difference(outcome: RegressionOutcome, examined: expect.Examined, place: Path) -> Path:
     """place.png and .svg: expected and obtained; .txt: the same as a table; .npz: the trace.
     Returns the first."""
     import numpy as np
 
     from forceaxis import drawing
 
-    drawn = figure(outcome.examined)
+    drawn = figure(examined)
     names = [place.with_suffix(suffix).name for suffix in (".png", ".svg", ".txt", ".npz")]
     with paths.replacing(place.parent, *names) as (png, svg, text, trace):
         drawing.save(drawn, png, "png")
         drawing.save(drawn, svg, "svg")
         text.write_text(f"{outcome.name}\n{expect.table(outcome.checks)}\n", encoding="utf-8")
         with trace.open("wb") as file:
-            np.savez_compressed(file, **outcome.examined.run.columns)
+            np.savez_compressed(file, **examined.run.columns)  # type: ignore[arg-type]
     return place.with_suffix(".png")
 
 
-def figure(examined):
+def figure(examined: expect.Examined) -> "Figure":
     """Figure of the expected peak, final value and settling over the trace."""
     from forceaxis.experiments import plots
 
+    assert examined.expect is not None  # or nothing would differ
     measured, wanted = examined.measured, examined.expect.wanted
     columns = examined.run.columns
     time_s = columns["time_s"]
@@ -228,18 +250,19 @@ def figure(examined):
     if "peak_force_N" in wanted and forces != names[0]:
         names.append(forces)
     levels = [
-        (row, key, start, wanted[key].low, wanted[key].high, measured.values[key])
+        plots.ExpectedLevel(row, key, start, level.low, level.high, value)
         for row, key, start in (
             (0, "final_value", time_s[-1] - measured.final_s),
             (len(names) - 1, "peak_force_N", time_s[0]),
         )
-        if key in wanted
+        if isinstance(level := wanted.get(key), expect.Number)
+        and isinstance(value := measured.values[key], float)
     ]
     settling = None
     if "settle_s" in wanted:
         band = [measured.final + side * measured.width for side in (-1, 1)]
         due, got = wanted["settle_s"], measured.values["settle_s"]
-        settling = (
+        settling = plots.Settling(
             measured.from_s,
             band,
             (due.low, due.high) if isinstance(due, expect.Number) else None,
@@ -250,36 +273,19 @@ def figure(examined):
     return plots.comparison(time_s, rows, levels, settling, text, examined.run.title)
 
 
-def describe(outcome, coloured=str):
-    """An outcome for a terminal: its line, one below for each difference, and how to see both.
-    coloured: makes of the status what is printed."""
-    line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
-    line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
-    if outcome.status != "failed":
-        return line
-    rows = list(outcome.lines)
-    if outcome.drawn:
-        drawn = paths.quoted(outcome.drawn)
-        rows.append(f"both drawn: {drawn}; the trace beside it as .npz")
-    elif outcome.checks:
-        file = paths.quoted(outcome.file)
-        rows.append(f"to see both: forceaxis test {file} --out FOLDER")
-    return line + "".join(f"\n           {text}" for text in rows)
-
-
-def counts(outcomes):
+def counts(outcomes: Sequence[RegressionOutcome]) -> dict[str, int]:
     """The number of outcomes of each kind."""
     kinds = ("passed", "updated", "failed", "error", "skipped")
     return {kind: sum(o.status == kind for o in outcomes) for kind in kinds}
 
 
-def status(outcomes):
+def status(outcomes: Sequence[RegressionOutcome]) -> int:
     """The exit status: 2 bad input, 1 a difference, 0 neither."""
     ended = {o.status for o in outcomes}
     return 2 if "error" in ended else 1 if "failed" in ended else 0
 
 
-def write_junit(outcomes, file):
+def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
     """The outcomes as JUnit XML, the form that CI servers read."""
     number = counts(outcomes)
     suite = ET.Element(
@@ -296,17 +302,17 @@ def write_junit(outcomes, file):
         case = ET.SubElement(
             suite,
             "testcase",
-            classname=printable(".".join(name.parent.parts).lstrip("/.") or "forceaxis"),
-            name=printable(name.stem),
-            file=printable(outcome.name),
+            classname=xml_printable(".".join(name.parent.parts).lstrip("/.") or "forceaxis"),
+            name=xml_printable(name.stem),
+            file=xml_printable(outcome.name),
             time=f"{outcome.seconds:.3f}",
         )
         tag = {"failed": "failure", "error": "error", "skipped": "skipped"}.get(outcome.status)
         if tag:
-            entry = ET.SubElement(case, tag, message=printable("; ".join(outcome.lines)))
-            entry.text = printable(expect.table(outcome.checks) if outcome.checks else "")
+            entry = ET.SubElement(case, tag, message=xml_printable("; ".join(outcome.lines)))
+            entry.text = xml_printable(expect.table(outcome.checks) if outcome.checks else "")
         if outcome.warnings:
-            ET.SubElement(case, "system-out").text = printable("\n".join(outcome.warnings))
+            ET.SubElement(case, "system-out").text = xml_printable("\n".join(outcome.warnings))
     suites = ET.Element("testsuites")
     suites.append(suite)
     ET.indent(suites)
@@ -314,6 +320,6 @@ def write_junit(outcomes, file):
     paths.replace_text(file, ET.tostring(suites, encoding="unicode", xml_declaration=True) + "\n")
 
 
-def printable(text):
+def xml_printable(text: str) -> str:
     """Without the characters that XML cannot hold."""
     return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)

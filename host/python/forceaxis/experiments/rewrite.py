@@ -3,20 +3,22 @@
 import difflib
 import json
 import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from forceaxis import toml
 from forceaxis._core import InputError
-from forceaxis.experiments.expect import TOLERANCES, Number
+from forceaxis.experiments.expect import TOLERANCES, Examined, ExpectationCheck, Number, Obtained
 
 FILLED = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", "trace_hash")
 
 
-def bare(checks):
+def bare(checks: Sequence[ExpectationCheck]) -> bool:
     """True if [expect] is empty or has the verdict alone: --update fills it."""
     return all(check.key == "verdict" for check in checks)
 
 
-def filled(text, values, checks):
+def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[ExpectationCheck]) -> str:
     """The experiment's text with FILLED put below the line [expect], but what it has."""
     there = [check.key for check in checks]
     lines = [
@@ -33,7 +35,7 @@ def filled(text, values, checks):
     )
 
 
-def updated(text, examined):
+def updated(text: str, examined: Examined) -> str:
     """The experiment's text with the failing values of [expect] replaced. Limits are demands, not
     records: they stay."""
     import tomlkit
@@ -56,7 +58,7 @@ def updated(text, examined):
     return tomlkit.dumps(document)
 
 
-def rewritten(file, text, examined):
+def rewritten(file: str | Path, text: str, examined: Examined) -> str:
     """filled() or updated(), with the text's line ends.
 
     Raises InputError where a change outside [expect] would be needed.
@@ -79,7 +81,7 @@ def rewritten(file, text, examined):
     return new.replace("\n", "\r\n") if crlf else new
 
 
-def written(value, allowed):
+def written(value: Obtained, allowed: Mapping[str, float]) -> Obtained:
     """A value as written to the file: the shortest number within a hundredth of its tolerance."""
     if not isinstance(value, float):
         return value

@@ -2,119 +2,141 @@
 
 import math
 import shlex
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from forceaxis import _core, objects, paths
-from forceaxis.experiments import link
+from forceaxis.experiments import link, run_result
+from forceaxis.experiments.run_result import Columns, ReplayedJournal, RunResult
 from forceaxis.experiments.summary import reasons, warnings
+from forceaxis.words import option_words
 
 
 @dataclass
 class Run:
-    """A finished run: the summary that `--json` prints, and the trace."""
+    """A finished run: its result and its trace."""
 
     experiment: Path
     model: Path
-    summary: dict
-    columns: dict  # name -> array of one value a tick
-    events: list  # (time_s, element, from, to)
-    plot: dict  # the experiment's [plot] table
+    result: RunResult
+    columns: Columns  # one value a tick
+    events: list[tuple[float, str, str, str]]  # (time_s, element, from, to)
+    plot: dict[str, Any]  # the experiment's [plot] table: rows, from_s, to_s, those that it has
     shows: str  # the expected behaviour, from the file
-    units: dict  # object of [trace] -> its unit
-    setpoints: list  # (from time_s, N) of each set-point of force; [] where none is read
-    impulses: list  # (time_s, body, N s)
-    contacts: list  # their names
-    signal_units: dict  # column that is a signal of the model -> its unit
-    overrides: tuple  # as given
+    setpoints: list[tuple[float, float]]  # (from time_s, N) of each set-point of force; or []
+    impulses: list[tuple[float, str, float]]  # (time_s, body, N s)
+    contacts: list[str]  # their names
+    signal_units: dict[str, str]  # column that is a signal of the model -> its unit
+    overrides: tuple[str, ...]  # as given
 
     @property
-    def title(self):
+    def title(self) -> str:
         """The experiment's title with its figure."""
-        figure = self.summary["figure"]
-        return f"Fig {figure}: {self.summary['title']}" if figure else self.summary["title"]
+        title, figure = self.result.title, self.result.figure
+        return f"Fig {figure}: {title}" if figure else title
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Object of [trace] -> its unit."""
+        return self.result.objects
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The result as `forceaxis run --json` prints it."""
+        return run_result.json_of(self.result)
 
 
-def run(experiment, overrides=(), over=None, text=None):
-    """Run one experiment file; over: a link.Link, with the firmware in another process. text: read
-    in place of the file's, in process only.
+def run(
+    experiment: str | Path,
+    overrides: Sequence[str] = (),
+    over: link.LinkOptions | None = None,
+    text: str | None = None,
+) -> Run:
+    """Run one experiment file. over: the firmware runs in another process. text: it is read in
+    place of the file's content, in process only.
 
     Raises InputError with file, key and what was expected; with a link also LinkError.
     """
     experiment = Path(experiment)
-    if over:
-        result, report = link.run(over, experiment, overrides)
-    else:
-        result, report = _core.run(str(experiment), list(overrides), text=text), None
-    command = ["forceaxis", "run", paths.display(experiment)]
-    for text in overrides:
-        command += ["--set", text]
-    if over:
-        command += over.words()
-    return finished(experiment, result, report, command, overrides)
+    command = ["forceaxis", "run", paths.display(experiment), *option_words(set=overrides)]
+    if over is None:
+        return finished(
+            experiment, _core.run(str(experiment), list(overrides), text=text), command, overrides
+        )
+    linked = link.run(over, experiment, overrides)
+    done = finished(experiment, linked.result, command + over.words(), overrides)
+    done.result = replace(done.result, link=linked.report, refused=linked.refused)
+    return done
 
 
-def replay(journal):
-    """Repeat in process a run that `axis_node --journal` recorded. Returns (the run, its journal).
+def replay(journal: Path) -> Run:
+    """Repeat in process a run that `axis_node` recorded; result.replay is about its journal.
 
-    Of a session longer than ten minutes there is no trace, only the hash.
+    A session that is longer than ten minutes gives no trace, only the hash.
 
     Raises InputError.
     """
     result, report = _core.replay(str(journal))
-    command = ["forceaxis", "replay", paths.display(journal)]
-    done = finished(Path(report["experiment"]), result, None, command)
     replayed = report.pop("replayed")
-    report["traced"] = len(result.tick) > 0
-    if not report["traced"]:
-        done.summary["ticks"] = replayed
-    return done, report
+    command = ["forceaxis", "replay", paths.display(journal)]
+    done = finished(Path(report["experiment"]), result, command)
+    traced = len(result.tick) > 0
+    same = done.result.trace_hash == report["trace_hash"]
+    about = ReplayedJournal(**report, traced=traced, same=same)
+    ticks = done.result.ticks if traced else replayed
+    done.result = replace(done.result, ticks=ticks, replay=about)
+    return done
 
 
-def finished(experiment, result, report, command, overrides=()):
-    """The Run of a result; report: that of its link, or None."""
-    columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
-    columns |= result.columns()
-    summary = {
-        "experiment": paths.display(experiment),
-        "title": result.title,
-        "figure": result.figure,
-        "verdict": result.verdict or None,
-        "because": reasons(result.missed, result.metrics, result.fault, result.converters),
-        "missed": result.missed,
-        "warnings": warnings(result.setpoints, result.converters),
-        "fault": result.fault,
-        "refused": report["refused"] if report else result.refused,
-        "trace_hash": result.trace_hash,
-        "edge_margin": result.edge_margin if math.isfinite(result.edge_margin) else None,
-        "ticks": len(result.tick),
-        "events": result.event_count,
-        "energy": result.energy,
-        "metrics": result.metrics,
-        "criterion": result.criterion,
-        "converters": result.converters,
-        "objects": result.objects,
-        "inputs_hash": result.inputs_hash,
-        "firmware_hash": _core.FIRMWARE_HASH,
-        "objects_hash": objects.OBJECTS_HASH,
-        "seed": result.seed,
-        "command": shlex.join(command),
-    }
-    if report:
-        summary["link"] = {k: v for k, v in report.items() if k != "refused"}
-    model = Path(result.model).resolve()
+def finished(
+    experiment: Path,
+    result: _core.Result,
+    command: Sequence[str],
+    overrides: Sequence[str] = (),
+) -> Run:
+    """The Run of a result of the compiled module."""
+    columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
+    converters = run_result.read_converters(result.converters)
+    metrics = run_result.read_metrics(result.metrics)
+    missed = run_result.read_missed(result.missed)
+    found = RunResult(
+        experiment=paths.display(experiment),
+        title=result.title,
+        figure=result.figure,
+        verdict=result.verdict or None,
+        because=reasons(missed, metrics, result.fault, converters),
+        missed=missed,
+        warnings=warnings(result.setpoints, converters),
+        fault=result.fault,
+        refused=run_result.read_refused(result.refused),
+        trace_hash=result.trace_hash,
+        edge_margin=result.edge_margin if math.isfinite(result.edge_margin) else None,
+        ticks=len(result.tick),
+        events=result.event_count,
+        energy=run_result.Energy(**result.energy),
+        metrics=metrics,
+        criterion=run_result.read_criterion(result.criterion),
+        converters=converters,
+        objects=result.objects,
+        inputs_hash=result.inputs_hash,
+        firmware_hash=_core.FIRMWARE_HASH,
+        objects_hash=objects.OBJECTS_HASH,
+        seed=result.seed,
+        command=shlex.join(command),
+    )
     return Run(
-        experiment,
-        model,
-        summary,
-        columns,
-        result.events,
-        result.plot,
-        result.shows,
-        result.objects,
-        result.setpoints,
-        result.impulses,
-        result.contacts,
-        result.signal_units,
-        tuple(overrides),
+        experiment=experiment,
+        model=Path(result.model).resolve(),
+        result=found,
+        columns=columns | result.columns(),
+        events=result.events,
+        plot=result.plot,
+        shows=result.shows,
+        setpoints=result.setpoints,
+        impulses=result.impulses,
+        contacts=result.contacts,
+        signal_units=result.signal_units,
+        overrides=tuple(overrides),
     )

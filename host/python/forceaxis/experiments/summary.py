@@ -1,38 +1,55 @@
-"""A run in words: its verdict with the reason and the window, the force held, its audit.
+"""A run in words: its verdict with the reason and the window, the controlled force, its audit.
 
-Quantities are in N and mm where the model's converters say how large a count is; a count is always
-one of the force reading, at 8 bits whatever the ADC has, or of the encoder.
+Quantities are in N and mm where the converters of the model give the size of a count. A count is
+always a count of the force reading, at 8 bits for every ADC, or a count of the encoder.
 """
 
-import itertools
-import shlex
+from collections.abc import Sequence
+from typing import TypeAlias
 
 from forceaxis import _core
-from forceaxis.experiments import link
+from forceaxis.experiments.run_result import (
+    Converters,
+    Criterion,
+    HeldForce,
+    LinkReport,
+    Metrics,
+    MissedLimit,
+    RunResult,
+)
 from forceaxis.words import counted
 
-OF = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
+COUNTED_IN = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
+Row: TypeAlias = tuple[str, str]  # of a text for a terminal: its key and its value
 
 
-def quantity(value, unit):
+def quantity(value: float, unit: str) -> str:
     """A value of the model in words, lengths in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
-def size_of_count(what, converters):
-    """(size, unit) of a count of "force", at 8 bits, or "position"; None: not converted."""
+def size_of_count(what: str, converters: Converters) -> tuple[float, str] | None:
+    """(size, unit) of a count of "force", at 8 bits, or "position"; None: the model does not
+    convert this quantity."""
     if what == "position":
         encoder = converters.get("encoder")
-        return encoder and (abs(encoder["per_code"]), encoder["unit"])
+        return (abs(encoder.per_code), encoder.unit) if encoder else None
     reading = converters.get("adc0")
-    return reading and (abs(reading["per_code"]) * 2 ** (reading["bits"] - 8), reading["unit"])
+    return (reading.per_8_bit_count, reading.unit) if reading else None
 
 
-def ripple(what, count, converters, limit=None, beyond=False):
-    """The ripple of force or position, beside its limit where there is one."""
+def ripple(
+    what: str,
+    count: float,
+    converters: Converters,
+    limit: float | None = None,
+    beyond: bool = False,
+) -> str:
+    """The ripple of "force" or "position" in words, beside its limit if it has one. beyond: the
+    ripple is above the limit."""
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
-    in_counts = f"{count:.3g}{of} count{plural} {OF[what]}"
+    in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"
     size = size_of_count(what, converters)
     if not size:
         return f"{what} ripple {in_counts}" + (" allowed" if limit is not None else "")
@@ -42,9 +59,11 @@ def ripple(what, count, converters, limit=None, beyond=False):
     return f"{what} ripple {quantity(count * physical, unit)}{kept} ({in_counts})"
 
 
-def reasons(missed, metrics, fault, converters):
-    """Why a run is not stable: each limit that it missed (`missed` of a result), in words."""
-    return [_missed(one, metrics, fault, converters) for one in missed]
+def reasons(
+    missed: Sequence[MissedLimit], metrics: Metrics, fault: str, converters: Converters
+) -> list[str]:
+    """Why a run is not stable: each limit that the run does not keep, in words."""
+    return [_missed(limit, metrics, fault, converters) for limit in missed]
 
 
 # The words of a missed limit, by its name.
@@ -69,163 +88,169 @@ MISSED = {
 }
 
 
-def _missed(one, metrics, fault, converters):
-    """One missed limit in words, with its number, the bound and the unit."""
-    limit, value, bound = one["limit"], one["value"], one["bound"]
+def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Converters) -> str:
+    """A missed limit in words, with the value of the run, the limit and the unit."""
+    limit, value, bound = missed.limit, missed.value, missed.bound
     if limit == "contact_held":
-        if one["verdict"] == "never_in_contact":
+        if missed.verdict == "never_in_contact":
             return "never in contact"
-        when = "start of the window" if metrics["in_contact"] else "end"
+        when = "start of the window" if metrics.in_contact else "end"
         return f"not in contact at the {when}"
-    if limit == "settle_max_s" and value is None:
+    if value is None:  # of settle_max_s alone
         return "force not settled before the window"
     if limit in MISSED:
-        held, ends = metrics["held_force"], reading_range(converters)
+        held, reading = metrics.held_force, converters.get("adc0")
+        low, high = reading.range if reading else (0.0, 0.0)
         return MISSED[limit].format(
             value=value,
             bound=bound,
             fault=fault,
             times=counted(int(value), "time"),
-            ticks=metrics["window_ticks"],
-            kept=f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N held" if held else "",
-            range=f" ({ends[0]:.4g} to {ends[1]:.4g} {ends[2]})" if ends else "",
+            ticks=metrics.window_ticks,
+            kept=f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N held" if held else "",
+            range=f" ({low:.4g} to {high:.4g} {reading.unit})" if reading else "",
         )
     what = limit.split("_")[0]
     text = ripple(what, value, converters, bound, beyond=True)
-    late = metrics[f"{what}_ripple_late_count"]
-    falling = one["verdict"] == "not_met" and late < value
+    late = (
+        metrics.force_ripple_late_count if what == "force" else metrics.position_ripple_late_count
+    )
+    falling = missed.verdict == "not_met" and late < value
     return text + (f", {late:.3g} in the second half of the window" if falling else "")
 
 
-def reading_range(converters):
-    """(least, largest, unit) that ADC 0 can read; None: it is not converted."""
+def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -> list[str]:
+    """A warning for each set-point, of (from time_s, N), that ADC 0 cannot read."""
     reading = converters.get("adc0")
     if not reading:
-        return None
-    ends = sorted(
-        (code - reading["zero"]) * reading["per_code"] for code in (0, 2 ** reading["bits"] - 1)
-    )
-    return (*ends, reading["unit"])
-
-
-def warnings(setpoints, converters):
-    """What a run is warned of: set-points, (from time_s, N), that ADC 0 cannot read."""
-    ends = reading_range(converters)
-    if not ends:
         return []
-    beyond = dict.fromkeys(N for _, N in setpoints if not ends[0] <= N <= ends[1])
+    low, high = reading.range
+    beyond = dict.fromkeys(N for _, N in setpoints if not low <= N <= high)
     return [
-        f"set-point {N:.4g} N: expected one within the force reading, {ends[0]:.4g} to "
-        f"{ends[1]:.4g} N; beyond it the force is not controlled"
+        f"set-point {N:.4g} N: expected one within the force reading, {low:.4g} to "
+        f"{high:.4g} N; beyond it the force is not controlled"
         for N in beyond
     ]
 
 
-def kept_limits(summary):
-    """What a stable run was judged by: every limit of its [verdict] with what it reached."""
-    criterion, metrics = summary["criterion"], summary["metrics"]
-    held = metrics["held_force"]
+def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
+    """The limits of [verdict] that a stable run keeps, each with the value of the run."""
+    metrics, held, required = result.metrics, result.metrics.held_force, criterion.contact_held
     found = []
-    if names := criterion["contact_held"]:
-        found.append("contact held" if names is True else f"{', '.join(names)} held")
-    peak_N = metrics["peak_force_N"]
-    saturated_s = metrics["saturated_run_ticks"] / _core.TICKS_PER_SECOND
-    for key, what, reached, unit in (
-        ("held_force_error_max_N", "error", held and abs(held["error_N"]), "N"),
-        ("held_force_error_max_percent", "error", held and held["error_percent"], "%"),
-        ("overshoot_max_percent", "overshoot", held and held["overshoot_percent"], "%"),
-        ("settle_max_s", "settled in", held and held["settle_s"], "s"),
-        ("peak_force_max_N", "peak", peak_N, "N"),
-        ("peak_force_max_percent", "peak", held and 100 * peak_N / abs(held["setpoint_N"]), "%"),
-        ("contact_losses_max", "losses of contact", metrics["contact_losses_run"], ""),
-        ("saturated_max_s", "output at an end of its range", saturated_s, "s"),
+    if required:
+        found.append("contact held" if required is True else f"{', '.join(required)} held")
+    peak_N = metrics.peak_force_N
+    saturated_s = metrics.saturated_run_ticks / _core.TICKS_PER_SECOND
+    for limit, what, reached, unit in (
+        (criterion.held_force_error_max_N, "error", held and abs(held.error_N), " N"),
+        (criterion.held_force_error_max_percent, "error", held and held.error_percent, " %"),
+        (criterion.overshoot_max_percent, "overshoot", held and held.overshoot_percent, " %"),
+        (criterion.settle_max_s, "settled in", held and held.settle_s, " s"),
+        (criterion.peak_force_max_N, "peak", peak_N, " N"),
+        (
+            criterion.peak_force_max_percent,
+            "peak",
+            held and 100 * peak_N / abs(held.setpoint_N),
+            " %",
+        ),
+        (criterion.contact_losses_max, "losses of contact", metrics.contact_losses_run, ""),
+        (criterion.saturated_max_s, "output at an end of its range", saturated_s, " s"),
     ):
-        if (limit := criterion[key]) is not None:
-            unit = unit and f" {unit}"
-            found.append(f"{what} {reached:.3g}{unit} of {limit:.3g}{unit} allowed")
-    for what in ("force", "position"):
-        limit = criterion[f"{what}_ripple_max_count"]
         if limit is not None:
-            count = metrics[f"{what}_ripple_count"]
-            found.append(ripple(what, count, summary["converters"], limit))
+            found.append(f"{what} {reached:.3g}{unit} of {limit:.3g}{unit} allowed")
+    for what, count, limit in (
+        ("force", metrics.force_ripple_count, criterion.force_ripple_max_count),
+        ("position", metrics.position_ripple_count, criterion.position_ripple_max_count),
+    ):
+        if limit is not None:
+            found.append(ripple(what, count, result.converters, limit))
     return found
 
 
-def verdict_text(summary):
+def verdict_text(result: RunResult) -> str:
     """The verdict, why, and over which window."""
-    if not summary["verdict"]:
+    if not result.verdict or not result.criterion:
         return "none asked for, the experiment has no [verdict]"
-    because = summary["because"] or kept_limits(summary)
-    window = f"over the last {summary['criterion']['window_s']:g} s"
-    return f"{summary['verdict']}: {', '.join([*because, window])}"
+    because = result.because or kept_limits(result, result.criterion)
+    window = f"over the last {result.criterion.window_s:g} s"
+    return f"{result.verdict}: {', '.join([*because, window])}"
 
 
-def describe_force(held):
-    """Set-point and force held, one line."""
-    settled = "not settled" if held["settle_s"] is None else f"settled in {held['settle_s']:.3g} s"
+def force_text(held: HeldForce) -> str:
+    """Set-point and controlled force, one line."""
+    settled = "not settled" if held.settle_s is None else f"settled in {held.settle_s:.3g} s"
     return (
-        f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N set-point, error "
-        f"{held['error_N']:.3g} N "
-        f"({held['error_percent']:.3g} %), overshoot {held['overshoot_percent']:.3g} %, {settled} "
-        f"from {held['from_s']:.3g} s on"
+        f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N set-point, error {held.error_N:.3g} N "
+        f"({held.error_percent:.3g} %), overshoot {held.overshoot_percent:.3g} %, {settled} "
+        f"from {held.from_s:.3g} s on"
     )
 
 
-def window_text(summary):
-    """What happened in the judged window, or in the last second."""
-    criterion, metrics = summary["criterion"], summary["metrics"]
-    seconds = criterion["window_s"] if criterion else 1
+def window_text(result: RunResult) -> str:
+    """What happened in the window of the verdict, or in the last second."""
+    metrics, converters = result.metrics, result.converters
+    seconds = result.criterion.window_s if result.criterion else 1
     rows = [
-        ripple(what, metrics[f"{what}_ripple_count"], summary["converters"])
-        for what in ("force", "position")
+        ripple("force", metrics.force_ripple_count, converters),
+        ripple("position", metrics.position_ripple_count, converters),
+        f"contact lost {counted(metrics.contact_losses, 'time')}",
     ]
-    lost = f"contact lost {counted(metrics['contact_losses'], 'time')}"
-    return f"last {seconds:g} s: {', '.join([*rows, lost])}"
+    return f"last {seconds:g} s: {', '.join(rows)}"
 
 
-def changed(command):
-    """What --set replaced in the experiment's file."""
-    words = shlex.split(command)
-    return [value for option, value in itertools.pairwise(words) if option == "--set"]
-
-
-def rows(summary):
-    """The summary for a terminal: (key, text), the outcome first."""
-    energy, metrics, margin = summary["energy"], summary["metrics"], summary["edge_margin"]
-    found = [
-        ("experiment", summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")),
-        *([("changed", ", ".join(given))] if (given := changed(summary["command"])) else []),
-        ("verdict", verdict_text(summary)),
-        *(("warning", text) for text in summary["warnings"]),
-        ("fault", summary["fault"]),
-        *(
-            ("refused", f"{r['object']} at tick {r['tick']}: {r['reason']}")
-            for r in summary["refused"]
-        ),
-        *([("held", describe_force(held))] if (held := metrics["held_force"]) else []),
-        ("force", f"peak {metrics['peak_force_N']:.4g} N, end {metrics['final_force_N']:.4g} N"),
-        ("window", window_text(summary)),
-        ("events", f"{summary['events']} in {summary['ticks']} ticks"),
-        (
-            "energy",
-            f"supplied {energy['supplied_J']:.6g} J, residual {energy['residual_J']:.2g} J",
-        ),
+def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
+    """The result of a run for a terminal, the verdict first. overrides: those of the run."""
+    energy, metrics, margin = result.energy, result.metrics, result.edge_margin
+    figure = f" (Fig {result.figure})" if result.figure else ""
+    found = [("experiment", result.title + figure)]
+    if overrides:
+        found.append(("changed", ", ".join(overrides)))
+    found.append(("verdict", verdict_text(result)))
+    found += [("warning", text) for text in result.warnings]
+    found.append(("fault", result.fault))
+    found += [("refused", f"{r.object} at tick {r.tick}: {r.reason}") for r in result.refused]
+    if metrics.held_force:
+        found.append(("held", force_text(metrics.held_force)))
+    found += [
+        ("force", f"peak {metrics.peak_force_N:.4g} N, end {metrics.final_force_N:.4g} N"),
+        ("window", window_text(result)),
+        ("events", f"{result.events} in {result.ticks} ticks"),
+        ("energy", f"supplied {energy.supplied_J:.6g} J, residual {energy.residual_J:.2g} J"),
     ]
-    if "link" in summary and summary["objects"]:
-        names = ", ".join(summary["objects"])
+    if result.link and result.objects:
+        names = ", ".join(result.objects)
         found.append(("not traced", f"{names}: objects are read in process only"))
-    return [
-        *found,
-        (
-            "edge margin",
-            "nothing converted" if margin is None else f"{margin:.3g} LSB to the next code",
-        ),
-        ("trace hash", summary["trace_hash"]),
-        *(link.describe(summary["link"]) if "link" in summary else []),
-        ("again", summary["command"]),
+    edge = "nothing converted" if margin is None else f"{margin:.3g} LSB to the next code"
+    found += [("edge margin", edge), ("trace hash", result.trace_hash)]
+    if result.link:
+        found += link_rows(result.link)
+    return [*found, ("again", result.command)]
+
+
+def link_rows(report: LinkReport) -> list[Row]:
+    """The report of a link for a terminal."""
+    other = "" if report.same else ", NOT THE PLANT'S"
+    found = [
+        ("link", f"{report.kind}, {report.where}, {report.real_time:.1f} x real time"),
+        ("processes", f"plant {report.pids.plant}, axis {report.pids.axis}"),
+        ("axis hash", report.hashes.axis + other),
     ]
+    if report.interrupts is not None:
+        rate_hz = _core.TICKS_PER_SECOND
+        found.append(("interrupts", f"{report.interrupts} at {rate_hz} Hz, {report.ticks} ticks"))
+    if counts := report.statistics:
+        sent, repeated = counts.plant["sent"], report.repeated
+        lost, twice = (counts.plant[k] + counts.axis[k] for k in ("dropped", "doubled"))
+        found.append(
+            (
+                "records",
+                f"{sent} sent, {repeated} of them again; {lost} dropped and {twice} doubled by "
+                "the injected faults",
+            )
+        )
+    return found
 
 
-def describe(summary):
+def describe(result: RunResult, overrides: Sequence[str] = ()) -> str:
     """The rows as lines."""
-    return "\n".join(f"{key:12} {value}" for key, value in rows(summary))
+    return "\n".join(f"{key:12} {value}" for key, value in rows(result, overrides))

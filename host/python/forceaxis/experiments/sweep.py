@@ -1,4 +1,4 @@
-"""Run one experiment at many points: a grid, random draws, or bisection to a stability boundary.
+"""Run one experiment at many points: a grid, random points, or bisection to a stability boundary.
 
 Every finished run is a line of FOLDER/journal.jsonl, keyed by a hash of its parameters, the input
 files, firmware and simulator; a run with an entry there is not repeated. Points run on threads in
@@ -8,20 +8,24 @@ this process or, in chunks, on a Dask cluster; neither order nor place changes a
 import contextlib
 import csv
 import json
-import math
 import os
 import shlex
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.experiments import alone
 from forceaxis.experiments.points import (
-    Axis,
+    GridValues,
+    Point,
+    SweepParameter,
     check_names,
     grid_axes,
     grid_points,
@@ -30,24 +34,146 @@ from forceaxis.experiments.points import (
     random_points,
     unit_of,
 )
+from forceaxis.experiments.run_result import Columns, Converters, read_converters
 from forceaxis.experiments.sweep_runs import (
     Cluster,
     Here,
     Journal,
+    Outcome,
+    Row,
     Runner,
     boundaries,
     identity_of,
     run_columns,
 )
-from forceaxis.experiments.verdicts import VERDICTS, WORDS, stability
-from forceaxis.words import counted
+from forceaxis.experiments.verdicts import VERDICTS, stability
+from forceaxis.results import json_field, to_json
+from forceaxis.words import counted, option_words
 
 FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
+SHOWN_FAILURES = 10
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What is swept. A mistake in it is a ParameterError or an InputError of sweep()."""
+
+    experiment: str | Path
+    grid: Mapping[str, GridValues] = field(default_factory=dict)
+    random: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO[:log]"
+    count: int | None = None  # of random points
+    seed: int = 0  # of the random points
+    bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
+    overrides: Sequence[str] = ()
+    refine: bool = False  # also run the points around each that stands alone, see alone.find()
+
+    def command(self, out: Path | None, scheduler: str | None) -> str:
+        """The command line of the same sweep."""
+        grid = [
+            f"{name}={v if isinstance(v, str) else ','.join(repr(float(x)) for x in v)}"
+            for name, v in self.grid.items()
+        ]
+        words = option_words(
+            grid=grid,
+            random=[f"{name}={text}" for name, text in self.random.items()],
+            bisect=[f"{name}={text}" for name, text in self.bisect.items()],
+            count=self.count if self.random else None,
+            seed=self.seed if self.random else None,
+            set=list(self.overrides),
+            out=None if out is None else paths.display(out),
+            refine=self.refine,
+            scheduler=scheduler,
+        )
+        return shlex.join(["forceaxis", "sweep", paths.display(self.experiment), *words])
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """The points of a request: `axes` and a value of each, and the searched parameter."""
+
+    axes: list[SweepParameter]
+    points: list[Point]
+    search: SweepParameter | None
+
+    @property
+    def swept(self) -> list[SweepParameter]:
+        """Every parameter that changes from run to run."""
+        return [*self.axes, *([self.search] if self.search else [])]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the axes."""
+        return [axis.name for axis in self.axes]
+
+    def rows(self, points: Sequence[Point]) -> list[Row]:
+        """Points as {name: value}."""
+        return [dict(zip(self.names, point, strict=True)) for point in points]
+
+
+@dataclass(frozen=True)
+class SweepCounts:
+    """Numbers of points and runs, and of points by their results."""
+
+    points: int
+    runs: int
+    resumed: int  # runs that the journal had
+    failed: int
+    boundaries: int | None = json_field(omit_none=True)  # of a search alone
+    stable: int | None = json_field(omit_none=True)  # of a sweep without search alone
+    unstable: int | None = json_field(omit_none=True)
+    not_met: int | None = json_field(omit_none=True)
+    never_in_contact: int | None = json_field(omit_none=True)
+
+    def of(self, verdict: str) -> int:
+        """The number of points with this verdict."""
+        return int(getattr(self, verdict) or 0)
+
+
+@dataclass(frozen=True)
+class FailedPoint:
+    """A point whose run failed."""
+
+    index: int
+    values: Row
+    error: str
+
+
+@dataclass(frozen=True)
+class LonePoint:
+    """A point whose verdict differs from that of all its neighbours. around and alike: the number
+    of points around it that were run too, and of those with its verdict; None: none were run."""
+
+    values: Row
+    verdict: str
+    around: int | None = None
+    alike: int | None = None
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """The result of a sweep without its columns."""
+
+    experiment: str
+    title: str
+    parameters: dict[str, str]  # name -> unit
+    counts: SweepCounts
+    failures: list[FailedPoint]  # the first SHOWN_FAILURES
+    warnings: list[str]
+    refined: bool
+    alone: list[LonePoint]
+    seed: int | None  # of random points
+    inputs_hash: str
+    firmware_hash: str
+    simulator_hash: str
+    objects_hash: str
+    where: str  # the runs were done
+    seconds: float
+    command: str  # that repeats the sweep
 
 
 @dataclass
 class Sweep:
-    """A finished sweep: the summary that `--json` prints, and one row a point as columns.
+    """A finished sweep: its result, and one row a point as columns.
 
     Columns: index, the parameters, then of a run: verdict, fault, error, METRICS, edge_margin,
     trace_hash; of a boundary search: boundary (the last stable value), unstable_at (the first
@@ -55,242 +181,183 @@ class Sweep:
     NaN and "" stand for nothing.
     """
 
-    summary: dict
-    columns: dict
-    axes: list  # of the points
-    search: Axis | None
-    runs: list = field(default_factory=list)  # of a lone boundary search: (value, outcome)
-    converters: dict = field(default_factory=dict)  # of the model, {} if the sweep changes it
-    closer: dict = field(
-        default_factory=dict
-    )  # columns of the points around those that stand alone
+    result: SweepResult
+    columns: Columns
+    axes: list[SweepParameter]  # of the points
+    search: SweepParameter | None
+    runs: list[tuple[float, Outcome]]  # of a search without axes: (value, outcome)
+    converters: Converters  # of the model, {} if the sweep changes it
+    closer: Columns  # columns of the points around those that stand alone
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The result as `forceaxis sweep --json` prints it; values stand beside their point."""
+        found: dict[str, Any] = to_json(self.result)
+        for points in (found["failures"], found["alone"]):
+            for point in points:
+                point |= point.pop("values")
+        return found
+
+
+def plan(request: SweepRequest) -> SweepPlan:
+    """The points of a request. Raises ParameterError."""
+    if request.grid and request.random:
+        raise ParameterError("random", "expected either `grid` or `random`, got both")
+    if request.random:
+        axes = random_axes(request.random)
+        points = random_points(axes, request.count, request.seed)
+    else:
+        axes = grid_axes(request.grid)
+        points = grid_points(axes)
+    searches = [
+        parse("bisect", name, text, ("TOLERANCE",), False) for name, text in request.bisect.items()
+    ]
+    if len(searches) > 1:
+        raise ParameterError("bisect", "expected one parameter; use `grid` for the others")
+    if not axes and not searches:
+        raise ParameterError("grid", "expected what to vary: `grid`, `random` or `bisect`")
+    if request.refine and (searches or request.random or len(axes) > 2):
+        raise ParameterError(
+            "refine", "expected a `grid` of one or two parameters, without `bisect`"
+        )
+    return SweepPlan(axes, points, searches[0] if searches else None)
+
+
+def checked_inputs(request: SweepRequest, planned: SweepPlan) -> "_core.Inputs":
+    """The inputs of the experiment. Raises InputError where it cannot be swept as planned."""
+    experiment, overrides = Path(request.experiment), list(request.overrides)
+    inputs = _core.inputs(str(experiment), overrides)
+    check_names(experiment, inputs, overrides, planned.swept)
+    if inputs["unjudged"]:
+        raise InputError(inputs["unjudged"])
+    if planned.search and inputs["criterion"] is None:
+        raise InputError(f"{experiment}: verdict: expected a [verdict] to bisect by; add one")
+    return inputs
 
 
 def sweep(
-    experiment,
-    grid=None,
-    random=None,
-    count=None,
-    seed=0,
-    bisect=None,
-    overrides=(),
-    out=None,
-    threads=None,
-    scheduler=None,
-    refine=False,
-):
+    request: SweepRequest,
+    out: Path | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+) -> Sweep:
     """Run the experiment at every point and write the results into folder `out`, if given.
 
-    grid: {name: values, "VALUE,VALUE,..." or "FROM:TO:COUNT[:log]"}; random: {name:
-    "FROM:TO[:log]"} with count and seed; bisect: {name: "FROM:TO:TOLERANCE"}, alone or for every
-    point. refine: also half-way to the neighbours of each point of the grid that stands alone, see
-    alone.find(). Raises InputError for a mistake in what was asked; a run that fails is a row with
-    its error.
+    scheduler: address of a Dask scheduler, whose workers run the points. Raises InputError for a
+    mistake in the request; a run that fails is a row with its error.
     """
-    if grid and random:
-        raise InputError("--random: expected either --grid or --random, got both")
-    if random:
-        axes = random_axes(random)
-        points = random_points(axes, count, seed)
-    else:
-        axes = grid_axes(grid or {})
-        points = grid_points(axes)
-    searches = [parse("--bisect", n, v, ("TOLERANCE",), False) for n, v in (bisect or {}).items()]
-    if len(searches) > 1:
-        raise InputError("--bisect: expected one parameter; use --grid for the others")
-    search = searches[0] if searches else None
-    if not axes and not search:
-        raise InputError("--grid: expected what to vary: --grid, --random or --bisect")
-
-    if refine and (search or random or len(axes) > 2):
-        raise InputError("--refine: expected a --grid of one or two parameters, without --bisect")
-
-    experiment, overrides = Path(experiment), list(overrides)
-    inputs = _core.inputs(str(experiment), overrides)
-    check_names(experiment, inputs, overrides, [*axes, *searches])
-    if inputs["unjudged"]:
-        raise InputError(inputs["unjudged"])
-    if search and inputs["criterion"] is None:
-        raise InputError(f"{experiment}: verdict: expected a [verdict] to bisect by; add one")
+    planned = plan(request)
+    inputs = checked_inputs(request, planned)
+    experiment, overrides = Path(request.experiment), list(request.overrides)
     identity = identity_of(experiment, overrides)
     threads = threads or os.cpu_count() or 1
+    axes, search, rows = planned.axes, planned.search, planned.rows(planned.points)
+    single, closer = [], {}
     started = time.monotonic()
     with contextlib.ExitStack() as stack:
-        if scheduler:
-            place = stack.enter_context(Cluster(scheduler, experiment, overrides, identity))
-        else:
-            place = Here(experiment, overrides, threads)
+        place = (
+            stack.enter_context(Cluster(scheduler, experiment, overrides, identity))
+            if scheduler
+            else Here(experiment, overrides, threads)
+        )
         if out is not None:
-            Path(out).mkdir(parents=True, exist_ok=True)
-        journal = Journal(Path(out) / "journal.jsonl" if out is not None else None, identity)
+            out.mkdir(parents=True, exist_ok=True)
+        journal = Journal(None if out is None else out / "journal.jsonl", identity)
         stack.callback(journal.close)
         runner = Runner(journal, identity, place)
-        names = [a.name for a in axes]
-        rows = [dict(zip(names, point, strict=True)) for point in points]
         found = boundaries(runner, rows, search) if search else run_columns(runner(rows))
-        single = alone.find(axes, stabilities(found)) if not (search or random) else []
-        near = [p for i in single for p in alone.around(axes, points[i])] if refine else []
-        near = [dict(zip(names, point, strict=True)) for point in dict.fromkeys(near)]
-        closer = columns_of(names, near) | run_columns(runner(near)) if near else {}
+        if not (search or request.random):
+            single = alone.find(axes, stabilities(found))
+        if request.refine and single:
+            near = [p for i in single for p in alone.around(axes, planned.points[i])]
+            near_rows = planned.rows(list(dict.fromkeys(near)))
+            closer = columns_of(planned.names, near_rows) | run_columns(runner(near_rows))
     seconds = time.monotonic() - started
 
-    columns = {"index": np.arange(len(rows))} | columns_of(names, rows) | found
-    failed = [i for i, e in enumerate(columns["error"]) if e]
-    summary = {
-        "experiment": paths.display(experiment),
-        "title": inputs["title"],
-        "parameters": {a.name: unit_of(a.name, inputs) for a in [*axes, *searches]},
-        "counts": counts_of(columns, runner, search) | {"failed": len(failed)},
-        "failures": [
-            {"index": i, **rows[i], "error": str(columns["error"][i])} for i in failed[:10]
+    columns = {"index": np.arange(len(rows))} | columns_of(planned.names, rows) | found
+    failed = [i for i, error in enumerate(columns["error"]) if error]
+    result = SweepResult(
+        experiment=paths.display(experiment),
+        title=inputs["title"],
+        parameters={a.name: unit_of(a.name, inputs) for a in planned.swept},
+        counts=counts_of(columns, runner, search, len(failed)),
+        failures=[
+            FailedPoint(i, rows[i], str(columns["error"][i])) for i in failed[:SHOWN_FAILURES]
         ],
-        "warnings": warnings(columns, rows),
-        "refined": refine,
-        "alone": [alone_row(rows[i], columns["verdict"][i], axes, closer) for i in single],
-        "seed": seed if random else None,
+        warnings=warnings(columns),
+        refined=request.refine,
+        alone=[lone_point(rows[i], str(columns["verdict"][i]), axes, closer) for i in single],
+        seed=request.seed if request.random else None,
         **identity,
-        "objects_hash": objects.OBJECTS_HASH,
-        "where": scheduler or counted(threads, "thread"),
-        "seconds": round(seconds, 3),
-        "command": command_of(
-            experiment, grid, random, count, seed, bisect, overrides, out, scheduler, refine
-        ),
-    }
-    fixed = all(a.name.startswith(("firmware.", "verdict.")) for a in [*axes, *searches])
-    converters = inputs["converters"] if fixed else {}
-    done = Sweep(summary, columns, axes, search, converters=converters, closer=closer)
-    if search and not axes:
-        done.runs = [(v, o) for (v,), o in runner.seen]
+        objects_hash=objects.OBJECTS_HASH,
+        where=scheduler or counted(threads, "thread"),
+        seconds=round(seconds, 3),
+        command=request.command(out, scheduler),
+    )
+    fixed = all(a.name.startswith(("firmware.", "verdict.")) for a in planned.swept)
+    done = Sweep(
+        result,
+        columns,
+        axes,
+        search,
+        runs=[(v, o) for (v,), o in runner.seen] if search and not axes else [],
+        converters=read_converters(inputs["converters"]) if fixed else {},
+        closer=closer,
+    )
     if out is not None:
-        write(done, Path(out))
+        write(done, out)
     return done
 
 
-def columns_of(names, rows):
+def columns_of(names: Sequence[str], rows: Sequence[Row]) -> Columns:
     """The parameters of some points as columns."""
     return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
 
 
-def stabilities(columns):
+def stabilities(columns: Columns) -> list[str]:
     """Of each point "stable", "unstable" or "": what a point that stands alone differs in."""
     return [stability(str(verdict)) for verdict in columns["verdict"]]
 
 
-def alone_row(row, verdict, axes, closer):
-    """A point that stands alone: its parameters and verdict; where one looked closer also how many
-    of the points around it were judged alike."""
-    found = row | {"verdict": str(verdict), "around": None, "alike": None}
-    if closer:
-        near = alone.around(axes, [row[a.name] for a in axes])
-        points = list(zip(*(closer[a.name].tolist() for a in axes), strict=True))
-        verdicts = [closer["verdict"][points.index(p)] for p in near]
-        alike = sum(stability(v) == stability(verdict) for v in verdicts)
-        found |= {"around": len(near), "alike": int(alike)}
-    return found
+def lone_point(
+    row: Row, verdict: str, axes: Sequence[SweepParameter], closer: Columns
+) -> LonePoint:
+    """A point that stands alone. closer: the points around it, {} if they were not run."""
+    if not closer:
+        return LonePoint(row, verdict)
+    near = alone.around(axes, [row[a.name] for a in axes])
+    points = list(zip(*(closer[a.name].tolist() for a in axes), strict=True))
+    verdicts = [closer["verdict"][points.index(p)] for p in near]
+    alike = sum(stability(v) == stability(verdict) for v in verdicts)
+    return LonePoint(row, verdict, len(near), int(alike))
 
 
-def warnings(columns, rows):
-    """Points whose set-point ADC 0 cannot read, in one line; [] without any."""
+def warnings(columns: Columns) -> list[str]:
+    """A warning of points whose set-point ADC 0 cannot read."""
     beyond = np.flatnonzero(np.isfinite(columns.get("setpoint_beyond_N", np.array([]))))
     if not len(beyond):
         return []
     first, N = int(beyond[0]), columns["setpoint_beyond_N"][beyond[0]]
+    points = counted(len(columns["index"]), "point")
     return [
-        f"{len(beyond)} of {counted(len(rows), 'point')}: expected a set-point within the force "
+        f"{len(beyond)} of {points}: expected a set-point within the force "
         f"reading, got {N:.4g} N at the first, index {first}; they are never stable"
     ]
 
 
-def counts_of(columns, runner, search):
-    """The numbers of points and runs, and of their outcomes."""
-    points = len(columns["index"])
-    counts = {"points": points, "runs": runner.asked, "resumed": runner.asked - runner.ran}
+def counts_of(
+    columns: Columns, runner: Runner, search: SweepParameter | None, failed: int
+) -> SweepCounts:
+    """The numbers of points and runs, and of their results."""
     if search:
-        counts["boundaries"] = int(np.isfinite(columns["boundary"]).sum())
+        results = {"boundaries": int(np.isfinite(columns["boundary"]).sum())}
     else:
-        for verdict in VERDICTS:
-            counts[verdict] = int((columns["verdict"] == verdict).sum())
-    return counts
+        results = {v: int((columns["verdict"] == v).sum()) for v in VERDICTS}
+    resumed = runner.asked - runner.ran
+    return SweepCounts(len(columns["index"]), runner.asked, resumed, failed, **results)
 
 
-def command_of(experiment, grid, random, count, seed, bisect, overrides, out, scheduler, refine):
-    """The command line of the same sweep."""
-    command = ["forceaxis", "sweep", paths.display(experiment)]
-    for option, given in (("--grid", grid), ("--random", random), ("--bisect", bisect)):
-        for name, value in (given or {}).items():
-            text = value if isinstance(value, str) else ",".join(repr(float(v)) for v in value)
-            command += [option, f"{name}={text}"]
-    if random:
-        command += ["--count", str(count), "--seed", str(seed)]
-    for text in overrides:
-        command += ["--set", text]
-    if out is not None:
-        command += ["--out", paths.display(out)]
-    if refine:
-        command.append("--refine")
-    if scheduler:
-        command += ["--scheduler", scheduler]
-    return shlex.join(command)
-
-
-def describe(done):
-    """The summary for a terminal: rows of (key, text)."""
-    summary, counts = done.summary, done.summary["counts"]
-    ran = counts["runs"] - counts["resumed"]
-    speed = f", {ran / summary['seconds']:.0f} a second" if ran and summary["seconds"] else ""
-    lines = [
-        ("experiment", summary["experiment"]),
-        (
-            "runs",
-            f"{counts['runs']}: {counts['resumed']} from the journal, {ran} now on "
-            f"{summary['where']}{speed}",
-        ),
-    ]
-    if done.search:
-        lines.append(("boundaries", f"{counts['boundaries']} of {counts['points']}"))
-        lines += [("", boundary_line(done, i)) for i in range(min(10, counts["points"]))]
-    elif any(counts[verdict] for verdict in VERDICTS):
-        shown = [v for v in VERDICTS if counts[v] or v in VERDICTS[:2]]
-        lines.append(("verdict", ", ".join(f"{counts[v]} {WORDS[v]}" for v in shown)))
-    lines += [("warning", text) for text in summary["warnings"]]
-    lines += [("alone", alone_line(one, done)) for one in summary["alone"][:10]]
-    if summary["refined"] and not summary["alone"]:
-        lines.append(("alone", "no point: nothing to look closer at"))
-    if counts["failed"]:
-        first = summary["failures"][0]
-        lines.append(
-            (
-                "failed",
-                f"{counts['failed']} of {counts['points']}; the first, "
-                f"index {first['index']}: {first['error']}",
-            )
-        )
-    lines.append(("again", summary["command"]))
-    return lines
-
-
-def alone_line(one, done):
-    """A point that stands alone, in words."""
-    at = ", ".join(f"{a.name} = {one[a.name]:g}" for a in done.axes)
-    if one["around"]:
-        return f"{at}: {one['verdict']}, as are {one['alike']} of {one['around']} points around it"
-    return f"{at}: {one['verdict']}, its neighbours are not; --refine looks closer"
-
-
-def boundary_line(done, i):
-    """One boundary in words."""
-    at = ", ".join(f"{a.name} = {done.columns[a.name][i]:g}" for a in done.axes)
-    stable, unstable = done.columns["boundary"][i], done.columns["unstable_at"][i]
-    what = (
-        f"{done.search.name}: stable at {stable:.6g}, "
-        f"{WORDS[str(done.columns['beyond'][i])]} at {unstable:.6g}"
-        if math.isfinite(stable)
-        else str(done.columns["note"][i] or done.columns["error"][i])
-    )
-    return f"{at}: {what}" if at else what
-
-
-def write(done, out):
+def write(done: Sweep, out: Path) -> None:
     """Write FILES, and closer.csv where one looked closer: all of them or none."""
     import pyarrow
     import pyarrow.parquet
@@ -300,21 +367,21 @@ def write(done, out):
 
     drawn = sweep_plots.sweep(done)
     if not done.closer:
-        (out / "closer.csv").unlink(missing_ok=True)  # of an earlier --refine
+        (out / "closer.csv").unlink(missing_ok=True)  # of an earlier sweep
     names = [*FILES, "closer.csv"] if done.closer else FILES
     with paths.replacing(out, *names) as (table, npz, parquet, png, svg, summary, *closer):
         write_table(table, done.columns)
         for file in closer:
             write_table(file, done.closer)
         with npz.open("wb") as stream:
-            np.savez_compressed(stream, **done.columns)
+            np.savez_compressed(stream, **done.columns)  # type: ignore[arg-type]
         pyarrow.parquet.write_table(pyarrow.table(done.columns), parquet)
         drawing.save(drawn, png, "png")
         drawing.save(drawn, svg, "svg")
         summary.write_text(json.dumps(done.summary, indent=2) + "\n")
 
 
-def write_table(file, columns):
+def write_table(file: Path, columns: Columns) -> None:
     """Columns as CSV, nothing for NaN."""
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")

@@ -1,15 +1,23 @@
 """Figures of a sweep: verdicts or peak forces over its parameters, and boundaries."""
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from forceaxis import objects
 from forceaxis.drawing import AREA, INK, VERDICT, legend, plain_ticks, style
+from forceaxis.experiments.points import SweepParameter
+from forceaxis.experiments.run_result import Array
+from forceaxis.experiments.sweep import Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 
@@ -25,15 +33,15 @@ MARKERS = (
 )
 
 
-def sweep(done):
+def sweep(done: Sweep) -> Figure:
     """Figure of a sweep, by the first two of its parameters."""
     figure, ax = plt.subplots(figsize=(5.6, 4.2))
     style(ax)
-    draw = boundary_plot if done.search else run_plot
+    draw: Callable[[Figure, Axes, Sweep], str] = boundary_plot if done.search else run_plot
     title = draw(figure, ax, done)
     if len(done.axes) > 2:
         title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
-    title += f"\n{Path(done.summary['experiment']).name}, {done.summary['counts']['runs']} runs"
+    title += f"\n{Path(done.result.experiment).name}, {done.result.counts.runs} runs"
     in_newton(ax, done)
     for axis in (ax.xaxis, ax.yaxis):
         if axis.get_scale() == "log":
@@ -46,7 +54,7 @@ def sweep(done):
     return figure
 
 
-def run_plot(figure, ax, done):
+def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     """Verdicts (or peak forces without them) over one or two parameters. Returns what it shows."""
     verdict, peak = done.columns["verdict"], done.columns["peak_force_N"]
     judged = np.isin(verdict, VERDICTS)
@@ -93,25 +101,26 @@ def run_plot(figure, ax, done):
     return "Stability map"
 
 
-def mark_alone(ax, done):
+def mark_alone(ax: Axes, done: Sweep) -> list[Artist]:
     """A ring around each cell that stands alone, and the points around it that were run too.
     Returns the handles of their legend."""
-    single = [np.array([one[a.name] for a in done.axes]) for one in done.summary["alone"]]
+    single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
-    ring = {"marker": "o", "markerfacecolor": "none", "color": INK, "linestyle": ""}
+    ring: dict[str, Any] = {"marker": "o", "markerfacecolor": "none", "color": INK, "linestyle": ""}
     ax.plot(*np.transpose(single), markersize=13, **ring)
-    label = "stands alone" + ("" if done.closer else ", --refine looks closer")
-    handles = [plt.Line2D([], [], label=label, **ring, markersize=8)]
+    label = "stands alone" + ("" if done.closer else ", `refine` looks closer")
+    handles: list[Artist] = [plt.Line2D([], [], label=label, **ring, markersize=8)]
     if done.closer:
         x, y = (done.closer[a.name] for a in done.axes)
         scatter_verdicts(ax, x, y, done.closer["verdict"], size=12)
     return handles
 
 
-def boundary_plot(figure, ax, done):
+def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     """The boundary over the first parameters, or the runs of a lone search."""
     search = done.search
+    assert search is not None
     if not done.axes:
         values = np.array([v for v, _ in done.runs])
         verdict = np.array([o.get("verdict", "") for _, o in done.runs])
@@ -128,7 +137,7 @@ def boundary_plot(figure, ax, done):
         x, y = (done.columns[a.name] for a in two)
         if all(a.values for a in two):
             ax.set_facecolor(FAILED)
-            drawn = ax.pcolormesh(*(cell_edges(a) for a in two), averaged(done, boundary))
+            drawn: Any = ax.pcolormesh(*(cell_edges(a) for a in two), averaged(done, boundary))
         else:
             drawn = ax.scatter(x, y, c=boundary, s=14)
         coloured(figure, ax, label_of(search.name, done), drawn)
@@ -155,7 +164,14 @@ def boundary_plot(figure, ax, done):
     return f"Last stable {search.name}"
 
 
-def over_one(ax, done, x, verdict, peak, axis=None):
+def over_one(
+    ax: Axes,
+    done: Sweep,
+    x: Array,
+    verdict: Array,
+    peak: Array,
+    axis: SweepParameter | None = None,
+) -> None:
     """Peak force over one parameter, marked by verdict; failed runs along the foot."""
     along(ax, "x", axis or done.axes[0], done)
     order = np.argsort(x)
@@ -169,15 +185,15 @@ def over_one(ax, done, x, verdict, peak, axis=None):
     ax.set_ylabel("peak contact force, N")
     ax.set_ylim(bottom=0)
     if not done.search:
-        for one in done.summary["alone"]:
-            at = x == one[done.axes[0].name]
+        for point in done.result.alone:
+            at = x == point.values[done.axes[0].name]
             ax.plot(x[at], peak[at], "o", markersize=12, markerfacecolor="none", color=INK,
                     label="stands alone")  # fmt: skip
     if ax.get_legend_handles_labels()[1]:
         key_below(ax)
 
 
-def scatter_verdicts(ax, x, y, verdict, size=14):
+def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 14) -> None:
     """Points by verdict; "" has failed."""
     for kind, marker, label in MARKERS:
         at = verdict == kind
@@ -185,34 +201,36 @@ def scatter_verdicts(ax, x, y, verdict, size=14):
             ax.scatter(x[at], y[at], c=VERDICT[kind], marker=marker, s=size, label=label, zorder=3)
 
 
-def along(ax, which, axis, done):
+def along(ax: Axes, which: str, axis: SweepParameter, done: Sweep) -> None:
     """Label and scale of one side of the figure."""
     getattr(ax, f"set_{which}label")(label_of(axis.name, done))
     if axis.log:
         getattr(ax, f"set_{which}scale")("log")
 
 
-def label_of(name, done):
+def label_of(name: str, done: Sweep) -> str:
     """A parameter with its unit; a count with what it counts."""
     room, _, key = name.partition(".")
-    unit = done.summary["parameters"][name]
+    unit = done.result.parameters[name]
     if room == "firmware":
-        unit = objects.unit_in_words(objects.BY_NAME[key])
+        unit = str(objects.unit_in_words(objects.BY_NAME[key]))
     elif room == "verdict" and unit == "count":
         unit = "count of force" if key.startswith("force") else "encoder count"
     return f"{name}, {unit}" if unit else name
 
 
-def in_newton(ax, done):
+def in_newton(ax: Axes, done: Sweep) -> None:
     """The set-point of force in N, on the other side of its axis."""
-    shown = [a.name for a in (done.axes or [done.search])[:2]]
-    if len(shown) < 2 and done.search and done.axes:
+    shown = [a.name for a in done.axes[:2]]
+    if len(shown) < 2 and done.search:
         shown.append(done.search.name)
     reading = done.converters.get("adc0")
-    if "firmware.force_setpoint" not in shown or not reading or reading["unit"] != "N":
+    if "firmware.force_setpoint" not in shown or not reading or reading.unit != "N":
         return
-    newton = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
-    scale = {"functions": (lambda count: count * newton, lambda force: force / newton)}
+    newton = reading.per_8_bit_count
+    scale: dict[str, Any] = {
+        "functions": (lambda count: count * newton, lambda force: force / newton)
+    }
     if shown[0] == "firmware.force_setpoint":
         other = ax.secondary_xaxis("top", **scale)
         other.set_xlabel("set-point, N", fontsize=8)
@@ -222,22 +240,24 @@ def in_newton(ax, done):
     other.tick_params(which="both", labelsize=8)
 
 
-def coloured(figure, ax, label, drawn):
+def coloured(figure: Figure, ax: Axes, label: str, drawn: Any) -> None:
     """A colour bar."""
     bar = figure.colorbar(drawn, ax=ax)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=8)
 
 
-def key_below(ax, handles=None):
-    """The legend, below the axes; as `trace` has it."""
+def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
+    """The legend, below the axes as in a figure of a trace."""
     handles = handles or ax.get_legend_handles_labels()[0]
-    legend(ax.figure, handles=handles, loc="lower left", ncols=len(handles), columnspacing=1.2,
+    figure = ax.figure
+    assert isinstance(figure, Figure)
+    legend(figure, handles=handles, loc="lower left", ncols=len(handles), columnspacing=1.2,
            handletextpad=0.5, bbox_to_anchor=(0.01, 0))  # fmt: skip
 
 
-def kinds_key(ax, shown, more=()):
-    """The kinds of cells that are shown, and more handles behind them."""
+def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> None:
+    """A legend of the kinds of cells that are shown, and of more handles behind them."""
     order = (*VERDICTS, "failed")
     handles = [
         Patch(color=AREA[kind], label=WORDS.get(kind, kind))
@@ -246,8 +266,9 @@ def kinds_key(ax, shown, more=()):
     key_below(ax, [*handles, *more])
 
 
-def cell_edges(axis):
-    """Where the cells of a grid's values meet: half-way, on the axis's own scale."""
+def cell_edges(axis: SweepParameter) -> Array:
+    """The edges of the cells of a grid: half-way between its values, on the scale of the
+    parameter."""
     values = np.unique(axis.values)
     if axis.log:
         values = np.log(values)
@@ -258,7 +279,7 @@ def cell_edges(axis):
     return np.exp(edges) if axis.log else edges
 
 
-def averaged(done, values):
+def averaged(done: Sweep, values: Array) -> Array:
     """Rows by the second parameter, columns by the first: the mean of what is there."""
     places = [
         np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.axes[:2]
@@ -269,10 +290,12 @@ def averaged(done, values):
     at = places[1][there], places[0][there]
     np.add.at(total, at, values[there])
     np.add.at(count, at, 1)
-    return np.divide(total, count, out=np.full(shape, np.nan), where=count > 0)
+    mean = np.full(shape, np.nan)
+    np.divide(total, count, out=mean, where=count > 0)
+    return mean
 
 
-def boundary_edges(cells, x, y):
+def boundary_edges(cells: Array, x: Array, y: Array) -> list[list[tuple[float, float]]]:
     """The sides at which a stable and an unstable cell meet, as segments."""
     segments = []
     for i, j in np.argwhere(np.abs(np.diff(cells, axis=1)) == 1):

@@ -5,6 +5,10 @@ import hashlib
 import json
 import math
 import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, NoReturn, Protocol, Self, TypeAlias
 
 import numpy as np
 from rich.console import Console
@@ -12,8 +16,18 @@ from rich.progress import Progress
 
 from forceaxis import _core
 from forceaxis._core import InputError, SimulationError
-from forceaxis.experiments.points import tidy
+from forceaxis.errors import ParameterError
+from forceaxis.experiments.points import SweepParameter, tidy
+from forceaxis.experiments.run_result import Columns
 from forceaxis.experiments.verdicts import STABLE
+
+Row: TypeAlias = dict[str, float]  # name of a swept parameter -> its value
+# A finished run as a line of the journal has it: the error, or verdict, fault and METRICS.
+Outcome: TypeAlias = dict[str, Any]
+Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
+Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
+Finished: TypeAlias = Callable[[int, dict[str, Any]], None]  # (number of the job, its result)
+Progressed: TypeAlias = Callable[[int, int], None]  # (number of finished jobs, all)
 
 METRICS = (
     "peak_force_N",
@@ -31,7 +45,7 @@ METRICS = (
 )
 
 
-def identity_of(experiment, overrides):
+def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
     """Hashes of the inputs of all points: experiment, model, firmware and simulator."""
     return {
         "inputs_hash": _core.inputs(str(experiment), list(overrides))["inputs_hash"],
@@ -47,75 +61,74 @@ class Journal:
     is no journal of this identity stays as it is.
     """
 
-    def __init__(self, path, identity):
-        self.known = {}
-        self.file = None
+    def __init__(self, path: Path | None, identity: Identity) -> None:
+        self.known: dict[str, Outcome] = {}
+        self.file: IO[bytes] | None = None
         if path is None:
             return
         self.file = path.open("a+b")
         try:
-            self._read(path, identity)
+            self._read(path, self.file, identity)
         except BaseException:
             self.file.close()
             raise
 
-    def _read(self, path, identity):
+    def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
+        """Read a journal of this identity, or begin one. Raises InputError."""
         try:
-            fcntl.flock(self.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"{path}: expected no other sweep at work in this folder; give another --out"
+                f"{path}: expected no other sweep at work in this folder; give another folder"
             ) from None
-        self.file.seek(0)
-        data = self.file.read()
+        file.seek(0)
+        data = file.read()
         whole = data[: data.rfind(b"\n") + 1]
         lines = [read_line(line) for line in whole.splitlines()]
         if not lines and self._line(identity).startswith(data):  # new, or killed in line 1
-            self.file.truncate(0)
-            self._write(identity)
-            self.file.flush()
+            file.truncate(0)
+            file.write(self._line(identity))
+            file.flush()
             return
         if not lines or lines[0] is None or not set(identity) <= set(lines[0]):
             raise InputError(
-                f"{path}: line 1: expected a journal of forceaxis sweep; give another --out"
+                f"{path}: line 1: expected a journal of forceaxis sweep; give another folder"
             )
         for name in identity:
             if lines[0][name] != identity[name]:
-                what = {"inputs_hash": "experiment, model and --set"}.get(name, name[:-5])
+                what = {"inputs_hash": "experiment, model and overrides"}.get(name, name[:-5])
                 raise InputError(
                     f"{path}: {name}: expected the same {what} as the runs in this folder, "
-                    f"{lines[0][name][:12]}, got {identity[name][:12]}; give another --out"
+                    f"{lines[0][name][:12]}, got {identity[name][:12]}; give another folder"
                 )
-        self.file.truncate(len(whole))
+        file.truncate(len(whole))
         for line in lines[1:]:
             if line is not None and "key" in line and "outcome" in line:
                 self.known[line["key"]] = line["outcome"]
 
     @staticmethod
-    def _line(entry):
+    def _line(entry: Mapping[str, Any]) -> bytes:
         return json.dumps(entry, allow_nan=False).encode() + b"\n"
 
-    def _write(self, entry):
-        self.file.write(self._line(entry))
-
-    def add(self, key, values, outcome):
+    def add(self, key: str, values: Row, outcome: Outcome) -> None:
         """Record one finished run."""
         self.known[key] = outcome
         if self.file:
-            self._write({"key": key, "parameters": values, "outcome": outcome})
+            entry = {"key": key, "parameters": values, "outcome": outcome}
+            self.file.write(self._line(entry))
 
-    def flush(self):
+    def flush(self) -> None:
         """Flush to the operating system, where a kill loses nothing."""
         if self.file:
             self.file.flush()
 
-    def close(self):
+    def close(self) -> None:
         """Flush and release the folder."""
         if self.file:
             self.file.close()
 
 
-def read_line(line):
+def read_line(line: bytes) -> dict[str, Any] | None:
     """The JSON object of a line, None if it holds none."""
     try:
         entry = json.loads(line)
@@ -124,7 +137,7 @@ def read_line(line):
     return entry if isinstance(entry, dict) else None
 
 
-def outcome_of(result):
+def outcome_of(result: Mapping[str, Any]) -> Outcome:
     """The recorded part of run_many()'s result: an error, or verdict, metrics and identity."""
     if "error" in result:
         return {"error": result["error"]}
@@ -138,9 +151,9 @@ def outcome_of(result):
     }
 
 
-def run_columns(outcomes):
+def run_columns(outcomes: Sequence[Outcome]) -> Columns:
     """Outcomes as columns of the results."""
-    kinds = {"verdict": str, "fault": str, "error": str}
+    kinds: dict[str, type] = {"verdict": str, "fault": str, "error": str}
     kinds |= dict.fromkeys((*METRICS, "edge_margin"), float) | {"trace_hash": str}
     return {
         name: np.array([o.get(name, "" if kind is str else None) for o in outcomes], dtype=kind)
@@ -148,31 +161,38 @@ def run_columns(outcomes):
     }
 
 
+class Place(Protocol):
+    """Where the runs of a sweep are done."""
+
+    def __call__(self, jobs: Jobs, finished: Finished, progress: Progressed) -> None:
+        """Do the jobs. Call finished() for each, and progress() now and then."""
+
+
 class Runner:
     """Returns the outcomes of points and runs those that are not in the journal."""
 
-    def __init__(self, journal, identity, place):
+    def __init__(self, journal: Journal, identity: Identity, place: Place) -> None:
         self.journal = journal
         self.salt = ":".join(identity.values())
         self.place = place
         self.asked = 0
         self.ran = 0
-        self.seen = []  # (values, outcome) of every point asked for
+        self.seen: list[tuple[tuple[float, ...], Outcome]] = []  # (values, outcome) of every point
 
-    def key(self, values):
+    def key(self, values: Row) -> str:
         """Identity of a run: hash of its inputs, and its values in the order of their names."""
         text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
-    def __call__(self, rows):
-        """Outcomes of {name: value} rows, in order."""
+    def __call__(self, rows: Sequence[Row]) -> list[Outcome]:
+        """The outcomes of the rows, in their order."""
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
         # Sorted by model, so that the modes of each are computed once.
         of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
         todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
 
-        def finished(i, result):
+        def finished(i: int, result: Mapping[str, Any]) -> None:
             key, values = todo[i]
             self.journal.add(key, values, outcome_of(result))
 
@@ -181,7 +201,7 @@ class Runner:
             with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
                 task = bar.add_task("sweep", total=len(todo))
 
-                def progress(done, _total):
+                def progress(done: int, _total: int) -> None:
                     self.journal.flush()
                     bar.update(task, completed=done)
 
@@ -197,15 +217,15 @@ class Runner:
 class Here:
     """Threads of this process."""
 
-    def __init__(self, experiment, overrides, threads):
+    def __init__(self, experiment: str | Path, overrides: list[str], threads: int) -> None:
         self.experiment = str(experiment)
         self.overrides = overrides
         self.threads = threads
         self.experiments = _core.Experiments()
 
-    def __call__(self, jobs, finished, progress):
-        jobs = [(self.experiment, self.overrides + sets) for sets in jobs]
-        _core.run_many(jobs, self.threads, progress, True, finished, self.experiments)
+    def __call__(self, jobs: Jobs, finished: Finished, progress: Progressed) -> None:
+        every = [(self.experiment, self.overrides + sets) for sets in jobs]
+        _core.run_many(every, self.threads, progress, True, finished, self.experiments)
 
 
 class Cluster:
@@ -214,18 +234,21 @@ class Cluster:
     The chunks of a lost worker are run again elsewhere.
     """
 
-    def __init__(self, address, experiment, overrides, identity):
+    def __init__(
+        self, address: str, experiment: Path, overrides: list[str], identity: Identity
+    ) -> None:
         try:
             import distributed
         except ImportError:
-            raise InputError(
-                "--scheduler: expected the package distributed; pip install forceaxis[cluster]"
+            raise ParameterError(
+                "scheduler", "expected the package distributed; pip install forceaxis[cluster]"
             ) from None
 
-        def fail(error):
-            raise InputError(
-                f"--scheduler: {address}: expected the address of a running Dask scheduler, "
-                f"tcp://HOST:PORT; {error}"
+        def fail(error: object) -> NoReturn:
+            raise ParameterError(
+                "scheduler",
+                f"{address}: expected the address of a running Dask scheduler, "
+                f"tcp://HOST:PORT; {error}",
             ) from None
 
         if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
@@ -238,17 +261,17 @@ class Cluster:
         except (OSError, ValueError) as error:
             fail(error)
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.client.close()
 
-    def __call__(self, jobs, finished, progress):
+    def __call__(self, jobs: Jobs, finished: Finished, progress: Progressed) -> None:
         cores = sum(self.client.nthreads().values())
         if cores == 0:
-            raise InputError(
-                f"--scheduler: {self.address}: expected workers; start some with `dask worker`"
+            raise ParameterError(
+                "scheduler", f"{self.address}: expected workers; start some with `dask worker`"
             )
         size = max(1, min(64, len(jobs) // (4 * cores)))
         futures = {
@@ -263,8 +286,8 @@ class Cluster:
                     finished(start + i, result)
                     done += 1
                 progress(done, len(jobs))
-        except Refused as error:
-            raise InputError(f"--scheduler: {self.address}: {error}") from None
+        except WorkerDiffers as error:
+            raise ParameterError("scheduler", f"{self.address}: {error}") from None
         except (InputError, KeyboardInterrupt):
             raise
         except Exception as error:
@@ -275,11 +298,13 @@ class Cluster:
             self.client.cancel(list(futures))
 
 
-class Refused(Exception):
+class WorkerDiffers(Exception):
     """A worker whose forceaxis or files differ from those here."""
 
 
-def run_chunk(experiment, overrides, identity, jobs):
+def run_chunk(
+    experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
+) -> list[dict[str, Any]]:
     """On a worker: results of some points, after a check that it would run the same thing."""
     import socket
 
@@ -287,70 +312,93 @@ def run_chunk(experiment, overrides, identity, jobs):
     try:
         mine = identity_of(experiment, overrides)
     except InputError as error:
-        raise Refused(f"{where}: {error}") from None
+        raise WorkerDiffers(f"{where}: {error}") from None
     for name, value in mine.items():
         if value != identity[name]:
-            raise Refused(
+            raise WorkerDiffers(
                 f"{where}: {name}: expected {identity[name][:12]}, got {value[:12]}; give the "
                 "workers the same files and the same forceaxis"
             )
     return _core.run_many([(experiment, overrides + sets) for sets in jobs], 1, None, True)
 
 
-def boundaries(runner, rows, search):
-    """For every row of values, the change of verdict along `search`, halved to its tolerance."""
-    count = len(rows)
-    found = {
-        "boundary": np.full(count, math.nan),
-        "unstable_at": np.full(count, math.nan),
-        "beyond": [""] * count,
-        "note": [""] * count,
-        "error": [""] * count,
-        "runs": np.zeros(count),
-    }
-    brackets = {}  # row -> [last stable value, first value that is not]
+@dataclass
+class Boundary:
+    """The change of verdict of one row of values along the searched parameter."""
 
-    def verdicts(wanted):
-        """Verdicts at (row, value), None for one that failed."""
-        outcomes = runner([rows[i] | {search.name: v} for i, v in wanted])
-        for (i, value), outcome in zip(wanted, outcomes, strict=True):
-            found["runs"][i] += 1
-            if "error" in outcome:
-                found["error"][i] = f"at {search.name} = {value:g}: {outcome['error']}"
-        return [o.get("verdict") for o in outcomes]
+    row: Row
+    stable: float = math.nan  # last stable value
+    unstable: float = math.nan  # first value beyond it that is not stable
+    beyond: str = ""  # its verdict
+    note: str = ""  # why there is no boundary
+    error: str = ""  # of the last run that failed
+    runs: int = 0
+    searching: bool = False  # whether the verdict changes from `stable` to `unstable`
 
-    ends = verdicts([(i, v) for i in range(len(rows)) for v in (search.low, search.high)])
-    for i, pair in enumerate(zip(ends[::2], ends[1::2], strict=True)):
-        if None in pair:
-            continue
-        if (pair[0] == STABLE) == (pair[1] == STABLE):
-            found["note"][i] = (
-                f"no change: {pair[0]} from {search.low:g} to {search.high:g}"
-                if pair[0] == pair[1]
-                else f"no change: {pair[0]} at {search.low:g}, {pair[1]} at {search.high:g}"
+    def begin(self, search: SweepParameter, low: str | None, high: str | None) -> None:
+        """Take the verdicts at both ends of the range; None: the run failed."""
+        if low is None or high is None:
+            return
+        if (low == STABLE) == (high == STABLE):
+            self.note = (
+                f"no change: {low} from {search.low:g} to {search.high:g}"
+                if low == high
+                else f"no change: {low} at {search.low:g}, {high} at {search.high:g}"
             )
+            return
+        self.searching = True
+        up = low == STABLE
+        self.stable, self.unstable = (search.low, search.high)[:: 1 if up else -1]
+        self.beyond = high if up else low
+
+    @property
+    def middle(self) -> float:
+        """The value at which the range is halved."""
+        return tidy((self.stable + self.unstable) / 2)
+
+    def is_open(self, tolerance: float) -> bool:
+        """Whether the range is still wider than the tolerance and can be halved."""
+        return (
+            self.searching
+            and abs(self.unstable - self.stable) > tolerance
+            and self.middle not in (self.stable, self.unstable)
+        )
+
+    def halve(self, verdict: str | None) -> None:
+        """Take the verdict in the middle; None: the run failed, so there is no boundary."""
+        if verdict is None:
+            self.searching, self.stable, self.unstable = False, math.nan, math.nan
+        elif verdict == STABLE:
+            self.stable = self.middle
         else:
-            up = pair[0] == STABLE
-            brackets[i] = [search.low, search.high] if up else [search.high, search.low]
-            found["beyond"][i] = pair[up]
-    active = list(brackets)
-    while active:
-        middle = {i: tidy(sum(brackets[i]) / 2) for i in active}
-        active = [
-            i
-            for i in active
-            if abs(brackets[i][1] - brackets[i][0]) > search.tolerance
-            and middle[i] not in brackets[i]
-        ]
-        for i, verdict in zip(active, verdicts([(i, middle[i]) for i in active]), strict=True):
-            if verdict is None:
-                del brackets[i]
-            else:
-                brackets[i][verdict != STABLE] = middle[i]
-                if verdict != STABLE:
-                    found["beyond"][i] = verdict
-        active = [i for i in active if i in brackets]
-    for i, bracket in brackets.items():
-        found["boundary"][i], found["unstable_at"][i] = bracket
-    texts = ("beyond", "note", "error")
-    return found | {name: np.array(found[name], dtype=str) for name in texts}
+            self.unstable, self.beyond = self.middle, verdict
+
+
+def boundaries(runner: Runner, rows: Sequence[Row], search: SweepParameter) -> Columns:
+    """For every row of values, the change of verdict along `search`, halved to its tolerance."""
+    found = [Boundary(row) for row in rows]
+
+    def verdicts(wanted: Sequence[tuple[Boundary, float]]) -> list[str | None]:
+        """The verdict at each value; None: the run failed."""
+        outcomes = runner([one.row | {search.name: value} for one, value in wanted])
+        for (one, value), outcome in zip(wanted, outcomes, strict=True):
+            one.runs += 1
+            if "error" in outcome:
+                one.error = f"at {search.name} = {value:g}: {outcome['error']}"
+        return [outcome.get("verdict") for outcome in outcomes]
+
+    ends = verdicts([(one, value) for one in found for value in (search.low, search.high)])
+    for one, low, high in zip(found, ends[::2], ends[1::2], strict=True):
+        one.begin(search, low, high)
+    while active := [one for one in found if one.is_open(search.tolerance)]:
+        middles = verdicts([(one, one.middle) for one in active])
+        for one, verdict in zip(active, middles, strict=True):
+            one.halve(verdict)
+    return {
+        "boundary": np.array([one.stable for one in found]),
+        "unstable_at": np.array([one.unstable for one in found]),
+        "beyond": np.array([one.beyond for one in found], dtype=str),
+        "note": np.array([one.note for one in found], dtype=str),
+        "error": np.array([one.error for one in found], dtype=str),
+        "runs": np.array([one.runs for one in found], dtype=float),
+    }

@@ -4,19 +4,33 @@ import contextlib
 import csv
 import json
 import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec
 
 import numpy as np
 
 from forceaxis import _core, objects, paths, toml
 from forceaxis.experiments import summary
+from forceaxis.experiments.run import Run
+from forceaxis.experiments.run_result import Array, Converters
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from forceaxis.experiments import plots
+
+P = ParamSpec("P")
 FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
+ROWS = [["encoder"], ["adc0"], ["dac"]]  # of a figure where the experiment has none
+WHAT_OF_COLUMN = {"encoder": "position", "dac": "command"}
+PROFILE_FORCE = 4  # mode of operation
 
 
-def figure(done, codes=False):
+def figure(done: Run, codes: bool = False) -> "Figure":
     """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position, force
     reading and command where the experiment names no rows. Objects that a link did not trace are
-    omitted. codes: what the converters gave, not what it stands for."""
+    omitted. codes: the codes of the converters instead of N, mm and V."""
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
@@ -27,59 +41,59 @@ def figure(done, codes=False):
         inside[:] = True
     rows = [
         [line(done, name, inside, codes) for name in names if name in done.columns]
-        for names in done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
+        for names in done.plot.get("rows", ROWS)
     ]
     notes = [(f"with {', '.join(done.overrides)}", GOT)] if done.overrides else []
     marks = marks_of(done)
-    if verdict := done.summary["verdict"]:
-        text, judged = summary.verdict_text(done.summary), marks.window
-        if not time_s[inside][0] < judged[1] or not judged[0] < time_s[inside][-1]:
-            text += f", {judged[0]:.4g} to {judged[1]:.4g} s, not in this plot"
+    if marks.window:
+        text, (begin, end, verdict) = summary.verdict_text(done.result), marks.window
+        if not time_s[inside][0] < end or not begin < time_s[inside][-1]:
+            text += f", {begin:.4g} to {end:.4g} s, not in this plot"
         notes.append((text, VERDICT[verdict]))
     return plots.trace(time_s[inside], [row for row in rows if row], done.title, notes, marks)
 
 
-def line(done, name, inside, codes):
-    """The plots.Line of a column, where `inside` is true."""
+def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
+    """The plots.Line of a column, at the ticks where `inside` is true."""
     from forceaxis.experiments import plots
 
     values = done.columns[name][inside]
-    converters = done.summary["converters"]
-    converter = converters.get(name)
-    signal = converters.get("adc0", {}).get("signal", "")
-    held = name == "adc0" or name.partition(".")[::2] == (signal.partition(".")[0], "force")
+    converters, reading = done.result.converters, done.result.force_reading
+    sensor = reading.signal.partition(".")[0] if reading else ""
+    controlled = name == "adc0" or name.partition(".")[::2] == (sensor, "force")
     if name in done.units:
         known = objects.BY_NAME[name]
         names = dict(enumerate(known.enum)) or dict(known.values)
-        unit, factor = objects.unit_in_words(known), 1
+        unit, factor = objects.unit_in_words(known), 1.0
         if not codes:
             unit, factor = physical(unit, converters)
         return plots.Line(name, unit, values * factor, names)
+    converter = converters.get(name)
     if codes or not converter:
         unit, factor = plots.unit_of(name)
-        return plots.Line(name, unit, values * factor, controlled=held and unit == "N")
-    unit, factor = ("mm", 1e3) if converter["unit"] == "m" else (converter["unit"], 1)
-    shown = (values.astype(float) - converter["zero"]) * (converter["per_code"] * factor)
-    what = {"encoder": "position", "dac": "command"}.get(name, "force" if unit == "N" else "")
-    label = f"{what or converter['signal']} ({name})"
-    return plots.Line(label, unit, shown, controlled=held and unit == "N")
+        return plots.Line(name, unit, values * factor, controlled=controlled and unit == "N")
+    unit, factor = ("mm", 1e3) if converter.unit == "m" else (converter.unit, 1.0)
+    shown = (values.astype(float) - converter.zero) * (converter.per_code * factor)
+    what = WHAT_OF_COLUMN.get(name, "force" if unit == "N" else converter.signal)
+    return plots.Line(f"{what} ({name})", unit, shown, controlled=controlled and unit == "N")
 
 
-def physical(unit, converters):
-    """(unit, factor) of an object of counts or codes, as far as the model has its converter."""
+def physical(unit: str, converters: Converters) -> tuple[str, float]:
+    """(unit, factor) of an object of counts or codes, if the model has the converter of these
+    codes; (unit, 1) otherwise."""
     kind, _, per = unit.partition("/")
-    if kind == "encoder count" and per in ("", "s") and "encoder" in converters:
-        return f"mm/{per}".rstrip("/"), converters["encoder"]["per_code"] * 1e3
-    if unit == "count of force" and "adc0" in converters:
-        reading = converters["adc0"]
-        return reading["unit"], abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
-    if unit == "DAC code" and "dac" in converters:
-        return "V", converters["dac"]["per_code"]
-    return unit, 1
+    encoder, reading, dac = (converters.get(name) for name in ("encoder", "adc0", "dac"))
+    if encoder and kind == "encoder count" and per in ("", "s"):
+        return f"mm/{per}".rstrip("/"), encoder.per_code * 1e3
+    if reading and unit == "count of force":
+        return reading.unit, reading.per_8_bit_count
+    if dac and unit == "DAC code":
+        return "V", dac.per_code
+    return unit, 1.0
 
 
-def marks_of(done):
-    """Set-points, contact, judged window and events of a run, as plots.Marks."""
+def marks_of(done: Run) -> "plots.Marks":
+    """Set-points, contact, window of the verdict and events of a run, as plots.Marks."""
     from forceaxis.experiments import plots
 
     time_s, columns = done.columns["time_s"], done.columns
@@ -87,7 +101,7 @@ def marks_of(done):
     touching = np.any([f > 0 for f in forces], axis=0) if forces else np.zeros(len(time_s), bool)
     turns = np.flatnonzero(np.diff(touching, prepend=False, append=False))
     ends = np.append(time_s, time_s[-1])[turns].reshape(-1, 2)
-    events = []
+    events: list[tuple[float, str, str]] = []
     for at, element, before, after in done.events:
         if element in done.contacts and "pressed" in (before, after):
             kind = "touch" if after == "pressed" else "lost"
@@ -98,17 +112,20 @@ def marks_of(done):
         name = objects.BY_NAME["fault"].enum[columns["fault"][faulty[0]]]
         events.append((time_s[faulty[0]], "fault", f"fault {name}"))
     window = None
-    if criterion := done.summary["criterion"]:
+    if (criterion := done.result.criterion) and done.result.verdict:
         last = time_s[-1]
-        window = (max(0.0, last - criterion["window_s"]), last, done.summary["verdict"])
-    contacts = ends.tolist()
+        window = (max(0.0, last - criterion.window_s), last, done.result.verdict)
+    contacts: list[tuple[float, float]] = [(a, b) for a, b in ends.tolist()]
     return plots.Marks(done.setpoints, contacts, window, events, demand_of(done, contacts))
 
 
-def demand_of(done, contacts):
-    """(times, N) of what was demanded in mode of operation 4, whose demand follows the set-points
-    by force_slope: as traced, else by the slope from the first contact on. None where it steps,
-    where the slope changes, or where the run is not of a file."""
+def demand_of(
+    done: Run, contacts: list[tuple[float, float]]
+) -> "tuple[plots.Values, plots.Values] | None":
+    """(times, N) of the demand of force in mode of operation 4, whose demand follows the
+    set-points by force_slope: as traced, otherwise by the slope from the first contact on.
+
+    None where the demand steps, where the slope changes, or where the run is not of a file."""
     from forceaxis.experiments import plots
 
     try:
@@ -117,22 +134,18 @@ def demand_of(done, contacts):
         return None
     if given.get("modes_of_operation") != PROFILE_FORCE:
         return None
-    known = {n: given.get(n, objects.default(n)) for n in ("force_slope", "rated_force")}
-    rated = known["rated_force"]  # mN
+    slope, rated_mN = (given.get(n, objects.default(n)) for n in ("force_slope", "rated_force"))
     if "force_demand" in done.units:
-        return done.columns["time_s"], done.columns["force_demand"] * rated * 1e-6
+        return done.columns["time_s"], done.columns["force_demand"] * rated_mN * 1e-6
     later = toml.read(done.experiment).get("at", [])
     if any("force_slope" in entry.get("firmware", {}) for entry in later):
         return None
-    slope = known["force_slope"] * rated * 1e-6
-    return plots.ramps(done.setpoints, slope, contacts, done.columns["time_s"][-1])
+    end_s = done.columns["time_s"][-1]
+    return plots.ramps(done.setpoints, slope * rated_mN * 1e-6, contacts, end_s)
 
 
-PROFILE_FORCE = 4
-
-
-def write(done, out, codes=False):
-    """Write FILES into folder `out`, all or none of them."""
+def write(done: Run, out: Path, codes: bool = False) -> None:
+    """Write FILES into folder `out`, all or none of them. Raises OSError."""
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
         beside(write_tables, done, trace_csv, trace_npz, events_csv),
@@ -145,14 +158,14 @@ def write(done, out, codes=False):
         result.write_text(json.dumps(done.summary, indent=2) + "\n")
 
 
-def write_tables(done, trace_csv, trace_npz, events_csv):
+def write_tables(done: Run, trace_csv: Path, trace_npz: Path, events_csv: Path) -> None:
     """The trace as CSV and NPZ, the events as CSV."""
     columns = [[repr(value) for value in column.tolist()] for column in done.columns.values()]
     with trace_csv.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow(done.columns)
         file.writelines(f"{','.join(row)}\n" for row in zip(*columns, strict=True))
     with trace_npz.open("wb") as packed:
-        np.savez_compressed(packed, **done.columns)
+        np.savez_compressed(packed, **done.columns)  # type: ignore[arg-type]
     with events_csv.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["time_s", "element", "from", "to"])
@@ -160,14 +173,14 @@ def write_tables(done, trace_csv, trace_npz, events_csv):
 
 
 @contextlib.contextmanager
-def beside(work, *arguments):
-    """Do `work` in a child process while the context lasts; what it wrote is there at its end.
-    Raises OSError where the child could not write."""
+def beside(work: Callable[P, None], *arguments: P.args, **options: P.kwargs) -> Iterator[None]:
+    """Do `work` in a child process while the context lasts. The files that it writes are complete
+    at the end of the context. Raises OSError where the child could not write."""
     child = os.fork()
     if child == 0:
         status = 255
         try:
-            work(*arguments)
+            work(*arguments, **options)
             status = 0
         except OSError as error:
             status = min(error.errno or 255, 255)

@@ -1,4 +1,4 @@
-"""The four words of a verdict; what each means stands in host/run/verdict.hpp."""
+"""The four words of a verdict. Their meanings are in host/run/verdict.hpp."""
 
 STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
@@ -13,7 +13,7 @@ WORDS = {
 }
 
 
-def stability(verdict):
+def stability(verdict: str) -> str:
     """ "stable" or "unstable", for what knows only these two, such as the thesis's tables; "" and
     None stay."""
     return "unstable" if verdict in NOT_STABLE else verdict

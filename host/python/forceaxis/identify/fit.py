@@ -3,15 +3,19 @@
 import json
 import math
 import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 
 from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
-from forceaxis.identify.measurement import Measurement
+from forceaxis.errors import ParameterError
+from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
 from forceaxis.identify.setup import is_number
 
@@ -26,7 +30,7 @@ REACH = 3.0  # to either side of the logarithm of the start: 20 times, or a twen
 
 
 @dataclass(frozen=True)
-class Fit:
+class ParameterFit:
     """Parameters fitted to a measured response. p parameters, n points.
 
     `covariance` (p, p) is that of the parameters' logarithms. `single` and `joint` are half widths
@@ -34,35 +38,35 @@ class Fit:
     with probability 0.95, all of them at once within value exp(+-joint) with at least that.
     """
 
-    names: tuple
-    starts: np.ndarray
-    values: np.ndarray
-    single: np.ndarray
-    joint: np.ndarray
-    covariance: np.ndarray
+    names: tuple[str, ...]
+    starts: Reals
+    values: Reals
+    single: Reals
+    joint: Reals
+    covariance: Reals
     chi_square: float  #: 2 n - p degrees of freedom if the model is right
     dof: int
     points: int
-    warnings: tuple
+    warnings: tuple[str, ...]
 
     @property
-    def p_value(self):
+    def p_value(self) -> float:
         """Probability of a chi-square as large, were the model right."""
         return float(stats.chi2.sf(self.chi_square, self.dof))
 
     @property
-    def rejected(self):
+    def rejected(self) -> bool:
         """Whether no values of the parameters make the model explain the data: `values` are the
         best, but not the plant's, and no interval means anything."""
         return self.p_value < MISFIT
 
     @property
-    def correlation(self):
+    def correlation(self) -> Reals:
         """(p, p) of the estimates."""
         spread = np.sqrt(np.diag(self.covariance))
-        return self.covariance / np.outer(spread, spread)
+        return np.asarray(self.covariance / np.outer(spread, spread))
 
-    def distance(self, values):
+    def distance(self, values: ArrayLike) -> float:
         """Whether `values` (p,) lie in the joint 95 % region: below 1 inside, 1 on its edge."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
@@ -70,7 +74,12 @@ class Fit:
         return float(size / (p * stats.f.ppf(SHARE, p, self.dof)))
 
 
-def fit(measured, starts, where="fit", tries=None):
+def fit(
+    measured: Measurement,
+    starts: Mapping[str, float],
+    where: str = "fit",
+    tries: int | None = None,
+) -> ParameterFit:
     """Fit parameters of a model to a measured frequency response.
 
     measured: a `Measurement`, whose `predict` is the model. starts: {parameter: value to
@@ -92,8 +101,7 @@ def fit(measured, starts, where="fit", tries=None):
     for name, value in starts.items():
         if not (math.isfinite(value) and value > 0):
             raise InputError(
-                f"{where}: {name}: expected a start above 0, got {value:g}; give one: --fit "
-                f"{name}=VALUE"
+                f"{where}: {name}: expected a start above 0, got {value:g}; give a start value"
             )
     p, n, dof = len(names), len(measured.frequency_hz), measured.dof
     if n < p + 2:
@@ -102,30 +110,30 @@ def fit(measured, starts, where="fit", tries=None):
             "a wider band, or with more lines"
         )
 
-    def model(logarithms):
+    def model(logarithms: Reals) -> Complexes:
         return measured.predict(dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
 
-    def jacobian(logarithms, step=1e-5):
+    def jacobian(logarithms: Reals, step: float = 1e-5) -> Complexes:
         steps = step * np.eye(p)
         return np.stack(
             [(model(logarithms + d) - model(logarithms - d)) / (2 * step) for d in steps], 1
         )
 
-    def as_real(values):
+    def as_real(values: NDArray[Any]) -> Reals:
         return np.concatenate([values.real, values.imag])
 
-    def coarse(logarithms):
+    def coarse(logarithms: Reals) -> Reals:
         """Logarithm of the ratio: what finds resonances that do not overlap yet."""
         return as_real(np.log(measured.response / model(logarithms)) * trust)
 
-    def fine(logarithms):
+    def fine(logarithms: Reals) -> Reals:
         error = (measured.response - model(logarithms)) / np.sqrt(measured.variance)
         square = np.maximum(abs(error) ** 2, 1e-30)
         return as_real(error * np.sqrt(2 * dof * np.log1p(square / dof) / square))
 
     start = np.log(first)
 
-    def search(begin):
+    def search(begin: Reals) -> optimize.OptimizeResult:
         """First by the logarithm, which converges from afar, then by the likelihood."""
         options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
@@ -167,13 +175,20 @@ def fit(measured, starts, where="fit", tries=None):
     warnings = warnings_of(
         names, chi_square, degrees, covariance / np.outer(spread, spread), single, best.x - start
     )
-    return Fit(
+    return ParameterFit(
         *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
         tuple(warnings),
     )
 
 
-def warnings_of(names, chi_square, degrees, correlation, single, moved):
+def warnings_of(
+    names: Sequence[str],
+    chi_square: float,
+    degrees: int,
+    correlation: Reals,
+    single: Reals,
+    moved: Reals,
+) -> list[str]:
     """Warnings about a fit: [text]; moved: logarithms from the starts to the values."""
     warnings = []
     p_value = stats.chi2.sf(chi_square, degrees)
@@ -199,7 +214,7 @@ def warnings_of(names, chi_square, degrees, correlation, single, moved):
     return warnings
 
 
-def check_separate(names, J, where):
+def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
     """Refuse parameters of which only a combination changes the response, naming them."""
     _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
     if size[-1] < ALONE * size[0]:
@@ -210,7 +225,9 @@ def check_separate(names, J, where):
         )
 
 
-def read_response(path, model, held=None, **given):
+def read_response(
+    path: Path | str, model: Path | str, held: linear.Overrides | None = None, **given: Any
+) -> Measurement:
     """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
 
     A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
@@ -224,9 +241,7 @@ def read_response(path, model, held=None, **given):
     if file.suffix == ".csv":
         for key in ("output", "averages", "dt"):
             if key not in given:
-                raise InputError(
-                    f"{file}: --{key}: expected with a CSV file, which does not hold it"
-                )
+                raise ParameterError(key, f"expected with a CSV file, {file} does not have it")
         measured = response_of_csv(file, given["averages"])
         measured = replace(measured, **given, model=model, overrides=dict(held or {}))
         return checked(measured, file)
@@ -241,19 +256,19 @@ def read_response(path, model, held=None, **given):
         zipfile.BadZipFile,
     ):  # fmt: skip
         raise InputError(
-            f"{file}: expected response.npz as forceaxis measure --out writes it, or a CSV file"
+            f"{file}: expected response.npz as forceaxis measure writes it, or a CSV file"
         ) from None
     return checked(measured, file)
 
 
-def checked(measured, file):
+def checked(measured: Measurement, file: Path) -> Measurement:
     """The Measurement, if it is one that a model can be fitted to. Raises InputError."""
 
-    def expect(good, key, text):
+    def expect(good: object, key: str, text: str) -> None:
         if not good:
             raise InputError(f"{file}: {key}: expected {text}")
 
-    def between(key, low, high):
+    def between(key: str, low: float, high: float) -> None:
         value = getattr(measured, key)
         good = is_number(value) and low <= value <= high
         expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
@@ -284,7 +299,7 @@ def checked(measured, file):
         good = good and (key == "response" or values.dtype.kind == "f")
         expect(good and np.all(np.isfinite(values)), key, "one finite number for each frequency")
     highest = 1 / (2 * measured.dt)
-    good = len(frequency) and frequency[0] > 0 and np.all(np.diff(frequency) > 0)
+    good = len(frequency) > 0 and bool(frequency[0] > 0 and np.all(np.diff(frequency) > 0))
     expect(
         good and frequency[-1] < highest,
         "frequency_hz",
@@ -295,13 +310,13 @@ def checked(measured, file):
     return measured
 
 
-def response_of_csv(file, averages):
+def response_of_csv(file: Path, averages: int) -> Measurement:
     """Measurement of a CSV file; variance (1 - c) |H|^2 / (c (averages - 1)) from coherence c."""
 
     polar = "magnitude" in header_of(file)
     parts = ["magnitude", "phase_deg"] if polar else ["real", "imag"]
     f, a, b, coherence = read_columns(file, ["frequency_hz", *parts, "coherence"])
-    response = a * np.exp(1j * np.radians(b)) if polar else a + 1j * b
+    response: Complexes = np.asarray(a * np.exp(1j * np.radians(b)) if polar else a + 1j * b)
     if not np.all((coherence > 0) & (coherence < 1)):
         raise InputError(f"{file}: coherence: expected 0 < coherence < 1")
     if polar and not np.all(a > 0):
@@ -310,7 +325,9 @@ def response_of_csv(file, averages):
         raise InputError(f"{file}: {parts[0]}, {parts[1]}: expected values below 1e30")
     variance = (1 - coherence) / coherence * abs(response) ** 2 / (averages - 1)
     return Measurement(
-        *(f, response, coherence, variance, np.zeros(len(f)), averages - 1, averages),
+        *(f, response, coherence, variance, np.zeros(len(f))),
+        dof=averages - 1,
+        averages=averages,
         input="drive.command",
         output="",
         unit="",
@@ -321,62 +338,98 @@ def response_of_csv(file, averages):
     )
 
 
-def starts_of(texts, measured):
+def starts_of(
+    texts: Sequence[str], measured: Measurement
+) -> tuple[dict[str, float], dict[str, str]]:
     """NAME or NAME=START texts as {name: start}, by default the model's value; {name: unit}."""
     known = linear.facts(measured.model, measured.overrides).parameters
-    starts = {}
+    starts: dict[str, float] = {}
     for text in texts:
         name, given, value = text.partition("=")
         if name not in known:
-            raise InputError(
-                f"--fit: {name}: expected a parameter that the model uses, one of "
-                + ", ".join(sorted(known))
+            raise ParameterError(
+                "names",
+                f"{name}: expected a parameter that the model uses, one of "
+                + ", ".join(sorted(known)),
             )
         if name in starts:
-            raise InputError(f"--fit: {name}: expected each name once")
+            raise ParameterError("names", f"{name}: expected each name once")
         try:
             starts[name] = float(value) if given else known[name][0]
         except ValueError:
-            raise InputError(f"--fit: {text}: expected NAME or NAME=START, a number") from None
+            raise ParameterError("names", f"{text}: expected NAME=START, a number") from None
     return starts, {name: known[name][1] for name in starts}
 
 
-def summarise(found, measured, units):
-    """A Fit as `--json` prints it."""
-    rows = {}
-    for name, start, value, *halves in zip(
-        *(found.names, found.starts, found.values, found.single, found.joint), strict=True
-    ):
-        ends = [[float(value * math.exp(s * half)) for s in (-1, 1)] for half in halves]
-        rows[name] = {
-            "value": float(value),
-            "unit": units[name],
-            "start": float(start),
-            "interval": None if found.rejected else ends[0],
-            "joint_interval": None if found.rejected else ends[1],
-        }
-    return {
-        "model": paths.display(measured.model),
-        "input": measured.input,
-        "output": measured.output,
-        "points": found.points,
-        "parameters": rows,
-        "correlation": found.correlation.tolist(),
-        "chi_square": found.chi_square,
-        "dof": found.dof,
-        "p_value": found.p_value,
-        "rejected": found.rejected,
-        "warnings": list(found.warnings),
-        "set": None
+@dataclass(frozen=True)
+class FittedParameter:
+    """A fitted parameter in `unit`. Both 95 % intervals, (low, high), are None where the model is
+    rejected: `interval` is of this parameter alone, `joint_interval` of all parameters together."""
+
+    value: float
+    unit: str
+    start: float
+    interval: tuple[float, float] | None
+    joint_interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """A ParameterFit as `identify fit --json` prints it. `set` has the values as options of a verb;
+    it is None where the model is rejected."""
+
+    model: str
+    input: str
+    output: str
+    points: int
+    parameters: dict[str, FittedParameter]
+    correlation: list[list[float]]
+    chi_square: float
+    dof: int
+    p_value: float
+    rejected: bool
+    warnings: tuple[str, ...]
+    set: str | None
+
+
+def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, str]) -> FitSummary:
+    """The summary of a fit; units: {parameter: unit}."""
+
+    def interval(value: float, half: float) -> tuple[float, float] | None:
+        if found.rejected:
+            return None
+        return float(value * math.exp(-half)), float(value * math.exp(half))
+
+    rows = {
+        name: FittedParameter(
+            float(value), units[name], float(start), interval(value, single), interval(value, joint)
+        )
+        for name, start, value, single, joint in zip(
+            *(found.names, found.starts, found.values, found.single, found.joint), strict=True
+        )
+    }
+    return FitSummary(
+        model=paths.display(measured.model),
+        input=measured.input,
+        output=measured.output,
+        points=found.points,
+        parameters=rows,
+        correlation=found.correlation.tolist(),
+        chi_square=found.chi_square,
+        dof=found.dof,
+        p_value=found.p_value,
+        rejected=found.rejected,
+        warnings=found.warnings,
+        set=None
         if found.rejected
         else " ".join(
             f"--set {name}={value:.6g}"
             for name, value in zip(found.names, found.values, strict=True)
         ),
-    }
+    )
 
 
-def describe(summary):
+def describe(summary: Mapping[str, Any]) -> str:
     """The summary of a fit for a terminal."""
     p = f"p = {summary['p_value']:.2g}" if summary["p_value"] else "p below 1e-300"
     lines = [
@@ -410,7 +463,9 @@ def describe(summary):
     return "\n".join(lines)
 
 
-def write(found, measured, summary, out):
+def write(
+    found: ParameterFit, measured: Measurement, summary: Mapping[str, Any], out: Path
+) -> None:
     """Write result.json and plot.png, the measured response beside the model before and after."""
     from forceaxis.identify import plots
 

@@ -19,32 +19,44 @@ the firmware have no noise but their own rounding.
 
 import math
 from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core, linear, objects, progress
 from forceaxis._core import InputError
-from forceaxis.identify.measurement import Measurement
-from forceaxis.identify.setup import CODES, read_setup
+from forceaxis.identify.measurement import Complexes, Measurement, Reals
+from forceaxis.identify.setup import CODES, Setup, read_setup
 
 LEFT_BEHIND = 1e-8  # share of a transient that remains when measuring starts
 FIRST_OF_HANN = 3  # line
 MOST_STEPS = 20_000_000
 MOST_PARTS = 64  # of a tick
 
+Lines = NDArray[np.int_]  # numbers of spectral lines
+Records = list[tuple[Lines, Reals]]  # lines, and their signals: (averages, 2, samples)
 
-class Bench:
+
+class ExcitedPlant:
     """One plant under one kind of excitation: plays a waveform and records the two signals."""
 
-    def __init__(self, setup, overrides, parts, samples, where):
+    wave: Reals  # V, one period; with a window, the whole excitation
+
+    def __init__(
+        self, setup: Setup, overrides: linear.Overrides, parts: int, samples: int, where: str
+    ) -> None:
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
         self.at_end = self.converted = 0  # readings of an ADC, and those at one of its ends
-        self.met = Counter()  # "element: state" -> samples
+        self.met: Counter[str] = Counter()  # "element: state" -> samples
         try:
-            self.plant = _core.Excited(
-                str(linear.find_model(setup.model)), overrides, setup.seed, parts, setup.clamped
+            model = str(linear.find_model(setup.model))
+            self.plant: Any = _core.Excited(
+                model, dict(overrides), setup.seed, parts, setup.clamped
             )
         except _core.SimulationError as error:
             raise InputError(
@@ -64,7 +76,8 @@ class Bench:
                 self.write("excitation_sweep", (high - low) * self.rate / samples)
             self.started = False
 
-    def write(self, name, value):
+    def write(self, name: str, value: float) -> None:
+        """Writes an object of the firmware. Raises InputError where the firmware refuses."""
         try:
             self.plant.write(name, float(value))
         except ValueError as error:
@@ -72,22 +85,22 @@ class Bench:
                 f"{self.where}: excitation: expected what the firmware takes, {error}"
             ) from None
 
-    def prepare(self, rng, line):
+    def prepare(self, rng: np.random.Generator, line: int | None) -> None:
         """The next realisation; `line` of a sine. It starts with the next play()."""
         if self.setup.inject == "volts":
             self.wave = self.waveform(rng, line)
             return
-        self.write("excitation_seed", rng.integers(65536))
+        self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
             # Rounding depends on the amplitude; a single one would hide a systematic error.
             level = int(self.setup.level)
-            self.write("excitation_amplitude", rng.integers((level + 1) // 2, level + 1))
+            self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
             self.write("mode", objects.BY_NAME["mode"].enum.index("excitation"))
             self.started = True
 
-    def waveform(self, rng, line):
+    def waveform(self, rng: np.random.Generator, line: int | None) -> Reals:
         """One period, V; without a window. With one: all segments of noise at once."""
         from scipy import fft, signal
 
@@ -100,22 +113,24 @@ class Bench:
             spectrum = np.zeros(count // 2 + 1, complex)
             spectrum[lines] = np.exp(2j * np.pi * rng.random(len(lines)))
             wave = fft.irfft(spectrum, count)
-            return wave * (setup.level / np.sqrt(np.mean(wave**2)))
+            return np.asarray(wave * (setup.level / np.sqrt(np.mean(wave**2))))
         time = np.arange(count) / self.rate
         phase = 360 * rng.random()
         if setup.excitation == "chirp":
             end = count / self.rate
-            return setup.level * signal.chirp(time, low, end, high, "linear", phi=phase)
+            chirp = signal.chirp(time, low, end, high, "linear", phi=phase)
+            return np.asarray(setup.level * chirp)
+        assert line is not None, "a sine needs its line"
         turns = line * np.arange(count) / count + phase / 360
-        return setup.level * np.sin(2 * np.pi * turns)
+        return np.asarray(setup.level * np.sin(2 * np.pi * turns))
 
-    def play(self, count):
+    def play(self, count: int) -> Reals:
         """(2, count) of input and output, in the units of the linear model."""
         try:
             if self.setup.inject == "volts":
                 volts = np.resize(self.wave, count) + self.setup.bias
-                return self.plant.volts(volts, self.columns)
-            values = self.plant.codes(count, self.columns)
+                return np.asarray(self.plant.volts(volts, self.columns))
+            values: Reals = self.plant.codes(count, self.columns)
         except _core.SimulationError as error:
             raise unstable(self.where, str(error)) from None
         for row, name in zip(values, self.columns, strict=True):
@@ -126,9 +141,9 @@ class Bench:
                 row *= 2.0 ** (8 - bits)
         return values
 
-    def states(self):
+    def states(self) -> dict[str, dict[str, float]]:
         """{element: {state: share of the measured time}}."""
-        shares = {}
+        shares: dict[str, dict[str, int]] = {}
         for text, count in self.met.items():
             element, _, state = text.rpartition(": ")
             shares.setdefault(element, {})[state] = count
@@ -138,7 +153,7 @@ class Bench:
         }
 
 
-def unstable(where, text):
+def unstable(where: str, text: str) -> InputError:
     """The InputError of a response that grows."""
     return InputError(
         f"{where}: excitation: expected a response that settles, got an unstable excitation: {text}"
@@ -146,7 +161,7 @@ def unstable(where, text):
     )
 
 
-def converter(values, bits, rng):
+def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
     """The analyzer's converter: (rounded values, step). Its range is the smallest of
     1, 2, 5 times 10^n that holds them; triangular dither makes the error noise of step^2 / 4."""
     peak = float(np.max(np.abs(values)))
@@ -159,7 +174,7 @@ def converter(values, bits, rng):
     return step * np.floor(values / step + dither + 0.5), step
 
 
-def settling_steps(system, where):
+def settling_steps(system: linear.System, where: str) -> int:
     """Samples after which a transient has decayed, by the slowest pole. Raises InputError."""
     poles = system.poles()
     size = abs(poles)
@@ -179,7 +194,11 @@ def settling_steps(system, where):
     return math.ceil(math.log(LEFT_BEHIND) / math.log(slowest)) if slowest > 0 else 1
 
 
-def measure(target, options=None, plant_set=None):
+def measure(
+    target: str | Path,
+    options: Mapping[str, Any] | None = None,
+    plant_set: linear.Overrides | None = None,
+) -> Measurement:
     """Measure a frequency response. Returns a Measurement.
 
     target: a measurement file (path, or stem of a file of sim/measurements: "fig3_9"), or a model
@@ -192,7 +211,9 @@ def measure(target, options=None, plant_set=None):
     return measure_setup(setup, where, plant_set)
 
 
-def measure_setup(setup, where, plant_set=None):
+def measure_setup(
+    setup: Setup, where: str, plant_set: linear.Overrides | None = None
+) -> Measurement:
     """measure() with the set-up already read; `where` names it in errors."""
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
@@ -211,7 +232,7 @@ def measure_setup(setup, where, plant_set=None):
                 f"{where}: {key}: expected one of {', '.join(units)}, got {getattr(setup, key)}"
             )
     done = Measurement(
-        *(np.zeros(0),) * 5,
+        *(np.zeros(0), np.zeros(0, complex), np.zeros(0), np.zeros(0), np.zeros(0)),
         dof=setup.averages - 1,
         averages=setup.averages,
         input=setup.input,
@@ -238,8 +259,8 @@ def measure_setup(setup, where, plant_set=None):
             f"{settling / rate:.3g} s); raise resolution_hz or take fewer averages"
         )
 
-    bench = Bench(setup, overrides | (plant_set or {}), parts, samples, where)
-    record = record_segments if setup.window == "hann" else record_periods
+    bench = ExcitedPlant(setup, {**overrides, **(plant_set or {})}, parts, samples, where)
+    record: Recorder = record_segments if setup.window == "hann" else record_periods
     chunks = record(bench, lines, lead_in, drifts, rng)
     return replace(
         estimate(done, chunks, lines, setup, bench.plant.adc_bits, rng, where),
@@ -249,7 +270,7 @@ def measure_setup(setup, where, plant_set=None):
     )
 
 
-def grid_of(setup, where):
+def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
     """(parts of a tick, samples of a record, its lines that are measured). Raises InputError."""
     low, high = setup.band_hz
     tick_rate = _core.TICKS_PER_SECOND
@@ -289,7 +310,9 @@ def grid_of(setup, where):
     return parts, samples, lines
 
 
-def settling_of(setup, plant_set, dt, where):
+def settling_of(
+    setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
+) -> tuple[int, bool]:
     """(samples until a transient has decayed, whether the plant integrates). Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
@@ -308,7 +331,7 @@ def settling_of(setup, plant_set, dt, where):
     settling = settling_steps(continuous.sampled(dt=dt), where)
     if plant_set:  # may settle later than the nominal one; instability is reported later
         moved = linear.linearise(
-            *(setup.model, ("drive.command",), continuous.outputs, overrides | plant_set),
+            *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),
             free=setup.free,
         ).sampled(dt=dt)
         if abs(moved.poles()).max(initial=0) <= 1 + 1e-7:
@@ -316,14 +339,16 @@ def settling_of(setup, plant_set, dt, where):
     return settling, bool(np.any(abs(continuous.poles()) < 1e-9))
 
 
-def record_periods(bench, lines, lead_in, drifts, rng):
+def record_periods(
+    bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
+) -> Records:
     """[(lines, (averages, 2, samples))]: a period of each realisation, and of each line of a sine.
 
     An integrating plant drifts with the mean of the excitation, by the same in every period: that
     ramp is removed.
     """
     setup, n = bench.setup, bench.samples
-    sets = [(np.array([line]), line) for line in lines]
+    sets: list[tuple[Lines, int | None]] = [(np.array([line]), line) for line in lines]
     if setup.excitation != "sine":
         sets = [(lines, None)]
     recorded = [np.empty((setup.averages, 2, n)) for _ in sets]
@@ -345,14 +370,16 @@ def record_periods(bench, lines, lead_in, drifts, rng):
     return [(used, values) for (used, _), values in zip(sets, recorded, strict=True)]
 
 
-def grown(before, now):
+def grown(before: Reals, now: Reals) -> float | None:
     """How many times larger a signal's swing is than a period before, or None."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
-    return factor if swing.min() > 0 and factor > 1.5 else None
+    return float(factor) if swing.min() > 0 and factor > 1.5 else None
 
 
-def record_segments(bench, lines, lead_in, drifts, rng):
+def record_segments(
+    bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
+) -> Records:
     """The same for noise that does not repeat: overlapping segments under a Hann window."""
     from scipy import signal
 
@@ -369,12 +396,23 @@ def record_segments(bench, lines, lead_in, drifts, rng):
     return [(lines, signal.detrend(segments, type=kind) * signal.get_window("hann", n))]
 
 
-def estimate(done, chunks, lines, setup, adc_bits, rng, where):
+Recorder = Callable[[ExcitedPlant, Lines, int, bool, np.random.Generator], Records]
+
+
+def estimate(
+    done: Measurement,
+    chunks: Records,
+    lines: Lines,
+    setup: Setup,
+    adc_bits: Sequence[int],
+    rng: np.random.Generator,
+    where: str,
+) -> Measurement:
     """H1, coherence, variance and quantisation floor from the recorded chunks."""
     from scipy import fft
 
     results = {name: np.empty(len(lines)) for name in ("coherence", "variance", "floor")}
-    response = np.empty(len(lines), complex)
+    response: Complexes = np.empty(len(lines), complex)
     place, bias = 0, 0.0
     for used, values in chunks:
         count = values.shape[-1]
@@ -416,7 +454,7 @@ def estimate(done, chunks, lines, setup, adc_bits, rng, where):
     return replace(
         done,
         frequency_hz=lines / (values.shape[-1] * done.dt),
-        response=response * scale,
+        response=np.asarray(response * scale, complex),
         coherence=np.minimum(results["coherence"], 1.0),
         variance=results["variance"] * scale**2,
         floor=results["floor"] * abs(scale),

@@ -1,29 +1,26 @@
 """Measured responses over a model's between the same signals: `forceaxis bode --measured`."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from forceaxis import linear
-from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
-from forceaxis.identify.measurement import sampled
+from forceaxis.identify.measurement import Measurement, Points, sampled
 from forceaxis.linear import curves
+from forceaxis.results import to_json
 
 
-@dataclass(frozen=True)
-class Points:
-    """A measured response at its frequencies, Hz."""
-
-    label: str
-    frequency_hz: np.ndarray
-    magnitude: np.ndarray  #: in the unit of the model's curve
-    phase_deg: np.ndarray  #: in the turn of the model's curve
-    radius: np.ndarray  #: the true response is this near with 95 %
-
-
-def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
+def overlay(
+    model: Path | str,
+    folders: Sequence[Path | str],
+    overrides: linear.Overrides | None = None,
+    span_hz: tuple[float, float] = (0.5, 500.0),
+) -> tuple[list[curves.Curve], list[Points], dict[str, Any]]:
     """(curves of the model, Points of each folder, summary) of responses between the same signals.
 
     model: a path or stem. folders: as `forceaxis measure --out` writes them. overrides:
@@ -35,9 +32,13 @@ def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
     signals = {(m.input, m.output, m.unit) for _, m in measured}
     if len(signals) > 1:
         found = ", ".join(sorted(f"{i} to {o}" for i, o, _ in signals))
-        raise InputError(f"--measured: expected responses between the same signals, got {found}")
+        raise ParameterError(
+            "measured", f"expected responses between the same signals, got {found}"
+        )
     stems = {Path(folder).name for folder, _ in measured}
-    known, points, rows = [], [], []
+    known: list[curves.Curve] = []
+    points: list[Points] = []
+    rows: list[dict[str, Any]] = []
     for folder, one in measured:
         curve = _model_curve(one, span_hz)
         if not any(_same(curve, other) for other in known):
@@ -47,12 +48,12 @@ def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
         degrees = np.degrees(np.angle(one.response))
         label = Path(folder).name if len(stems) == len(measured) else folder
         phase = degrees + 360 * np.round((turn - degrees) / 360)
-        points.append(Points(label, one.frequency_hz, abs(one.response), phase, one.radius()))
+        points.append(Points(label, one.frequency_hz, np.abs(one.response), phase, one.radius()))
         rows.append(
             {"folder": folder, "frequency_hz": one.frequency_hz.tolist(),
-             "magnitude": abs(one.response).tolist(), "phase_deg": phase.tolist(),
+             "magnitude": np.abs(one.response).tolist(), "phase_deg": phase.tolist(),
              "radius": one.radius().tolist(), "coherence": one.coherence.tolist()}
-            | one.compare(predicted)
+            | to_json(one.compare(predicted))
         )  # fmt: skip
     about = {
         "model": str(model), "of": "measured", "input": one.input, "timing": f"{one.dt:.6g} s",
@@ -61,7 +62,7 @@ def overlay(model, folders, overrides=None, span_hz=(0.5, 500.0)):
     return known, points, about
 
 
-def _model_curve(measured, span_hz):
+def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:
     """What the model has where `measured` was taken, finely."""
     system = sampled(measured, measured.overrides)
     output = replace(system, C=system.C[1:], D=system.D[1:])
@@ -71,18 +72,5 @@ def _model_curve(measured, span_hz):
     return curves.Curve("model", hz, measured.predict(frequency_hz=hz), measured.unit)
 
 
-def _same(one, other):
+def _same(one: curves.Curve, other: curves.Curve) -> bool:
     return len(one.response) == len(other.response) and np.allclose(one.response, other.response)
-
-
-def describe(summary):
-    """The text of `forceaxis bode --measured`."""
-    lines = [curves.describe_bode(summary)]
-    for row in summary["measured"]:
-        inside = "-" if row["inside"] is None else f"{100 * row['inside']:.1f} %"
-        verdict = "the model fits" if row["fits"] else "the model does not fit"
-        lines.append(
-            f"measured     {row['folder']}: {inside} of {row['coherent']} coherent points within "
-            f"the 95 % band; {verdict} (p = {row['p_value']:.3g})"
-        )
-    return "\n".join(lines)

@@ -1,10 +1,13 @@
 """Figures of measured responses: beside the linear model, and before and after a fit."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from forceaxis.drawing import (
     COLORS,
@@ -18,10 +21,14 @@ from forceaxis.drawing import (
     plain_ticks,
     style,
 )  # fmt: skip
+from forceaxis.identify.measurement import Complexes, Measurement, Points
 from forceaxis.linear import plots
+from forceaxis.linear.curves import Curve
 
 
-def response(measured, model, title, width=5.6):
+def response(
+    measured: Measurement, model: Complexes | None, title: str, width: float = 5.6
+) -> Figure:
     """Figure: amplitude and phase over frequency, of a Measurement with its 95 % band and of the
     linear model (complex, at its frequencies; None: without), coherence below."""
     f = measured.frequency_hz
@@ -29,7 +36,7 @@ def response(measured, model, title, width=5.6):
         3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
     )
     radius, magnitude = measured.radius(), abs(measured.response)
-    lines = {"marker": "."} if len(f) < 100 else {}
+    lines: dict[str, Any] = {"marker": "."} if len(f) < 100 else {}
     if model is not None:
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", **lines)
@@ -66,7 +73,7 @@ def response(measured, model, title, width=5.6):
     return figure
 
 
-def fitted(measured, start, fitted):
+def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
     """Figure: amplitude and phase, of a Measurement with its 95 % band, of the response that a fit
     started from and of the one it found (complex, at the measured frequencies)."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
@@ -77,7 +84,7 @@ def fitted(measured, start, fitted):
     # A point without information must not stretch the axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
     axes[0].fill_between(f, low, high, color=INK, alpha=0.2, linewidth=0, label="95 % band")
-    rows = [
+    rows: list[tuple[Complexes, dict[str, Any], str]] = [
         (
             measured.response,
             {"color": INK, "marker": ".", "linestyle": "", "markersize": 4},
@@ -109,16 +116,22 @@ def fitted(measured, start, fitted):
     return figure
 
 
-def overlay(curves, points, summary):
-    """Figure of what `forceaxis bode --measured --json` prints: identify.overlay.Points with their
-    95 % band over the curves of the model."""
+def overlay(
+    curves: Sequence[Curve], points: Sequence[Points], summary: Mapping[str, Any]
+) -> Figure:
+    """Figure of measured responses, with their 95 % band, over the curves of the model."""
     output = summary["curves"][0]["output"]
     title = f"{name_of(summary['model'])}: {summary['input']} to {output}, measured and as modelled"
-    figure = plots.bode([replace(c, label="model") for c in curves], title, output)
+    figure: Figure = plots.bode([replace(c, label="model") for c in curves], title, output)
     size, phase, right = figure.axes
     right.remove()
     for i, p in enumerate(points, len(curves)):
-        look = {"color": COLORS[i % 6], "fmt": ".", "markersize": 3.5, "elinewidth": 0.6}
+        look: dict[str, Any] = {
+            "color": COLORS[i % 6],
+            "fmt": ".",
+            "markersize": 3.5,
+            "elinewidth": 0.6,
+        }
         bars = np.minimum(p.radius, 0.9 * p.magnitude), p.radius
         size.errorbar(p.frequency_hz, p.magnitude, yerr=bars, label=p.label, **look)
         spread = np.degrees(np.arcsin(np.minimum(p.radius / p.magnitude, 1)))

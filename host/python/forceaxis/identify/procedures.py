@@ -6,12 +6,18 @@ The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1
 
 import csv
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, signal, stats
 
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
+
+Reals = NDArray[np.float64]
 
 SHARE = 0.95  # of all intervals
 LARGEST = 1e100  # number of a CSV file, so that no sum of squares overflows
@@ -31,25 +37,30 @@ class Estimate:
     half: float
     unit: str = ""
 
-    def json(self):
-        """{"value", "interval": [low, high], "unit"}; null for what is not finite."""
-        ends = [self.value - self.half, self.value + self.half]
-        return {
-            "value": finite(self.value),
-            "interval": [finite(end) for end in ends],
-            "unit": self.unit,
-        }
+    def with_interval(self) -> "EstimateWithInterval":
+        """The estimate as JSON has it."""
+        low, high = finite(self.value - self.half), finite(self.value + self.half)
+        return EstimateWithInterval(finite(self.value), (low, high), self.unit)
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{self.value:.5g} +-{self.half:.2g} {self.unit}".rstrip()
 
 
-def finite(number):
+@dataclass(frozen=True)
+class EstimateWithInterval:
+    """A value and the ends of its 95 % interval in `unit`; None for a number that is not finite."""
+
+    value: float | None
+    interval: tuple[float | None, float | None]
+    unit: str
+
+
+def finite(number: float) -> float | None:
     """The number, or None where JSON has none."""
     return float(number) if math.isfinite(number) else None
 
 
-def propagate(function, *estimates, unit=""):
+def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
     """Estimate of function(values): the half widths of independent estimates add in quadrature."""
     values = [e.value for e in estimates]
     square = 0.0
@@ -59,7 +70,9 @@ def propagate(function, *estimates, unit=""):
     return Estimate(function(*values), math.sqrt(square), unit)
 
 
-def regression(columns, values, weights=None):
+def regression(
+    columns: Reals, values: Reals, weights: Reals | None = None
+) -> list[tuple[float, float]]:
     """Least squares of values (n,) on columns (n, p), weights (n,) as 1 / standard deviation.
 
     Returns [(coefficient, half width of its 95 % interval)], scaled by the residuals (t, n - p).
@@ -73,7 +86,7 @@ def regression(columns, values, weights=None):
     return list(zip(coefficients, stats.t.ppf((1 + SHARE) / 2, dof) * spread, strict=True))
 
 
-def rows_of(path):
+def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
     """[(number of the line, [texts])] of a CSV file's lines that are not empty. InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -83,12 +96,12 @@ def rows_of(path):
         raise InputError(f"{path}: expected a CSV file in UTF-8, {error}") from None
 
 
-def header_of(path):
+def header_of(path: Path | str) -> list[str]:
     """Names of the columns of a CSV file."""
     return [name.strip() for _, row in rows_of(path)[:1] for name in row]
 
 
-def read_columns(path, names):
+def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
     """Named columns of a CSV file as float arrays. Raises InputError with file, line and column."""
     rows = rows_of(path)
     header = [name.strip() for name in rows[0][1]] if rows else []
@@ -99,7 +112,7 @@ def read_columns(path, names):
                 f"{', '.join(header) or 'none'}; name the columns in the first line"
             )
     places = [header.index(name) for name in names]
-    columns = [[] for _ in names]
+    columns: list[list[float]] = [[] for _ in names]
     for line, row in rows[1:]:
         for column, name, place in zip(columns, names, places, strict=True):
             text = row[place] if place < len(row) else ""
@@ -128,10 +141,10 @@ class RingDown:
     decrement_of_ratio: float  #: ln(first cycle's amplitude / last one's) / cycles between them
     explained: float  #: share of the record's variance, 0..1
     noise: float  #: standard deviation of the residual, in the signal's unit
-    warnings: tuple
+    warnings: tuple[str, ...]
 
 
-def damped_sine(time_s, rate, omega):
+def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
     """Columns (n, 4) of a vibration e^(-rate t) with an offset and a drift."""
     envelope, ones = np.exp(-rate * time_s), np.ones(len(time_s))
     return np.stack(
@@ -139,21 +152,23 @@ def damped_sine(time_s, rate, omega):
     )
 
 
-def fit_damped_sine(time, values, starts):
+def fit_damped_sine(
+    time: Reals, values: Reals, starts: Sequence[tuple[float, float]]
+) -> optimize.OptimizeResult:
     """Least squares of a damped sine: the result of SciPy, its x: rate, omega and 4 coefficients.
 
     time (n,) from 0, starts [(rate, omega)] in 1/s and rad/s, of which the best one is taken.
     """
 
-    def linear_part(start):
+    def linear_part(start: tuple[float, float]) -> tuple[float, list[float]]:
         columns = damped_sine(time, *start)
         found = np.linalg.lstsq(columns, values)[0]
         return float(np.sum((columns @ found - values) ** 2)), [*start, *found]
 
-    def residual(x):
+    def residual(x: Reals) -> Reals:
         return damped_sine(time, x[0], x[1]) @ x[2:] - values
 
-    def jacobian(x):
+    def jacobian(x: Reals) -> Reals:
         columns = damped_sine(time, x[0], x[1])
         cosine, sine = columns[:, 0], columns[:, 1]
         along = -time * (x[2] * cosine + x[3] * sine)
@@ -166,27 +181,29 @@ def fit_damped_sine(time, values, starts):
     )
 
 
-def cycle_amplitudes(time, values, omega, starts):
+def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) -> Reals:
     """Amplitudes of the cycles that begin at `starts`, s: each from its Fourier coefficient."""
     turning = values * np.exp(-1j * omega * time)
     steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
     total = np.concatenate([[0], np.cumsum(steps)])
     period = 2 * math.pi / omega
     ends = [np.interp(starts + d, time, total) for d in (0.0, period)]
-    return abs(ends[1] - ends[0]) * 2 / period
+    return np.asarray(abs(ends[1] - ends[0]) * 2 / period)
 
 
-def likely_frequencies(time, values):
+def likely_frequencies(time: Reals, values: Reals) -> Reals:
     """The three highest peaks of the spectrum, rad/s; of times that may be unequally spaced."""
     even = np.linspace(time[0], time[-1], len(time))
     bent = signal.detrend(np.interp(even, time, values))
     size = abs(np.fft.rfft(bent, 2 * len(even)))
     peaks, about = signal.find_peaks(size, height=0)
     highest = peaks[np.argsort(about["peak_heights"])[::-1][:3]]
-    return np.pi * highest / len(even) / (even[1] - even[0])
+    return np.asarray(np.pi * highest / len(even) / (even[1] - even[0]))
 
 
-def ring_down(time_s, values, floor=0.05, where="ring-down"):
+def ring_down(
+    time_s: Reals, values: Reals, floor: float = 0.05, where: Path | str = "ring-down"
+) -> RingDown:
     """Frequency and logarithmic decrement of a free vibration about any offset and slow drift.
 
     time_s (n,) rising, values (n,) in any unit. A damped sine is fitted to the record from the
@@ -206,7 +223,9 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     if unit == 0 or not len(frequencies):
         raise too_short(where, 0, floor)
 
-    def fitted(inside, omegas, rates):
+    def fitted(
+        inside: NDArray[np.bool_], omegas: Sequence[float] | Reals, rates: Sequence[float]
+    ) -> tuple[Reals, optimize.OptimizeResult]:
         time = time_s[inside] - time_s[inside][0]
         starts = [(rate * omega, omega) for omega in omegas for rate in rates]
         return time, fit_damped_sine(time, (values[inside] - values.mean()) / unit, starts)
@@ -250,7 +269,7 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
     t = stats.t.ppf((1 + SHARE) / 2, n - p)
 
-    def estimate(value, gradient, unit=""):
+    def estimate(value: float, gradient: Reals, unit: str = "") -> Estimate:
         return Estimate(float(value), float(t * math.sqrt(gradient @ covariance @ gradient)), unit)
 
     turn, size = 2 * math.pi, math.hypot(rate, omega)
@@ -284,7 +303,9 @@ def ring_down(time_s, values, floor=0.05, where="ring-down"):
     )
 
 
-def noise_of(residuals, freedom, turned, values, unit):
+def noise_of(
+    residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
+) -> tuple[float, float, float, bool]:
     """Variances of a sample, estimated from the `residuals`: white noise, noise near the
     vibration, rounding; and whether the second is clearly more than the first.
 
@@ -303,22 +324,35 @@ def noise_of(residuals, freedom, turned, values, unit):
     return white, local, rounding, local > COLOURED * white and len(near) > 4
 
 
-def too_short(where, cycles, floor):
+def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
+    """The error of a record with too few cycles."""
     return InputError(
         f"{where}: expected a ring-down of at least {FEWEST_CYCLES} cycles, found {int(cycles)}; "
         f"record longer, strike harder or lower the floor of {floor:g}"
     )
 
 
-def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
+@dataclass(frozen=True)
+class ModeParameters:
+    """Mass, stiffness and damping of one mode."""
+
+    mass: Estimate  #: kg
+    stiffness: Estimate  #: N/m
+    damping: Estimate  #: N s/m
+
+
+def mode_parameters(
+    frequency_hz: Estimate,
+    damping_ratio: Estimate,
+    mass: Estimate | None = None,
+    stiffness: Estimate | None = None,
+) -> ModeParameters:
     """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode of which one of the first is known.
 
-    All Estimates; frequency is the natural one, damping_ratio the exact one: k = m w^2,
-    b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6). Returns {"mass", "stiffness", "damping"}.
+    `frequency_hz` is the natural frequency and `damping_ratio` the exact ratio: k = m w^2,
+    b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6).
     """
-    if (mass is None) == (stiffness is None):
-        raise ValueError("expected mass or stiffness, one of them")
-    if mass is not None:
+    if mass is not None and stiffness is None:
         stiffness = propagate(
             lambda f, m: m * (2 * math.pi * f) ** 2, frequency_hz, mass, unit="N/m"
         )
@@ -327,7 +361,7 @@ def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
             *(frequency_hz, damping_ratio, mass),
             unit="N s/m",
         )
-    else:
+    elif stiffness is not None and mass is None:
         mass = propagate(
             lambda f, k: k / (2 * math.pi * f) ** 2, frequency_hz, stiffness, unit="kg"
         )
@@ -336,36 +370,39 @@ def mode_parameters(frequency_hz, damping_ratio, mass=None, stiffness=None):
             *(frequency_hz, damping_ratio, stiffness),
             unit="N s/m",
         )
-    return {
-        "mass": replace(mass, unit="kg"),
-        "stiffness": replace(stiffness, unit="N/m"),
-        "damping": damping,
-    }
+    else:
+        raise ValueError("expected mass or stiffness, one of them")
+    return ModeParameters(replace(mass, unit="kg"), replace(stiffness, unit="N/m"), damping)
 
 
 @dataclass(frozen=True)
 class Split:
     """Two masses on either side of a spring, kg."""
 
-    solutions: tuple  #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen one first
-    locked: tuple  #: (m_r1, m_r2) if the frequency was that with m_r1 locked to ground
+    #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen one first
+    solutions: tuple[tuple[Estimate, Estimate], tuple[Estimate, Estimate]]
+    locked: tuple[
+        Estimate, Estimate
+    ]  #: (m_r1, m_r2) if the frequency was that with m_r1 locked to ground
     locked_frequency_hz: float  #: at which the chosen m_r2 vibrates with m_r1 locked
 
 
-def split(total_mass, stiffness, frequency_hz):
+def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
     """m_r1 + m_r2 = m, w^2 = k m / (m_r1 m_r2): Estimates of m (kg), k (N/m) and w / (2 pi) (Hz).
 
     That is the mode of both masses in free space. The choice is the thesis's: the actuator has more
     than half of the inertia, m_r1 > m_r2. Raises InputError without a real solution.
     """
 
-    def larger(m, k, f):
+    def larger(m: float, k: float, f: float) -> float:
         return (m + math.sqrt(max(m * m - 4 * m * locked(k, f), 0))) / 2
 
-    def smaller(m, k, f):  # by the product of both: no difference of what is nearly equal
+    def smaller(
+        m: float, k: float, f: float
+    ) -> float:  # by the product of both: no difference of what is nearly equal
         return m * locked(k, f) / larger(m, k, f)
 
-    def locked(k, f):
+    def locked(k: float, f: float) -> float:
         return k / (2 * math.pi * f) ** 2
 
     m, k, f = total_mass.value, stiffness.value, frequency_hz.value
@@ -391,7 +428,9 @@ def split(total_mass, stiffness, frequency_hz):
     )
 
 
-def regression_of(path, x, y, offset=False, units=("", "")):
+def regression_of(
+    path: Path | str, x: str, y: str, offset: bool = False, units: tuple[str, str] = ("", "")
+) -> list[Estimate]:
     """[slope] or, with `offset`, [slope, offset] of column y over x of a CSV file, Estimates.
 
     Raises InputError for fewer than 3 rows (4 with offset) or rows that all have one x.
@@ -408,7 +447,14 @@ def regression_of(path, x, y, offset=False, units=("", "")):
     return [Estimate(*pair, unit) for pair, unit in zip(found, units, strict=False)]
 
 
-def motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, where="motor"):
+def motor_damping(
+    ratio: Estimate,
+    k_torque: Estimate,
+    k_tach: Estimate,
+    k_back_emf: Estimate,
+    resistance: Estimate,
+    where: Path | str = "motor",
+) -> Estimate:
     """b_m (N m s/rad) from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at steady speed.
 
     ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad, resistance in ohm, Estimates.
@@ -425,22 +471,31 @@ def motor_damping(ratio, k_torque, k_tach, k_back_emf, resistance, where="motor"
     )
 
 
-def decrement(path, column=None, window_s=(-math.inf, math.inf), floor=0.05, **known):
-    """ring_down() of a CSV file with column time_s, and mode_parameters() for a known Estimate of
-    mass or stiffness. `column`: that of the signal; optional if it is the only other one.
-    Returns (RingDown, {"mass", "stiffness", "damping"} or {}).
+def decrement(
+    path: Path | str,
+    column: str | None = None,
+    window_s: tuple[float, float] = (-math.inf, math.inf),
+    floor: float = 0.05,
+    *,
+    mass: Estimate | None = None,
+    stiffness: Estimate | None = None,
+) -> tuple[RingDown, ModeParameters | None]:
+    """ring_down() of a CSV file with column time_s, and mode_parameters() for a known mass (kg) or
+    stiffness (N/m). `column` is the column of the signal; it can be left out where the file has
+    only one other column than time_s.
     """
     if column is None:
         header = header_of(path)
         others = [name for name in header if name != "time_s"]
         if len(others) != 1 and "time_s" in header:
-            raise InputError(
-                f"{path}: --signal: expected the name of a column, one of {', '.join(others)}"
+            raise ParameterError(
+                "column", f"expected the name of a column of {path}, one of {', '.join(others)}"
             )
         column = (others or [""])[0]
     time, values = read_columns(path, ["time_s", column])
     inside = (time >= window_s[0]) & (time <= window_s[1])
     found = ring_down(time[inside], values[inside], floor, path)
-    if any(known.values()):
-        return found, mode_parameters(found.natural_frequency, found.damping_ratio_exact, **known)
-    return found, {}
+    if mass is None and stiffness is None:
+        return found, None
+    frequency_hz, ratio = found.natural_frequency, found.damping_ratio_exact
+    return found, mode_parameters(frequency_hz, ratio, mass, stiffness)

@@ -6,14 +6,16 @@ The thesis fits it by eye in five steps, lowest resonance first; `fit` does the 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, signal
 
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
+from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 
 # Ranges of damping ratios while fitting: below, a peak is narrower than any data; above, there is
@@ -39,10 +41,10 @@ class Resonance:
             return None
         return self.trough_hz, self.trough_damping
 
-    def at(self, s: ArrayLike) -> np.ndarray:
+    def at(self, s: ArrayLike) -> Complexes:
         """R_i at complex s (1/s)."""
         s = np.asarray(s, complex)
-        value = 1 / _pair(s, self.peak_hz, self.peak_damping)
+        value: Complexes = 1 / _pair(s, self.peak_hz, self.peak_damping)
         if self.trough_hz is not None:
             value = value * _pair(s, self.trough_hz, self.trough_damping)
         return value
@@ -73,12 +75,12 @@ class Fit:
         zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)
 
-    def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> np.ndarray:
+    def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> Complexes:
         """The whole model, G_p = G_rb prod R_i, from the rigid-body response at the frequencies."""
-        return np.asarray(rigid_response) * self.cascade().response(frequency_hz)
+        return np.asarray(np.asarray(rigid_response) * self.cascade().response(frequency_hz))
 
 
-def _roots(pairs: list[tuple[float, float]]) -> np.ndarray:
+def _roots(pairs: list[tuple[float, float]]) -> Complexes:
     """Both roots, 1/s, of each (Hz, damping ratio)."""
     roots = []
     for hz, zeta in pairs:
@@ -142,7 +144,7 @@ def fit(
 
 def _checked(
     frequency_hz: ArrayLike, response: ArrayLike, rigid_response: ArrayLike
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[Reals, NDArray[Any], NDArray[Any]]:
     f, data, rigid = (np.asarray(x) for x in (frequency_hz, response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
         raise InputError(
@@ -160,11 +162,11 @@ def _checked(
 
 
 def _extremes(
-    f: np.ndarray, target: np.ndarray, modes: int, prominence_db: float
+    f: Reals, target: Reals, modes: int, prominence_db: float
 ) -> tuple[list[float], list[float | None]]:
     """Frequencies of the most prominent peaks and of the trough, or None, of each."""
 
-    def at_top(i: int, values: np.ndarray) -> float:
+    def at_top(i: int, values: Reals) -> float:
         # Between grid points: vertex of the parabola through three of the logarithmic scale.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
@@ -196,7 +198,7 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 
 
 def _match(
-    f: np.ndarray, target: np.ndarray, peaks: list[float], troughs: list[float | None]
+    f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
     """Steps 2 to 5: move each pair until the model's own peaks and troughs, which neighbours and
     damping shift, stand where the data's do, as high and as deep; all others given, round by round.
@@ -208,13 +210,13 @@ def _match(
     pairs = np.column_stack([hz, np.full(len(hz), 0.05)])  # the thesis's typical damping
     around = np.geomspace(0.8, 1.25, 181)
 
-    def model_db(at: np.ndarray) -> np.ndarray:
+    def model_db(at: Reals) -> Reals:
         values = np.array([_pair(2j * np.pi * at, *pair) for pair in pairs])
-        return 20 * np.log10(np.abs(values)).T @ -sign
+        return np.asarray(20 * np.log10(np.abs(values)).T @ -sign)
 
     best, best_error = pairs, np.inf
     for _ in range(60):
-        error = np.mean((model_db(f) - target) ** 2)
+        error = float(np.mean((model_db(f) - target) ** 2))
         if error < best_error:
             best, best_error = pairs.copy(), error
         for i, (mark, s) in enumerate(zip(hz, sign, strict=True)):
@@ -230,7 +232,7 @@ def _match(
     return _resonances(best, troughs)
 
 
-def _resonances(pairs: np.ndarray, troughs: Sequence[float | None]) -> list[Resonance]:
+def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
     """(Hz, damping) of all peaks, then of those troughs that are not None, as Resonance."""
     present = iter(pairs[len(troughs) :])
     return [
@@ -239,16 +241,17 @@ def _resonances(pairs: np.ndarray, troughs: Sequence[float | None]) -> list[Reso
     ]
 
 
-def _least_squares(f: np.ndarray, target: np.ndarray, start: list[Resonance]) -> list[Resonance]:
+def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Resonance]:
     """All frequencies and ratios, as logarithms, to the least squares of the error in dB."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
     pairs += [r.trough for r in start if r.trough]
     signs = np.array([-1] * len(start) + [1] * (len(pairs) - len(start)))
     x = 2j * np.pi * f[:, None]
 
-    def error(logarithms: np.ndarray) -> np.ndarray:
+    def error(logarithms: Reals) -> Reals:
         hz, zeta = np.exp(logarithms.reshape(-1, 2)).T
-        return (20 * np.log10(np.abs(_pair(x, hz, zeta))) * signs).sum(axis=1) - target
+        found = (20 * np.log10(np.abs(_pair(x, hz, zeta))) * signs).sum(axis=1)
+        return np.asarray(found - target)
 
     guess = np.log(np.array(pairs))
     low, high = guess.copy(), guess.copy()
@@ -260,6 +263,19 @@ def _least_squares(f: np.ndarray, target: np.ndarray, start: list[Resonance]) ->
     return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
 
 
+@dataclass(frozen=True)
+class ResonanceResult:
+    """Resonances of a measured response, their errors as of Fit, and the zeros and poles of their
+    cascade, 1/s, each as (real part, imaginary part)."""
+
+    resonances: tuple[Resonance, ...]
+    rms_db: float
+    max_db: float
+    phase_error_deg: float | None
+    zeros: tuple[tuple[float, float], ...]
+    poles: tuple[tuple[float, float], ...]
+
+
 def of_measurement(
     model: str,
     response: str,
@@ -268,37 +284,22 @@ def of_measurement(
     modes: int,
     prominence_db: float,
     refine: bool,
-) -> dict[str, Any]:
-    """The result as `forceaxis identify resonances --json` prints it."""
+) -> ResonanceResult:
+    """Fits resonances to a measured response; `rigid` is the signal of the model that a rigid
+    structure would give. Raises InputError."""
     from forceaxis.identify import fit as fit_response
 
     if not 0 < prominence_db < 200:
-        raise InputError(f"--prominence-db: expected 0 to 200, got {prominence_db:g}")
+        raise ParameterError("prominence_db", f"expected 0 to 200, got {prominence_db:g}")
     data = fit_response.read_response(response, model)
     body = replace(data, output=rigid, free=True, overrides=overrides)
     found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)
     zeros, poles, _ = found.cascade().zpk()
-    return {
-        "resonances": [asdict(r) for r in found.resonances],
-        "rms_db": found.rms_db,
-        "max_db": found.max_db,
-        "phase_error_deg": found.phase_error_deg,
-        "zeros": [[z.real, z.imag] for z in zeros],
-        "poles": [[p.real, p.imag] for p in poles],
-    }
-
-
-def describe(result: dict[str, Any]) -> str:
-    """The same for people."""
-    lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
-    for r in result["resonances"]:
-        line = f"{r['peak_hz']:10.4g}{r['peak_damping']:10.4f}"
-        if r["trough_hz"] is not None:
-            line += f"{r['trough_hz']:12.4g}{r['trough_damping']:10.4f}"
-        lines.append(line)
-    phase = result["phase_error_deg"]
-    lines.append(
-        f"error        {result['rms_db']:.3g} dB rms, {result['max_db']:.3g} dB at most"
-        + ("" if phase is None else f"; phase {phase:.3g} degrees rms")
+    return ResonanceResult(
+        found.resonances,
+        found.rms_db,
+        found.max_db,
+        found.phase_error_deg,
+        zeros=tuple((z.real, z.imag) for z in zeros),
+        poles=tuple((p.real, p.imag) for p in poles),
     )
-    return "\n".join(lines)

@@ -2,83 +2,126 @@
 
 import csv
 import json
-import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from forceaxis import _core, linear, objects, paths
 from forceaxis.identify import measure
-from forceaxis.identify.measurement import COHERENT, Measurement
+from forceaxis.identify.measurement import Comparison, Complexes, Measurement, Readings
 from forceaxis.identify.setup import Setup, read_setup
 from forceaxis.linear import working
+from forceaxis.results import to_json
 
 STOPS = (".low", ".high")  # ends of the names of a stop's two contacts
 
 
-@dataclass
-class Result:
-    """A measurement beside the linear model, and the summary that `--json` prints."""
+@dataclass(frozen=True)
+class MeasurementSummary:
+    """A measurement beside the linear model, as `measure --json` prints it. `contact` is the share
+    of the time in which each contact was pressed, `floor_median` the standard deviation by
+    quantisation alone in the unit of the response, `saturated` the share of samples at an end of
+    the ADC."""
+
+    measurement: str
+    title: str
+    figure: str
+    model: str
+    input: str
+    output: str
+    unit: str
+    inject: str
+    excitation: str
+    window: str
+    level: float
+    averages: int
+    sampling_hz: float
+    band_hz: tuple[float, float]
+    coherence_median: float
+    random_error_median: float
+    floor_median: float
+    saturated: float
+    contact: dict[str, float]
+    hints: list[str]
+    comparison: Comparison
+    verdict: str
+    readings: Readings
+    plant_set: dict[str, float | str]
+    seed: int
+    firmware_hash: str
+    simulator_hash: str
+    objects_hash: str
+    command: str
+
+
+@dataclass(frozen=True)
+class MeasurementResult:
+    """A measurement beside the linear model, and the summary that `--json` prints: of run() a
+    MeasurementSummary; the measurement of a live axis has a summary of its own."""
 
     setup: Setup | None  # None: a live axis
     measured: Measurement
-    model: np.ndarray | None  # (n,) complex, from nominal parameters; None: there is no model
-    summary: dict
+    model: Complexes | None  # (n,), from nominal parameters; None: there is no model
+    summary: Any
+    title: str  # of the figure
 
 
-def run(target, options=None, plant_set=None):
-    """measure(), compared with the linear model of the nominal parameters. Raises InputError."""
+def run(
+    target: str | Path,
+    options: Mapping[str, Any] | None = None,
+    plant_set: linear.Overrides | None = None,
+    command: str = "",
+) -> MeasurementResult:
+    """measure(), compared with the linear model of the nominal parameters. `command` is the command
+    line that measures the same again, for the summary. Raises InputError."""
     setup, where = read_setup(target, options)
     measured = measure.measure_setup(setup, where, plant_set)
     model = measured.predict()
     compared = measured.compare(model)
-    command = ["forceaxis", "measure", str(target)]
-    for key, value in (options or {}).items():
-        if value is None or value is False or key == "set":
-            continue
-        option = {"band_hz": "band", "resolution_hz": "resolution"}.get(key, key)
-        text = ":".join(map(repr, value)) if key == "band_hz" else str(value)
-        command += [f"--{option}"] if value is True else [f"--{option}", text]
-    for option, values in (("--set", (options or {}).get("set")), ("--plant-set", plant_set)):
-        for text in linear.override_texts(values or {}):
-            command += [option, text]
     contacts = {
         name: shares.get("pressed", 0.0)
         for name, shares in measured.states.items()
         if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(STOPS)
     }
-    summary = {
-        "measurement": where,
-        "title": setup.title,
-        "figure": setup.figure,
-        "model": paths.display(measured.model),
-        "input": measured.input,
-        "output": measured.output,
-        "unit": measured.unit,
-        "inject": setup.inject,
-        "excitation": setup.excitation,
-        "window": setup.window,
-        "level": setup.level,
-        "averages": setup.averages,
-        "sampling_hz": 1 / measured.dt,
-        "band_hz": [float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])],
-        "coherence_median": float(np.median(measured.coherence)),
-        "random_error_median": float(np.median(measured.random_error())),
-        "floor_median": float(np.median(measured.floor)),
-        "saturated": measured.saturated,
-        "contact": contacts,
-        "hints": hints(setup, measured, contacts),
-        "comparison": compared,
-        "verdict": "the model fits" if compared["fits"] else "the model is rejected at 5 %",
-        "readings": measured.readings(),
-        "plant_set": plant_set or {},
-        "seed": setup.seed,
-        "firmware_hash": _core.FIRMWARE_HASH,
-        "simulator_hash": _core.SIMULATOR_HASH,
-        "objects_hash": objects.OBJECTS_HASH,
-        "command": shlex.join(command),
-    }
-    return Result(setup, measured, model, summary)
+    summary = MeasurementSummary(
+        measurement=where,
+        title=setup.title,
+        figure=setup.figure,
+        model=paths.display(measured.model),
+        input=measured.input,
+        output=measured.output,
+        unit=measured.unit,
+        inject=setup.inject,
+        excitation=setup.excitation,
+        window=setup.window,
+        level=setup.level,
+        averages=setup.averages,
+        sampling_hz=1 / measured.dt,
+        band_hz=(float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])),
+        coherence_median=float(np.median(measured.coherence)),
+        random_error_median=float(np.median(measured.random_error())),
+        floor_median=float(np.median(measured.floor)),
+        saturated=measured.saturated,
+        contact=contacts,
+        hints=hints(setup, measured, contacts),
+        comparison=compared,
+        verdict="the model fits" if compared.fits else "the model is rejected at 5 %",
+        readings=measured.readings(),
+        plant_set=dict(plant_set or {}),
+        seed=setup.seed,
+        firmware_hash=_core.FIRMWARE_HASH,
+        simulator_hash=_core.SIMULATOR_HASH,
+        objects_hash=objects.OBJECTS_HASH,
+        command=command,
+    )
+    title = setup.title or f"{measured.input} to {measured.output}"
+    if setup.figure:
+        title = f"Fig {setup.figure}: {title}"
+    return MeasurementResult(setup, measured, model, summary, title)
 
 
 STUCK = 0.01  # share of the time; what turns round sticks for a moment
@@ -108,7 +151,7 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
     return texts
 
 
-def hints(setup, measured, contacts):
+def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
     """Reasons other than a wrong model why the linear one may not fit: [text]."""
     texts = []
     moves = "lower the level or change the bias"
@@ -139,73 +182,14 @@ def hints(setup, measured, contacts):
     return texts
 
 
-def describe(summary):
-    """The summary for a terminal."""
-    compared, readings = summary["comparison"], summary["readings"]
-    inside, corner = compared["inside"], readings["corner_hz"]
-    low, high = summary["band_hz"]
-    title = summary["title"] + (f" (Fig {f})" if (f := summary["figure"]) else "")
-    crossings = ", ".join(
-        f"{c['frequency_hz']:.3g} Hz ({c['phase_deg']})" for c in readings["phase_crossings"]
-    )
-    lines = [
-        ("measurement", title or summary["measurement"]),
-        ("response", f"{summary['input']} to {summary['output']}, {summary['unit']}"),
-        (
-            "excitation",
-            f"{summary['excitation']} as {summary['inject']}, {low:.4g} to {high:.4g} Hz, "
-            f"{summary['averages']} averages, sampled at {summary['sampling_hz']:g} Hz",
-        ),
-        ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
-        (
-            "corner",
-            f"{corner:.4g} Hz, 3 dB lower"
-            if corner is not None
-            else "none in the band"
-            if readings["plateau"]
-            else "none: the first octave is not flat",
-        ),
-        ("phase", f"passes 0 or 180 degrees at {crossings}" if crossings else "passes no axis"),
-        (
-            "coherence",
-            f"median {summary['coherence_median']:.5g}, above {COHERENT} at "
-            f"{compared['coherent']} of {compared['points']} points",
-        ),
-        (
-            "error",
-            f"{100 * summary['random_error_median']:.2g} % random error, median; quantisation "
-            f"alone {summary['floor_median']:.2g} {summary['unit']}",
-        ),
-        (
-            "inside",
-            "no coherent point"
-            if inside is None
-            else f"{100 * inside:.1f} % of the coherent points within the 95 % band",
-        ),
-        ("verdict", f"{summary['verdict']} (p = {compared['p_value']:.3g})"),
-        *(("hint", text) for text in summary["hints"]),
-        ("again", summary["command"]),
-    ]
-    if summary["contact"]:
-        shares = summary["contact"].items()
-        text = ", ".join(f"{name} pressed {100 * s:.4g} % of the time" for name, s in shares)
-        lines.insert(3, ("contact", text))
-    if summary["saturated"]:
-        share = f"{100 * summary['saturated']:.3g} % of the samples at an end of the ADC"
-        lines.insert(6, ("saturated", f"{share}: lower the level, or move it by a bias"))
-    return "\n".join(f"{key:12} {value}" for key, value in lines)
-
-
-def figure(done):
-    """Figure of a Result."""
+def figure(done: MeasurementResult) -> Figure:
+    """Figure of a result."""
     from forceaxis.identify import plots
 
-    measured, number = done.measured, done.summary["figure"]
-    title = done.summary["title"] or f"{measured.input} to {measured.output}"
-    return plots.response(measured, done.model, f"Fig {number}: {title}" if number else title)
+    return plots.response(done.measured, done.model, done.title)
 
 
-def write(done, out, draw=True):
+def write(done: MeasurementResult, out: Path, draw: bool = True) -> None:
     """Write response.csv, response.npz, result.json and, to draw, plot.png into folder `out`."""
     measured = done.measured
     columns = {
@@ -217,7 +201,7 @@ def write(done, out, draw=True):
         "random_error": measured.random_error(),
         "floor": measured.floor,
     }
-    arrays_of_model = {}
+    arrays_of_model: dict[str, Complexes] = {}
     if done.model is not None:
         columns["model_magnitude"] = abs(done.model)
         columns["model_phase_deg"] = np.degrees(np.angle(done.model))
@@ -233,12 +217,12 @@ def write(done, out, draw=True):
         with arrays.open("wb") as file:
             np.savez_compressed(
                 file,
-                **columns,
+                **columns,  # type: ignore[arg-type]
                 response=measured.response,
                 variance=measured.variance,
-                **arrays_of_model,
+                **arrays_of_model,  # type: ignore[arg-type]
                 about=json.dumps(about),
             )
         for picture in pictures:
             figure(done).savefig(picture, dpi=120, format="png")
-        result.write_text(json.dumps(done.summary, indent=2) + "\n")
+        result.write_text(json.dumps(to_json(done.summary), indent=2) + "\n")

@@ -2,8 +2,10 @@
 
 import math
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any, NoReturn, TypeGuard
 
 from forceaxis import paths, toml
 from forceaxis._core import InputError
@@ -26,7 +28,7 @@ class Setup:
     output: str = ""  #: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
     inject: str = "volts"  #: "volts" into the drive, or "codes" by the firmware's excitation mode
     excitation: str = "noise"  #: noise | sine (one line after the other) | chirp
-    band_hz: tuple = (1.0, 200.0)  #: lowest and highest frequency
+    band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency
     resolution_hz: float = 0.0  #: distance of the lines; 0: the lowest frequency
     #: noise V rms, else amplitude V; amplitude in codes (a sine's is drawn from half of it on).
     #: 0: 0.1 V, 20 codes
@@ -41,10 +43,10 @@ class Setup:
     clamped: bool = False  #: contacts also pull, as if clamped (3.2.2)
     free: bool = False  #: the contacts are apart; else pressed
     seed: int = 0
-    set: dict = field(default_factory=dict)
+    set: dict[str, float | str] = field(default_factory=dict)
 
 
-def read_setup(target, options=None):
+def read_setup(target: str | Path, options: Mapping[str, Any] | None = None) -> tuple[Setup, str]:
     """(Setup, where) of a measurement file, or of a model; `options` replace keys. InputError."""
     options = {k: v for k, v in (options or {}).items() if v is not None}
     if not str(target).strip():
@@ -75,7 +77,7 @@ def read_setup(target, options=None):
 
 
 # The values of each key: in words, and as a predicate.
-KEYS = {
+KEYS: dict[str, tuple[str, Callable[[Any], object]]] = {
     "input": ("a signal's name", lambda v: isinstance(v, str) and v),
     "output": ("a signal's name", lambda v: isinstance(v, str) and v),
     "inject": ("volts or codes", ("volts", "codes").__contains__),
@@ -110,18 +112,20 @@ KEYS = {
 }
 
 
-def is_number(value):
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether a value of a file is a finite number."""
     return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
 
 
-def is_whole(value):
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value of a file is a whole number."""
     return not isinstance(value, bool) and isinstance(value, int)
 
 
-def check(given, where):
+def check(given: Mapping[str, Any], where: str) -> Setup:
     """A Setup of a file's keys, every one of them checked. Raises InputError."""
 
-    def fail(key, text):
+    def fail(key: str, text: str) -> NoReturn:
         raise InputError(f"{where}: {key}: {text}")
 
     names = [f.name for f in fields(Setup)]

@@ -1,6 +1,6 @@
 """Linear analysis of a model: state spaces, loops, modes, beams, what limits the bandwidth."""
 
-from forceaxis.linear.plant_facts import PlantFacts
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.system import (
     TICK_S,
     System,
@@ -15,6 +15,7 @@ from forceaxis.linear.system import (
 
 __all__ = [
     "TICK_S",
+    "Overrides",
     "PlantFacts",
     "System",
     "facts",

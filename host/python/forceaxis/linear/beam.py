@@ -85,7 +85,8 @@ def sliding_free_roots(count: int) -> np.ndarray:
 
     def step(y: np.ndarray) -> np.ndarray:
         sin, cos, tanh = np.sin(y), np.cos(y), np.tanh(y)
-        return (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
+        result: linear.Matrix = (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
+        return result
 
     return _newton(y, step)
 
@@ -97,7 +98,8 @@ def clamped_free_roots(count: int) -> np.ndarray:
     def step(y: np.ndarray) -> np.ndarray:
         e = np.exp(-y)
         sech, tanh = 2 * e / (1 + e * e), np.tanh(y)
-        return (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
+        result: linear.Matrix = (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
+        return result
 
     return _newton(y, step)
 
@@ -132,7 +134,7 @@ class Beam:
     def rate(self) -> float:
         """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam is the frequency rate y^2."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
-        return a / self.length_m**2
+        return float(a / self.length_m**2)
 
     def natural_frequencies(self, count: int) -> np.ndarray:
         """rad/s of the first `count` bending modes; the rigid-body mode at 0 is not among them."""
@@ -443,19 +445,3 @@ def summary(beam: Beam, modes: int) -> dict[str, Any]:
         ],
         "approximation_errors": beam.approximation_errors(),
     }
-
-
-def describe(result: dict[str, Any]) -> str:
-    """The same for people."""
-    lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
-    for k, mode in enumerate(result["modes"], 1):
-        lines.append(
-            f"{k:<4}{mode['b_l']:16.12f}{mode['pole_rad_per_s']:15.8g} j"
-            f"{mode['actuator_zero_rad_per_s']:18.8g} j{mode['tip_zero_per_s']:13.8g} +-"
-        )
-    lines.append("poles and zeros in 1/s; all in pairs, the tip's zeros real")
-    lines.append("\nerror of the approximation through mode 4 with the first n modes")
-    lines.append(f"{'n':4}{'actuator':>12}{'tip':>12}")
-    for row in result["approximation_errors"]:
-        lines.append(f"{row['modes']:<4}{100 * row['actuator']:10.3g} %{100 * row['tip']:10.3g} %")
-    return "\n".join(lines)

@@ -10,14 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from forceaxis import _core
-from forceaxis.linear.system import System
+from forceaxis.linear.bank import StateSpace
+from forceaxis.linear.system import Matrix, System
 
 UNREACHED = 1e-15  # share of a new direction below which it is made of the entries' rounding
 
 
-def _reachable(A, B):
+def _reachable(A: Matrix, B: Matrix) -> Matrix:
     """Orthonormal basis of the controllable states."""
-    basis = B / np.linalg.norm(B)
+    basis: Matrix = B / np.linalg.norm(B)
     while basis.shape[1] < len(A):
         image = A @ basis[:, -1:]
         new = image - basis @ (basis.T @ image)
@@ -28,7 +29,7 @@ def _reachable(A, B):
     return basis
 
 
-def minimal(system):
+def minimal(system: System) -> System:
     """Without the states that are not controllable or not observable.
 
     Their poles do not move with the gain, even on the boundary (a position that drifts).
@@ -37,7 +38,9 @@ def minimal(system):
     n = len(system.A)
     scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
     scale = scale[:n] / scale[n]
-    A, B, C = (matrix.astype(np.longdouble) for matrix in (system.A, system.B, system.C))
+    A: Matrix = system.A.astype(np.longdouble)
+    B: Matrix = system.B.astype(np.longdouble)
+    C: Matrix = system.C.astype(np.longdouble)
     A, B, C = A * scale / scale[:, None], B / scale[:, None], C * scale
     if not (B.any() and C.any()):
         A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
@@ -51,7 +54,7 @@ def minimal(system):
     return replace(system, A=A, B=B, C=C, states=tuple(f"state {i}" for i in range(len(A))))
 
 
-def plane(system):
+def plane(system: System) -> StateSpace:
     """(A, B, C, D) of a System of one input and output with the imaginary axis as boundary,
     balanced, np.longdouble: of a sampled one in w = (2/T) (z - 1)/(z + 1)."""
     A, B, C = (matrix.astype(np.longdouble) for matrix in system.balanced)
@@ -65,7 +68,7 @@ def plane(system):
     return A, B, C, D
 
 
-def response(system):
+def response(system: System) -> _core.BoundaryResponse:
     """The response of a System of one input and output along the boundary of stability, a
     `_core.BoundaryResponse`, over frequencies of the plane."""
     return _core.BoundaryResponse(
@@ -73,7 +76,7 @@ def response(system):
     )
 
 
-def marks(roots, fastest):
+def marks(roots: Matrix, fastest: float) -> Matrix:
     """Frequencies of the plane around and between those of roots, >= 0; fastest: of the poles."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]  # nothing between one that is double

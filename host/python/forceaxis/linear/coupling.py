@@ -6,13 +6,18 @@ the drive's force, from the equations of the model without its drive. The result
 that of the assembled model, which is computed otherwise.
 """
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
-from forceaxis._core import InputError
 from forceaxis.linear import system as linear
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.working import States
 
 
-def actuator(model, overrides=None):
+def actuator(model: str | Path, overrides: Overrides | None = None) -> tuple[Any, Any]:
     """(G_af in N/V, G_av in N s/m) of a model's drive as control.TransferFunction.
 
     Linear about zero current error: k_amp, not k_amp_outer (4.1.2).
@@ -20,11 +25,7 @@ def actuator(model, overrides=None):
     import control
 
     path = linear.find_model(model)
-    facts = linear.facts(path, overrides)
-    if not facts.drive:
-        raise InputError(f"{path}: expected a [drive]")
-
-    drive = facts.drive
+    drive = linear.facts(path, overrides).required_drive
     value = drive.values.__getitem__
     if drive.type == "perfect":
         return control.tf(value("force_per_volt"), 1), control.tf(0, 1)
@@ -43,12 +44,18 @@ def actuator(model, overrides=None):
     return control.tf(k_t * k_amp * value("k_preamp_cmd") / r, loop), g_av
 
 
-def load(model, output="reading", overrides=None, modes=None, free=False):
+def load(
+    model: str | Path,
+    output: str = "reading",
+    overrides: Overrides | None = None,
+    modes: States | None = None,
+    free: bool = False,
+) -> linear.System:
     """G_lf and G_lv as one linear.System without the drive: drive.force to (`output`, velocity).
 
     The velocity is that of the drive's body against its reaction, in m/s.
     """
-    drive = linear.facts(model, overrides).drive
+    drive = linear.facts(model, overrides).required_drive
     ends = [f"{end}.velocity" for end in (drive.body, drive.reaction) if end != "ground"]
     system = linear.linearise(
         model, ["drive.force"], [output, *ends], overrides, modes, free=free, drive=False
@@ -64,9 +71,17 @@ def load(model, output="reading", overrides=None, modes=None, free=False):
     )
 
 
-def coupled(model, s, output="reading", overrides=None, modes=None, free=False):
+def coupled(
+    model: str | Path,
+    s: ArrayLike,
+    output: str = "reading",
+    overrides: Overrides | None = None,
+    modes: States | None = None,
+    free: bool = False,
+) -> linear.Matrix:
     """`output` per volt of command at complex s (1/s), by the rule of 2.3.2."""
-    s = np.asarray(s, complex)
-    g_af, g_av = (g(s) for g in actuator(model, overrides))
-    values = load(model, output, overrides, modes, free).at(s)[..., 0]
-    return values[..., 0] * g_af / (1 - g_av * values[..., 1])
+    points = np.asarray(s, complex)
+    g_af, g_av = (g(points) for g in actuator(model, overrides))
+    values: linear.Matrix = load(model, output, overrides, modes, free).at(points)[..., 0]
+    result: linear.Matrix = values[..., 0] * g_af / (1 - g_av * values[..., 1])
+    return result

@@ -12,6 +12,7 @@ from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.linear import limits, loops, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.limits import Summary
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Loop
@@ -42,13 +43,15 @@ def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
     A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
     integrator at -90, one that rises with the frequency at +90.
     """
-    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase: Numbers = np.degrees(np.unwrap(np.angle(response)))
     if len(phase) < 2:
         return phase
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    return phase + 360 * np.ceil(turns - 0.55)  # a negative gain, nearly a tie, counts as lag
+    # A negative gain, nearly a tie, counts as lag.
+    result: Numbers = phase + 360 * np.ceil(turns - 0.55)
+    return result
 
 
 def grid_hz(
@@ -89,7 +92,7 @@ class Curve:
         """Unwrapped phase; see `phase_deg`."""
         return phase_deg(self.frequency_hz, self.response)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """What --json prints."""
         return {
             "label": self.label,
@@ -200,7 +203,7 @@ class BodeView:
     vary: tuple[str, ...] = ()
 
 
-def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], Any]:
+def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], Summary]:
     """(Curves, summary) of a loop's part: one curve for each combination of `vary`."""
     curves, details = [], []
     for label, values in varied(request.overrides, view.vary):
@@ -214,7 +217,7 @@ def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[
     return curves, limits.describe_loop(loop) | {"of": part, "input": "error", "curves": details}
 
 
-def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
+def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]:
     """(Curves, summary) of a plant: one curve for each combination of `vary` and each output."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
@@ -231,7 +234,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
             )
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
-            detail = {"output": output} | one.summary()
+            detail: Summary = {"output": output} | one.summary()
             if view.input == "drive.command":  # where a force loop would act
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
@@ -239,38 +242,12 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Any]:
             details.append(detail)
     path = linear.find_model(own.model)
     mode = working.working(path, own.overrides, request.states, request.free)
-    about = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
+    about: Summary = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
     about |= working.summary(mode)
     return curves, about | {"curves": details}
 
 
-AT = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about one gain
-
-
-def describe_bode(summary):
-    """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
-    lines = working.lines(summary)
-    for c in summary["curves"]:
-        frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
-        lines.append(f"{c['output']:12} {c['label']}".rstrip())
-        unit = f" {c['unit']}" if c["unit"] else ""
-        for i in (0, -1):
-            lines.append(
-                f"{'':12} {c['magnitude'][i]:.4g}{unit}, {phase[i]:.4g} degrees at "
-                f"{frequency[i]:.4g} Hz"
-            )
-        for i in np.flatnonzero((phase[:-1] + 180) * (phase[1:] + 180) < 0):
-            share = (phase[i] + 180) / (phase[i] - phase[i + 1])
-            at = frequency[i] + share * (frequency[i + 1] - frequency[i])
-            size = np.interp(at, frequency, c["magnitude"])
-            lines.append(f"{'':12} -180 degrees at {at:.4g} Hz, {size:.4g}{unit}")
-        if c.get("loop", {}).get("at"):
-            text = limits.describe_limit(c["loop"]).splitlines()
-            lines += [line for line in text if line.startswith(AT)]
-    return "\n".join(lines)
-
-
-def nyquist_of(request: LoopRequest) -> dict[str, Any]:
+def nyquist_of(request: LoopRequest) -> Summary:
     """What `forceaxis nyquist` prints; without a gain at half the critical one, or 1."""
     loop = request.loop()
     gain = request.drawn_gain(loop)

@@ -11,12 +11,15 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.request import LoopRequest
-from forceaxis.linear.settings import Settings
-from forceaxis.linear.stability import known_text
-from forceaxis.words import counted
+from forceaxis.linear.settings import ModelSettings
+from forceaxis.linear.stability import Limit, Loop
+from forceaxis.linear.system import Matrix, System
+
+# The result of an analysis as a verb prints it in JSON: {key: value}.
+Summary = dict[str, Any]
 
 
-def largest_firmware_gain(loop, limit):
+def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
     """The largest force_gain that the firmware can be set to below the limit; None: there is none
     (or no reading)."""
     gain = limit.stable_to
@@ -28,7 +31,7 @@ def largest_firmware_gain(loop, limit):
     return min(steps * loops.FIRMWARE_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
 
 
-def describe_loop(loop):
+def describe_loop(loop: Loop) -> Summary:
     """The loop that was analysed, for the summary of a verb."""
     return {
         "model": paths.display(loop.model),
@@ -40,25 +43,11 @@ def describe_loop(loop):
     } | ({"bank": loop.bank.keys()} if loop.bank else {})
 
 
-def law_text(summary):
-    """The law with its parameters or its bank, for people."""
-    bank = summary.get("bank")
-    parts = [f"{name} {value:.5g}" for name, value in summary["parameters"].items()]
-    if bank:
-        count = len(bank.get("sections", ()))
-        parts.append(f"gain {bank['gain']:.6g}")
-        parts += [
-            f"{n} {bank[n]:.5g}" for n in ("integral_rad_per_s", "velocity_gain") if n in bank
-        ]
-        parts.append(counted(count, "section"))
-    return summary["law"] + (f" ({', '.join(parts)})" if parts else "")
-
-
-def limit_summary(loop, gain=None):
+def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
     """What `forceaxis limit` prints as JSON; with a gain also the margins there."""
     limit = loop.limit()
     reading = loop.codes_per_gain is not None
-    summary = {
+    summary: Summary = {
         "critical_gain": limit.gain,
         "unit": loop.unit,
         "frequency_hz": limit.frequency_hz,
@@ -84,90 +73,14 @@ def limit_summary(loop, gain=None):
     return summary
 
 
-def hz_text(hz, digits=4):
+def hz_text(hz: float | None, digits: int = 4) -> str:
     """At which frequency, None: an infinite one."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
 
-# How the firmware runs the laws that are no mode of its own.
-IN_FIRMWARE = {
-    "pi": "runs this law as a bank with an integral: `forceaxis design`",
-    "lead": "runs this law as a bank with a section: `forceaxis design`",
-    "pd": "runs this law by differences, as a bank with a section: `forceaxis design`",
-    "derivative": "does not have this law: it has no input for a sensor of the force's derivative",
-}
-
-
-def describe_limit(summary):
-    """The same for people."""
-    unit = summary["unit"]
-    lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
-    lines += working.lines(summary)
-    if summary["law"] in IN_FIRMWARE:
-        lines.append(f"firmware     {IN_FIRMWARE[summary['law']]}")
-    if summary["critical_gain"]:
-        hz = hz_text(summary["frequency_hz"])
-        lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
-    else:
-        none = "none" if summary["critical_gain"] is None else "0"
-        lines.append(f"limit        {none}: {summary['reason']}")
-    if summary["firmware_gain"] and summary["law"] not in IN_FIRMWARE:
-        largest = summary["largest_firmware_gain"]
-        below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
-        lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
-    turns = {1: "a pole leaves", -1: "a pole returns", 0: "a pole touches"}
-    undamped = {1: "leaves", -1: "is drawn in", 0: "stays on the boundary"}
-    for c in summary["crossings"]:
-        what = turns[c["direction"]]
-        if c["gain"] == 0:
-            what = f"an undamped pole of the plant {undamped[c['direction']]}"
-        lines.append(f"crossing     {c['gain']:.6g} {unit} {hz_text(c['frequency_hz'])}, {what}")
-    at = summary.get("at")
-    if at:
-        own = at["firmware_gain"] and summary["law"] not in IN_FIRMWARE
-        own = f", force_gain {at['firmware_gain']:.5g}" if own else ""
-        lines.append(
-            f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
-        )
-        factor, phase = at["gain_margin"], at["phase_margin_deg"]
-        none = "none, no crossing above"
-        if at["known_to"] is not None:
-            none += f" up to {known_text(at['gain'] * at['known_to'], unit)}"
-        lines.append(f"gain margin  {f'factor {factor:.4g}' if factor else none}")
-        if at["gain_reduction"]:
-            lines.append(f"             factor {at['gain_reduction']:.4g} down")
-        lines.append(
-            "phase margin "
-            + (
-                "none, |L| is nowhere 1"
-                if phase is None
-                else f"{phase:.4g} degrees, crossover {hz_text(at['crossover_hz'])}"
-            )
-        )
-        if at["stable"]:
-            lines += figures_text(at)
-    return "\n".join(lines)
-
-
-# Where a law's static error alone is that large.
-AT_REST = {
-    "fS_Hz": "above it from 0 Hz on: a static error of 71 % or more",
-    "fT_Hz": "below it from 0 Hz on: a static error of 29 % or more",
-}
-
-
-def figures_text(at):
-    """Lines about |S| and |T| of a loop, or of the worst of some."""
-    rows = []
-    for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
-        text = {None: "nowhere", 0.0: AT_REST[key]}.get(at[key]) or hz_text(at[key])
-        rows.append(f"{name:12} {text}")
-    sag = ", and is below it also below fS" if at["sag"] and at["fT_Hz"] else ""
-    rows[1] += sag
-    return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
-
-
-def _figures(time_s, value, final, duration_s):
+def _figures(
+    time_s: Matrix, value: Matrix, final: float, duration_s: float
+) -> tuple[float | None, float | None, float | None]:
     """(rise_s, settle_s, overshoot) of a step response that goes on after `duration_s`.
 
     None: not reached within duration_s, or relative to a final value of 0. Settled: stays within
@@ -188,7 +101,7 @@ def _figures(time_s, value, final, duration_s):
     )
 
 
-def step_summary(loop, gain, duration_s):
+def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
     """What `forceaxis step` prints as JSON. Raises InputError."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
@@ -196,7 +109,8 @@ def step_summary(loop, gain, duration_s):
     # Twice as long shows whether what is within 2 % stays there.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
-    final, figures = None, (None, None, None)
+    final: float | None = None
+    figures: tuple[float | None, ...] = (None, None, None)
     if stable:
         final = float(loop.closed(gain).at(0.0 if loop.dt is None else 1.0).real)
         if not abs(final) > 1e-9 * np.abs(value).max():
@@ -222,48 +136,30 @@ def step_summary(loop, gain, duration_s):
     }
 
 
-def describe_step(summary):
-    """The same for people."""
-    lines = [
-        f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
-        f"{summary['gain']:.6g} {summary['unit']}",
-        *working.lines(summary),
-        f"stable       {'yes' if summary['stable'] else 'no'}",
-    ]
-    units = {"final": "of the step", "overshoot": "of the final value"}
-    late = f"not within {summary['time_s'][-1]:.4g} s" if summary["final"] else "-"
-    for name in ("final", "overshoot", "rise_s", "settle_s"):
-        value = summary[name]
-        text = late if value is None else f"{value:.4g} {units.get(name, 's')}"
-        lines.append(f"{name.removesuffix('_s'):12} {text}")
-    return "\n".join(lines)
-
-
-def _root(value, dt, damping=True):
+def _root(value: complex, dt: float | None) -> Summary:
     """One pole or zero for JSON; what is not finite is null."""
 
-    def number(x):
+    def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
 
     with np.errstate(divide="ignore", invalid="ignore"):
         s = complex(value) if dt is None else complex(np.log(complex(value)) / dt)
         size = abs(s)
-        root = {
+        root: Summary = {
             "re_per_s": number(s.real),
             "im_per_s": number(s.imag),
             "hz": number(size / (2 * math.pi)),
         }
-    if damping:
         root["damping_ratio"] = number(-s.real / size) if size and np.isfinite(size) else None
     if dt is not None:
         root |= {"re_z": float(value.real), "im_z": float(value.imag)}
     return root
 
 
-def poles_summary(system, described):
+def poles_summary(system: System, described: Summary) -> Summary:
     """What `forceaxis poles` prints as JSON: of a System with one input and output."""
 
-    def ordered(values):
+    def ordered(values: Matrix) -> list[complex]:
         return sorted(
             values.astype(complex), key=lambda v: (abs(v - (system.dt is not None)), v.imag)
         )
@@ -282,7 +178,7 @@ def poles_summary(system, described):
     }
 
 
-def poles_of(request: LoopRequest, input: str | None, output: str | None) -> dict[str, Any]:
+def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Summary:
     """What `forceaxis poles` shows: of the loop of `request` closed at its gain; without a gain, or
     with an input, of the plant from input (None: drive.command) to output (None: reading)."""
     own = request.settings(plant=input is not None)
@@ -302,14 +198,14 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> dic
     return poles_summary(loop.closed(gain), described)
 
 
-def _plant_poles(request: LoopRequest, own: Settings, input: str, output: str) -> dict[str, Any]:
+def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: str) -> Summary:
     """What `forceaxis poles` shows of a plant."""
     path, overrides = linear.find_model(own.model), own.overrides
     if output == "reading" and linear.facts(path, overrides).reading is None:
         raise loops.no_reading(str(path))
     mode = working.working(path, overrides, request.states, request.free)
 
-    def plant_in(states):
+    def plant_in(states: dict[str, str]) -> System:
         return linear.linearise(path, (input,), (output,), overrides, states, request.free)
 
     plant = plant_in(mode.modes)
@@ -324,25 +220,3 @@ def _plant_poles(request: LoopRequest, own: Settings, input: str, output: str) -
         plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
     described = {"model": paths.display(path), "timing": timing, **working.summary(mode)}
     return poles_summary(plant, described)
-
-
-def describe_poles(summary):
-    """The same for people."""
-
-    def lines(kind):
-        for root in summary[kind]:
-            s = [root["re_per_s"], root["im_per_s"]]
-            text = "at -infinity" if None in s else f"{s[0]:11.6g} {s[1]:+11.6g}j 1/s"
-            if None not in s:
-                text += f" {root['hz']:8.5g} Hz"
-            if None not in s and root.get("damping_ratio") is not None:
-                text += f" zeta {root['damping_ratio']:<8.4g}"
-            if "re_z" in root:
-                text += f" z {root['re_z']:+.5f}{root['im_z']:+.5f}j"
-            yield f"{kind[:-1]} {text.rstrip()}"
-
-    head = f"from         {summary['input']} to {summary['output']}, {summary['timing']}"
-    if "closed" in summary:
-        closed = summary["closed"]
-        head += f", closed with {law_text(summary)} at {closed['gain']:.6g} {closed['unit']}"
-    return "\n".join([head, *working.lines(summary), *lines("poles"), *lines("zeros")])

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.errors import ParameterError
-from forceaxis.linear import limits, working
+from forceaxis.linear import limits
+from forceaxis.linear.limits import Summary
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Crossing, Limit, Loop
 from forceaxis.linear.system import System
@@ -25,7 +25,7 @@ class Array:
     poles: Roots
     zeros: Roots
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """What --json prints: 1/s."""
         return {
             "label": self.label,
@@ -60,7 +60,7 @@ class Locus:
     span_hz: float
     at_gain: Roots  # closed-loop poles at a given gain, 1/s
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
         return {
             "label": self.label,
@@ -89,7 +89,7 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
     natural = np.abs(light) / (2 * np.pi)
     if critical_hz:
-        return 1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]])
+        return float(1.35 * max([critical_hz, *natural[natural < 3 * critical_hz]]))
     natural = natural if len(natural) else np.abs(roots) / (2 * np.pi)
     return 1.35 * float(natural.max(initial=1.0))
 
@@ -157,7 +157,7 @@ def loci(
 
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
-) -> tuple[list[Locus], dict[str, Any]]:
+) -> tuple[list[Locus], Summary]:
     """(Loci, summary) of `forceaxis rlocus`: a locus for each combination of `vary`, texts
     NAME=VALUE,VALUE; span_hz: as in `loci`."""
     runs = varied(request.overrides, vary)
@@ -165,15 +165,3 @@ def loci_of(
     gains = [request.gain_of(loop) for loop in found]
     every = loci(found, [label for label, _ in runs], span_hz, gains)
     return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
-
-
-def describe(summary):
-    """The text of `forceaxis rlocus`: the limit of each locus."""
-    lines = working.lines(summary)
-    for one in summary["loci"]:
-        limit = one["critical_gain"]
-        text = one["reason"] if limit is None else f"limit {limit:.6g} {one['unit']}"
-        if one["frequency_hz"] is not None:
-            text += f" at {one['frequency_hz']:.4g} Hz"
-        lines.append(f"{one['label'] or summary['law']:12} {text}")
-    return "\n".join(lines)

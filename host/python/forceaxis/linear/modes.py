@@ -86,7 +86,8 @@ def mechanics(
     def symmetric(columns: list[int]) -> np.ndarray:
         scaled = -root[:, None] * system.A[np.ix_(v, columns)] / root
         reduced = basis.T @ scaled @ basis
-        return (reduced + reduced.T) / 2
+        result: linear.Matrix = (reduced + reduced.T) / 2
+        return result
 
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
@@ -173,8 +174,7 @@ def modes(
     total = np.abs(residues).sum()
     seen = np.abs(residues) > NO_RESIDUE * total if total > 0 else np.zeros(len(residues), bool)
 
-    options = {"overrides": overrides, "free": free}
-    bare = linear.linearise(path, [input], [output], drive=False, modes=of_mechanics, **options)
+    bare = linear.linearise(path, [input], [output], overrides, of_mechanics, free, drive=False)
     damped = _damped_residues(m, bare)
     has_path = bool(seen.any() or damped.any())
     if named and not has_path:
@@ -188,7 +188,7 @@ def modes(
             f"{path}: expected an output that the input moves, got no path from {input} to "
             f"{output} in this mode{cut or '; name others, or another state by `states`'}"
         )
-    driven = linear.linearise(path, [input], [output], modes=states, **options)
+    driven = linear.linearise(path, [input], [output], overrides, states, free)
     matched, others = match(m, driven)
 
     rows, reference, below = [], None, None
@@ -273,7 +273,8 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])
     sizes = np.array([residues[keep[pairs[i]]] if i in pairs else 0.0 for i in range(len(m.w))])
-    return sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
+    result: linear.Matrix = sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
+    return result
 
 
 def _pole(pole: complex) -> Pole:
@@ -288,38 +289,3 @@ def _pole(pole: complex) -> Pole:
 
 def _frequency(pole: Pole) -> Any:
     return pole["frequency_hz"]
-
-
-def describe(result: dict[str, Any]) -> str:
-    """The text of `forceaxis modes`."""
-    lines = [
-        f"{result['model']}, contact {result['contact'] or 'none'}: "
-        f"{result['input']} to {result['output']}",
-        *working.lines(result),
-        f"{'':4}{'undamped, drive removed':>24}  {'with drive':>18}",
-        f"{'mode':4}{'Hz':>12}{'damping':>12}  {'Hz':>9}{'damping':>9}  label",
-    ]
-    for i, mode in enumerate(result["modes"], 1):
-        label = mode["label"]
-        if mode["against_below"] != label:
-            label += f" (against the mode below: {mode['against_below']})"
-        elif mode["reference"]:
-            label += ", the reference"
-        elif mode["residue"] == 0 and label == "colocated":
-            label += " (zeros on the poles but for damping)"
-        driven = mode["driven"] or {"frequency_hz": None, "damping_ratio": None}
-        undamped = f"{_number(mode['frequency_hz']):>12}{_number(mode['damping_ratio']):>12}"
-        with_drive = f"{_number(driven['frequency_hz']):>9}{_number(driven['damping_ratio']):>9}"
-        lines.append(f"{i:<4}{undamped}  {with_drive}  {label}")
-        shape = ", ".join(f"{body} {value + 0.0:.3g}" for body, value in mode["shape"].items())
-        lines.append(f"{'':16}{shape}")
-    if not result["path"]:
-        lines.append("no path from input to output in this mode: no labels (--mode ELEMENT=STATE)")
-    if result["other_poles"]:
-        poles = ", ".join(f"{p['frequency_hz']:.4g} Hz" for p in result["other_poles"])
-        lines.append(f"other poles with drive: {poles}")
-    return "\n".join(lines)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"

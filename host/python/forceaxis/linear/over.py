@@ -8,21 +8,30 @@ nothing falls between the points of a grid.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import optimize
 
 from forceaxis import _core
 from forceaxis.errors import ParameterError
 from forceaxis.linear import boundary, loops, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.bank import StateSpace
 from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.plant_set import Member, PlantSet
-from forceaxis.linear.stability import Loop
+from forceaxis.linear.stability import Limit, Loop
+from forceaxis.linear.system import Matrix, System
+from forceaxis.linear.working import States
+
+T = TypeVar("T")
+Entry = tuple[Member, str, T]  # a member, its timing, and the analysis of its loop
 
 HALF_POWER = math.sqrt(0.5)
 RANDOM = 24  # members analysed before the search, besides nominal and corners
@@ -52,7 +61,7 @@ class Figures:
     sag: bool = False  # |T| is below -3 dB somewhere below fS
     known_to: float | None = None  # factor above which rounding decides; None: it decides nowhere
 
-    def badness(self, name):
+    def badness(self, name: str) -> float:
         """A number that grows as figure `name` gets worse; inf of an unstable loop."""
         if not self.stable:
             return math.inf
@@ -60,14 +69,14 @@ class Figures:
         if value is None:
             return -math.inf
         if name == "phase_margin_deg":
-            return -abs(value)
-        return value if FIGURES[name] else -value
+            return float(-abs(value))
+        return float(value if FIGURES[name] else -value)
 
 
 class _Response:
     """|H| along the boundary of stability, for a stable System H."""
 
-    def __init__(self, system):
+    def __init__(self, system: System) -> None:
         system = boundary.minimal(system)
         self.A, self.B, self.C, D = boundary.plane(system)
         self.D = D[0, 0]
@@ -75,16 +84,17 @@ class _Response:
         self.poles = _core.eigenvalues(self.A)
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
 
-    def size(self, w):
+    def size(self, w: ArrayLike) -> Matrix:
         """|H| at frequencies w of the plane, array like w."""
-        w = np.asarray(w, float)
-        return np.abs(self.response(w.ravel())[0]).reshape(w.shape)
+        at = np.asarray(w, float)
+        result: Matrix = np.abs(self.response(at.ravel())[0]).reshape(at.shape)
+        return result
 
-    def ends(self):
+    def ends(self) -> tuple[float, float]:
         """|H| at frequency 0 and at the end of the axis (z = -1)."""
         return float(self.size(0.0)), float(abs(self.D))
 
-    def _level_roots(self, level):
+    def _level_roots(self, level: float) -> Matrix:
         """Points s near which |H(jw)| = level: zeros of level^2 - H(s) H(-s)."""
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
@@ -96,14 +106,15 @@ class _Response:
                 [-C.T @ C * (1 + D * D / rest), -(A + B @ C * (D / rest)).T],
             ]
         )
-        return _core.eigenvalues(matrix)
+        result: Matrix = _core.eigenvalues(matrix)
+        return result
 
-    def marks(self, level):
+    def marks(self, level: float) -> Matrix:
         """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
         return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
-    def crossings(self, level):
+    def crossings(self, level: float) -> list[tuple[float, bool]]:
         """[(w, rises)] where |H| = level, in order."""
         grid = self.marks(level)
         apart = self.size(grid) - level
@@ -115,7 +126,7 @@ class _Response:
             found.append((w, bool(apart[i] < 0)))
         return found
 
-    def peak(self):
+    def peak(self) -> float:
         """Largest |H|: rises from the grid's highest points until no point exceeds the level."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
@@ -128,7 +139,7 @@ class _Response:
                 break
         return float(best)
 
-    def _hill(self, grid, sizes, i):
+    def _hill(self, grid: Matrix, sizes: Matrix, i: int) -> float:
         """The largest |H| between the neighbours of point i of a grid."""
         high = grid[min(i + 1, len(grid) - 1)]
         low = max(grid[max(i - 1, 0)], 1e-6 * high)
@@ -142,22 +153,22 @@ class _Response:
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
                 summit = optimize.brentq(self._rise, *ends, xtol=1e-300, rtol=1e-15)
-                return max(best, float(self.size(summit)))
-        return best
+                return float(max(best, float(self.size(summit))))
+        return float(best)
 
-    def _rise(self, w):
+    def _rise(self, w: float) -> float:
         """d ln |H| / dw."""
         value, slope, _ = self.response([w])
         return float((slope[0] / value[0]).real)
 
 
-def figures(loop: Loop, gain):
+def figures(loop: Loop, gain: float) -> Figures:
     """The Figures of a loop at a gain (k, V/N)."""
     if not loop.stable(gain):
         return Figures(False)
     S, T = _Response(loop.sensitivity(gain)), _Response(loop.closed(gain))
-    rises = [loop._hz(w) for w, up in S.crossings(HALF_POWER) if up]
-    falls = [loop._hz(w) for w, up in T.crossings(HALF_POWER) if not up]
+    rises = [loop.hz(w) for w, up in S.crossings(HALF_POWER) if up]
+    falls = [loop.hz(w) for w, up in T.crossings(HALF_POWER) if not up]
     fS = 0.0 if S.ends()[0] >= HALF_POWER else min(rises, default=None)
     fT = None if T.ends()[1] >= HALF_POWER else max(falls, default=0.0)
     sag = T.ends()[0] < HALF_POWER or min(falls, default=math.inf) < (fS or math.inf)
@@ -178,20 +189,28 @@ class Worst:
     gain_margin: float | None = None
     phase_margin_deg: float | None = None
     sag: bool = False
-    member: dict = field(default_factory=dict)  # figure or "stable", "sag" -> (Member, timing)
+    member: dict[str, tuple[Member, str]] = field(
+        default_factory=dict
+    )  # figure or "stable", "sag" -> (Member, timing)
     members: int = 0  # loops that were analysed
     known_to: float | None = None
 
 
-class _Set:
+class _Set(Generic[T]):
     """Loops over a PlantSet, each analysed once, and the search for the worst of something."""
 
-    def __init__(self, plants, timings, spec, analyse):
+    def __init__(
+        self,
+        plants: PlantSet,
+        timings: Sequence[str],
+        spec: LoopSpec | None,
+        analyse: Callable[[Loop], T],
+    ) -> None:
         self.plants, self.timings = plants, timings
         self.spec, self.analyse = spec, analyse
-        self.found = {}  # key -> (Member, timing, what analyse gives)
+        self.found: dict[tuple[Any, ...], Entry[T]] = {}
 
-    def at(self, member, timing):
+    def at(self, member: Member, timing: str) -> Entry[T]:
         """What `analyse` gives for one loop."""
         key = (*member.values.values(), *sorted(member.modes.items()), timing)
         if key not in self.found:
@@ -199,12 +218,12 @@ class _Set:
             self.found[key] = (member, timing, self.analyse(loop))
         return self.found[key]
 
-    def cover(self, members):
+    def cover(self, members: Iterable[Member]) -> None:
         """Analyse members with every timing."""
         for member, timing in itertools.product(members, self.timings):
             self.at(member, timing)
 
-    def worst(self, badness):
+    def worst(self, badness: Callable[[T], float]) -> Entry[T]:
         """The entry with the largest badness, sought for also around the worst few."""
         for member, timing, _ in self._few(badness):
             self._climb(member, timing, badness, (0.5, COARSE))
@@ -212,19 +231,25 @@ class _Set:
         self._climb(member, timing, badness, (COARSE, FINE))
         return self._first(badness)
 
-    def _first(self, badness):
+    def _first(self, badness: Callable[[T], float]) -> Entry[T]:
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
-    def _few(self, badness):
+    def _few(self, badness: Callable[[T], float]) -> list[Entry[T]]:
         """The worst entry of each mode and timing, and the worst others."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
-        first = {}
+        first: dict[tuple[Any, ...], Entry[T]] = {}
         for member, timing, result in ordered:
             first.setdefault((*sorted(member.modes.items()), timing), (member, timing, result))
         leaders = sorted(first.values(), key=lambda entry: -badness(entry[2]))[:REFINED]
         return leaders + [entry for entry in ordered[:REFINED] if entry not in leaders]
 
-    def _climb(self, member, timing, badness, steps):
+    def _climb(
+        self,
+        member: Member,
+        timing: str,
+        badness: Callable[[T], float],
+        steps: tuple[float, float],
+    ) -> None:
         """Pattern search within the ranges, from one member; steps: the first and the last, in
         half-widths of a range. A fine one leaves alone what stands at the end of its range."""
         ranges = self.plants.ranges
@@ -252,12 +277,14 @@ class _Set:
             step = step if best > before else step / 2
 
 
-def sample(plants):
+def sample(plants: PlantSet) -> list[Member]:
     """Members analysed before the search: nominal, corners, random ones."""
     return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
 
 
-def _explored(plants, timings, spec, analyse):
+def _explored(
+    plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
+) -> _Set[T]:
     """A _Set with nominal, corners and random members analysed."""
     group = _Set(plants, timings, spec, analyse)
     group.cover(sample(plants))
@@ -289,30 +316,28 @@ def worst(
     of 3 to 5 ms.
     """
 
-    def analyse(loop):
+    def analyse(loop: Loop) -> Figures:
         return figures(loop, gain_at(loop, gain, force_gain))
 
     group = _explored(plants, timings, spec, analyse)
-    unstable, found = [], {}
+    found: dict[str, Entry[Figures]] = {}
     for name in FIGURES:
-        found[name] = group.worst(lambda f, name=name: f.badness(name))
+        found[name] = group.worst(operator.methodcaller("badness", name))
         unstable = [entry for entry in group.found.values() if not entry[2].stable]
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    doubt = min(
-        (e for e in group.found.values() if e[2].known_to is not None),
-        key=lambda e: e[2].known_to, default=None,
-    )  # fmt: skip
-    if doubt and doubt[2].known_to > (values["gain_margin"] or math.inf):
-        doubt = None  # the margin is reached before
-    if doubt:
+    # Where no margin is reached before, the one that is known least far.
+    doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
+    known_to = doubt[2].known_to
+    if known_to is not None and known_to > (values["gain_margin"] or math.inf):
+        known_to = None
+    if known_to is not None:
         values["gain_margin"], found["gain_margin"] = None, doubt
     member = {n: entry[:2] for n, entry in found.items() if values[n] is not None}
     sagging = [entry for entry in group.found.values() if entry[2].sag]
     if sagging:
         member["sag"] = sagging[0][:2]
-    known_to = doubt[2].known_to if doubt else None
     return Worst(True, **values, sag=bool(sagging), member=member, members=len(group.found),
                  known_to=known_to)  # fmt: skip
 
@@ -335,7 +360,7 @@ def largest_gain(
 ) -> Largest:
     """The Largest gain that all of a PlantSet bear with the loop of `spec` (None: law p)."""
 
-    def analyse(loop):
+    def analyse(loop: Loop) -> tuple[float, Limit]:
         limit = loop.limit()
         to = limit.stable_to
         return (math.inf if to is None else to), limit
@@ -345,21 +370,29 @@ def largest_gain(
     return Largest(limit.gain, member, timing, limit.frequency_hz, limit.known_to)
 
 
-def _equations(model, overrides, modes, output):
+def _equations(
+    model: str | Path, overrides: Overrides | None, modes: States, output: str
+) -> StateSpace | None:
     """(A, B, C, D) from the command to the output in a mode; None: without a path."""
     plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
 
-def distinct(model, overrides, output, candidates):
+def distinct(
+    model: str | Path,
+    overrides: Overrides | None,
+    output: str,
+    candidates: Iterable[dict[str, str]],
+) -> tuple[dict[str, str], ...]:
     """One of each of the modes that have the same equations, if these have a path; each with as few
     of its states as say the same."""
 
-    def same(modes, equations):
+    def same(modes: States, equations: StateSpace) -> bool:
         own = _equations(model, overrides, modes, output)
         return own is not None and all(map(np.array_equal, own, equations))
 
-    found, seen = [], []
+    found: list[dict[str, str]] = []
+    seen: list[StateSpace] = []
     for modes in candidates:
         equations = _equations(model, overrides, modes, output)
         if equations is None or any(all(map(np.array_equal, equations, o)) for o in seen):
@@ -372,7 +405,7 @@ def distinct(model, overrides, output, candidates):
     return tuple(sorted(found, key=len))
 
 
-def _lasts(known, modes):
+def _lasts(known: PlantFacts, modes: States) -> bool:
     """Whether a law can be in this mode for long: pressed, if the model has contacts, and nothing
     saturated. (A saturated feedback inside the drive leaves a loop that no gain holds.)"""
     if any(state.endswith(" limit") for state in modes.values()):

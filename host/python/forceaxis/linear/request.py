@@ -9,7 +9,7 @@ from forceaxis.linear import loops, settings
 from forceaxis.linear import system as linear
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides
-from forceaxis.linear.settings import Settings
+from forceaxis.linear.settings import ModelSettings
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.working import States
 
@@ -45,11 +45,11 @@ class LoopRequest:
         """Whether the request itself has a gain."""
         return self.gain is not None or self.firmware_gain is not None
 
-    def settings(self, plant: bool = False) -> Settings:
+    def settings(self, plant: bool = False) -> ModelSettings:
         """What the model or experiment describes; plant: without a force loop."""
         return settings.of(self.model, self.overrides, plant)
 
-    def spec(self, own: Settings) -> LoopSpec:
+    def spec(self, own: ModelSettings) -> LoopSpec:
         """The specification of the loop: fields of the request, else those of `own`."""
         law = self.law or own.law
         return LoopSpec(

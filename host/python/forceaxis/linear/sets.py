@@ -1,27 +1,20 @@
 """A force loop over a set of plants: ranges of parameters, several modes, several delays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from forceaxis import toml
 from forceaxis.errors import ParameterError
 from forceaxis.linear import curves, limits, over, plant_set, settings
+from forceaxis.linear.limits import Summary
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.request import LoopRequest, one_gain
-from forceaxis.linear.settings import Settings
-from forceaxis.linear.stability import Loop, known_text
+from forceaxis.linear.settings import ModelSettings
+from forceaxis.linear.stability import Loop
+from forceaxis.linear.system import System
 
 BOTH = ("zoh", "zoh+1")
-NAMES = {
-    "fS_Hz": "|S| -3 dB",
-    "fT_Hz": "|T| -3 dB",
-    "Ms": "Ms",
-    "gain_margin": "gain margin",
-    "phase_margin_deg": "phase margin",
-}
-UNITS = {"fS_Hz": " Hz", "fT_Hz": " Hz", "phase_margin_deg": " degrees"}
 
 
 def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
@@ -77,7 +70,9 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     return found
 
 
-def _modes_of(request: LoopRequest, own: Settings, modes: str | None) -> tuple[dict[str, str], ...]:
+def _modes_of(
+    request: LoopRequest, own: ModelSettings, modes: str | None
+) -> tuple[dict[str, str], ...]:
     """The modes of a set, as `loop_set` describes them."""
     fixed = dict(request.states)
     if fixed and modes:
@@ -95,18 +90,12 @@ def _modes_of(request: LoopRequest, own: Settings, modes: str | None) -> tuple[d
     return (fixed,)
 
 
-def _one(member, timing):
+def _one(member: Member, timing: str) -> Summary:
     """A member for JSON."""
     return {"values": member.values, "modes": member.modes, "timing": timing}
 
 
-def member_text(one):
-    """The same for people."""
-    label = plant_set.Member(one["values"], one["modes"]).label()
-    return f"{label}, {one['timing']}"
-
-
-def described(found):
+def described(found: LoopSet) -> Summary:
     """The set that was analysed, for the summary of a verb."""
     ranges = {n: dict(zip(("nominal", "low", "high"), r, strict=True))
               for n, r in found.plants.ranges.items()}  # fmt: skip
@@ -117,7 +106,7 @@ def described(found):
     }
 
 
-def worst_summary(found, gain, force_gain):
+def worst_summary(found: LoopSet, gain: float | None, force_gain: float | None) -> Summary:
     """The worst of each figure at a gain, and who it is."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
@@ -133,7 +122,7 @@ def worst_summary(found, gain, force_gain):
     }
 
 
-def limit_summary(found):
+def limit_summary(found: LoopSet) -> Summary:
     """What `forceaxis limit --over` prints as JSON."""
     largest = over.largest_gain(found.plants, found.timings, found.spec)
     gain, loop = largest.gain, found.loop(largest.member, largest.timing)
@@ -155,78 +144,19 @@ def limit_summary(found):
     return summary
 
 
-def _range_text(summary):
-    one, nominal = summary["over"], summary.get("mode_text")
-    spans = [f"{n} {r['low']:.6g}..{r['high']:.6g}" for n, r in one["ranges"].items()]
-    modes = [plant_set.Member({}, m).label() for m in one["modes"]]
-    if nominal:  # says what the first of them is
-        modes[0] = nominal
-    return [
-        f"set          {', '.join(spans) or 'the nominal values'}",
-        *(f"{'mode' if i == 0 else '':12} {text}" for i, text in enumerate(modes)),
-    ]
-
-
-def worst_text(at, unit):
-    """Lines of `worst_summary`."""
-    own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
-    lines = [f"at           {at['gain']:.6g} {unit}{own}: "]
-    if not at["stable"]:
-        lines[0] += f"unstable at {member_text(at['member']['stable'])}"
-        return lines
-    lines[0] += f"all {at['members']} plants stable; the worst:"
-    for name, label in NAMES.items():
-        value = at[name]
-        text = "none" if value is None else f"{value:.4g}{UNITS.get(name, '')}"
-        if value == 0 and name in limits.AT_REST:
-            text = limits.AT_REST[name] + ","
-        if value is None and name == "gain_margin" and at["known_to"] is not None:
-            text = f"none up to a factor of {known_text(at['known_to'], '')},"
-        who = at["member"].get(name)
-        lines.append(f"{label:12} {text:14} {member_text(who) if who else ''}".rstrip())
-    if at["sag"] and at["fT_Hz"]:
-        lines.append(f"sag          |T| below -3 dB below fS at {member_text(at['member']['sag'])}")
-    return lines
-
-
-def describe(summary):
-    """The text of `forceaxis limit --over`, and of the others with a set."""
-    lines = [
-        f"loop         {limits.law_text(summary)}, {summary['timing']}, {summary['output']}",
-        *_range_text(summary),
-    ]
-    unit = summary["unit"]
-    if "critical_gain" in summary:
-        gain = summary["critical_gain"]
-        if gain is None:
-            known_to, which = summary["known_to"], "at every gain"
-            if known_to is not None:
-                which = f"up to {known_text(known_to, unit)}, {member_text(summary['member'])}"
-            lines.append(f"limit        none: all are stable {which}")
-        else:
-            hz = summary["frequency_hz"]
-            where = "" if not gain else f" {limits.hz_text(hz)}"
-            lines.append(f"limit        {gain:.6g} {unit}{where}, {member_text(summary['member'])}")
-            if summary["firmware_gain"]:
-                largest = summary["largest_firmware_gain"]
-                below = f"largest setting below it {largest:.8g}" if largest else "none is below it"
-                lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
-        own, known_to = (summary["nominal"][name] for name in ("critical_gain", "known_to"))
-        none = "none" + ("" if known_to is None else f" up to {known_text(known_to, unit)}")
-        lines.append(f"nominal      {none if own is None else f'{own:.6g} {unit}'}")
-    if "at" in summary:
-        lines += worst_text(summary["at"], unit)
-    return "\n".join(lines)
-
-
-def _members(found):
+def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
     """(member, timing, loop) of what is drawn: the nominal in each mode first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
             yield member, timing, found.loop(member, timing)
 
 
-def _curves_over(found, response, span_hz, points):
+def _curves_over(
+    found: LoopSet,
+    response: Callable[[Loop, float], System],
+    span_hz: tuple[float, float],
+    points: int,
+) -> tuple[list[curves.Curve], Summary]:
     """(Curves, summary) of response(loop, k), a System with one input and output, over the set.
 
     The first Curve is the nominal one; the summary has the worst of each figure.
@@ -247,7 +177,7 @@ def _curves_over(found, response, span_hz, points):
     return drawn, summary
 
 
-def nyquist_of(found):
+def nyquist_of(found: LoopSet) -> tuple[list[curves.Curve], Summary]:
     """(Curves, summary) of `forceaxis nyquist` over a set: loop gains."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
@@ -257,7 +187,7 @@ def bode(
     view: curves.BodeView,
     ranges: Sequence[str] = (),
     modes: str | None = None,
-) -> tuple[list[curves.Curve], Any]:
+) -> tuple[list[curves.Curve], Summary]:
     """(Curves, summary) of `forceaxis bode`, of a plant, of a loop, or of a set of loops.
 
     ranges, modes: as in `loop_set`.
@@ -286,7 +216,7 @@ def bode(
     return drawn, summary | {"of": part}
 
 
-def step_of(found, duration_s):
+def step_of(found: LoopSet, duration_s: float) -> Summary:
     """What `forceaxis step` prints over a set: the nominal response, and those of the others."""
     given = found.drawn_gain()
     rows = []
@@ -314,23 +244,3 @@ def step_of(found, duration_s):
         "worst": worst,
         "members": rows,
     }
-
-
-def describe_step(summary):
-    """The same for people."""
-    lines = [
-        f"loop         {limits.law_text(summary)}, {summary['timing']}, {summary['output']}, "
-        f"{summary['gain']:.6g} {summary['unit']}",
-        *_range_text(summary),
-    ]
-    unstable = [row for row in summary["members"] if not row["stable"]]
-    if unstable:
-        lines.append(f"stable       no: {member_text(unstable[0])}")
-    else:
-        lines.append(f"stable       all of {len(summary['members'])}")
-    for name, unit in (("overshoot", "of the final value"), ("settle_s", "s")):
-        row = summary["worst"].get(name)
-        if row:
-            label = f"worst {name.removesuffix('_s')}"
-            lines.append(f"{label:15} {row['value']:.4g} {unit}, {member_text(row)}")
-    return "\n".join(lines)

@@ -4,12 +4,17 @@ Of an experiment count its model, [set], and the values that [firmware] starts w
 holds them: law, bank, gain, latency. What it writes later ([[at]]) is ignored.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from forceaxis import _core, paths, toml
 from forceaxis.linear import bank as banks
 from forceaxis.linear import system as linear
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
+
+Firmware = Mapping[str, Any]  # {object: the value that an experiment starts with}
 
 NATIVE_FORCE = 3  # of object mode
 # Of modes_of_operation, those that control force.
@@ -17,26 +22,26 @@ FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "im
 
 
 @dataclass(frozen=True)
-class Settings:
+class ModelSettings:
     """What a loop is closed around, and the firmware's law if an experiment describes one."""
 
     model: str
-    overrides: dict  # {parameter: SI value, or a text}
+    overrides: dict[str, Any]  # {parameter: SI value, or a text}
     experiment: str | None = None
     law: str = "p"
     timing: str = "zoh"
     bank: banks.Bank | None = None
     force_gain: float | None = None  # of the thesis's laws, DAC codes per 8-bit count
-    parameters: dict = field(default_factory=dict)  # of `law`, SI
-    texts: tuple = ()  # the experiment's overrides, NAME=VALUE
+    parameters: dict[str, float] = field(default_factory=dict)  # of `law`, SI
+    texts: tuple[str, ...] = ()  # the experiment's overrides, NAME=VALUE
 
     @property
-    def firmware_gain(self):
+    def firmware_gain(self) -> float | None:
         """The gain in use, DAC codes per 8-bit count; None: a model, or no gain is set."""
         return self.bank.force_gain if self.bank else self.force_gain
 
 
-def find(text):
+def find(text: str | Path) -> Path:
     """The path of a model or experiment given as a path or as a stem; a model's goes first."""
     if Path(text).suffix != ".toml" and Path(text).parent == Path():
         for folder in (paths.MODELS, paths.EXPERIMENTS):
@@ -45,32 +50,32 @@ def find(text):
     return linear.find_model(text)
 
 
-def is_experiment(table):
+def is_experiment(table: Mapping[str, Any]) -> bool:
     """Whether a file's table is an experiment's: it names a model and runs."""
     return "model" in table and "duration_s" in table
 
 
-def of(text, overrides=None, plant=False):
-    """The Settings of MODEL|EXPERIMENT under {name: value} of --set; with an experiment also
+def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
+    """The ModelSettings of MODEL|EXPERIMENT under {name: value} of --set; with an experiment also
     firmware.NAME. Raises InputError, also for an experiment that closes no force loop unless its
     plant alone is wanted."""
-    overrides = dict(overrides or {})
+    given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
         raise _core.InputError(f"{path}: expected a model or an experiment, got the list of tables")
     table = toml.read(path)
     if not is_experiment(table):
-        return Settings(str(path), overrides)
-    texts = linear.override_texts(overrides)
+        return ModelSettings(str(path), given)
+    texts = linear.override_texts(given)
     own = _core.inputs(str(path), texts)
     values = {name: parameter["value"] for name, parameter in own["parameters"].items()}
-    named = {n: values[n] for n in table.get("set", {}) | overrides if n in values}
+    named = {n: values[n] for n in table.get("set", {}) | given if n in values}
     model = str(own["model"])
     if plant:
-        return Settings(model, named, str(path), texts=tuple(texts))
+        return ModelSettings(model, named, str(path), texts=tuple(texts))
     firmware = own["firmware"]
     law, bank = _law(path, firmware), _bank(path, firmware)
-    return Settings(
+    return ModelSettings(
         model, named, str(path), law="bank" if bank and law == "p" else law, bank=bank,
         force_gain=firmware.get("force_gain") or None,
         timing="zoh+1" if firmware.get("latency_ticks") == 1 else "zoh",
@@ -78,7 +83,7 @@ def of(text, overrides=None, plant=False):
     )  # fmt: skip
 
 
-def _law(path, firmware):
+def _law(path: Path, firmware: Firmware) -> str:
     """The law of the mode that the firmware starts in."""
     drive = int(firmware.get("modes_of_operation", 0))
     if drive in FORCE_MODES:
@@ -94,7 +99,7 @@ def _law(path, firmware):
     )
 
 
-def _bank(path, firmware):
+def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
     """The bank that is selected, or None."""
     try:
         return banks.of_settings(firmware)
@@ -105,7 +110,7 @@ def _bank(path, firmware):
         ) from None
 
 
-def _parameters(path, law, firmware, known):
+def _parameters(path: Path, law: str, firmware: Firmware, known: PlantFacts) -> dict[str, float]:
     """SI parameters of stiffness, damping and impedance."""
     if law not in ("stiffness", "damping", "impedance"):
         return {}

@@ -7,16 +7,19 @@ matrices (`_core.BoundaryResponse`); eigenvalues only tell where to look.
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import linalg, optimize
 
 from forceaxis import _core
-from forceaxis.linear.bank import Bank
+from forceaxis.linear.bank import Bank, StateSpace
 from forceaxis.linear.boundary import marks, minimal, plane, response
-from forceaxis.linear.system import System
+from forceaxis.linear.system import TICK_S, Matrix, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
@@ -85,31 +88,32 @@ class Loop:
     signal: str
     unit: str
     codes_per_gain: float | None
-    parameters: dict = field(default_factory=dict)
+    parameters: dict[str, float] = field(default_factory=dict)
     bank: Bank | None = None
     own_gain: float | None = None  # k of the experiment that the loop is of
     working: Working = field(default_factory=lambda: Working({}))
 
     @cached_property
-    def open(self):
+    def open(self) -> System:
         """L / k, one input and one output."""
         return self.whole.select(outputs=("feedback",))
 
     @property
-    def dt(self):
+    def dt(self) -> float | None:
+        """Sampling period, s; None: continuous."""
         return self.whole.dt
 
-    def firmware_gain(self, gain):
+    def firmware_gain(self, gain: float) -> float:
         """The firmware's force_gain, DAC codes per 8-bit count, of k = `gain`."""
         if self.codes_per_gain is None:
             raise _core.InputError("firmware gain: expected the loop of ADC 0's reading")
         return gain * self.codes_per_gain
 
-    def gain_of(self, firmware_gain):
+    def gain_of(self, firmware_gain: float) -> float:
         """k of a firmware force_gain."""
         return firmware_gain / self.firmware_gain(1.0)
 
-    def closed(self, gain):
+    def closed(self, gain: float) -> System:
         """From the set-point (in what is fed back: N) to the signal, with the loop closed."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
         share = gain / (1 + gain * D[0, 0])  # of the set-point less C x in gain (r - C x - D u)
@@ -123,13 +127,13 @@ class Loop:
             outputs=self.whole.outputs[1:],
         )
 
-    def sensitivity(self, gain):
+    def sensitivity(self, gain: float) -> System:
         """S = 1 / (1 + k L), from the set-point to the error, of a loop closed at a gain."""
         A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
         share = gain / D[0, 0]
         return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
 
-    def closed_poles(self, gain):
+    def closed_poles(self, gain: float) -> Matrix:
         """Closed-loop poles, 1/s (of a sampled loop log(z) / T)."""
         return self.closed(gain).poles_s()
 
@@ -137,39 +141,41 @@ class Loop:
     # mapped onto w = (2/T) (z - 1)/(z + 1), which takes the unit circle to the imaginary axis.
 
     @cached_property
-    def _minimal(self):
+    def _minimal(self) -> System:
         return minimal(self.open)
 
     @cached_property
-    def _plane(self):
+    def _plane(self) -> StateSpace:
         """(A, B, C, D) with the imaginary axis as boundary, balanced."""
         return plane(self._minimal)
 
-    def _hz(self, w):
+    def hz(self, w: float) -> float:
+        """The frequency, Hz, of a frequency w of the plane, rad/s."""
         if self.dt is None:
             return w / (2 * math.pi)
         return math.atan(w * self.dt / 2) / (math.pi * self.dt)
 
     @cached_property
-    def _boundary(self):
+    def _boundary(self) -> _core.BoundaryResponse:
         return response(self.open)
 
     @cached_property
-    def _boundary_minimal(self):
+    def _boundary_minimal(self) -> _core.BoundaryResponse:
         return response(self._minimal)
 
-    def _known(self, w):
+    def _known(self, w: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
         """(G, dG/dw, by how much rounding of the matrices' entries moves G) at frequencies w of the
         plane, each like w in shape."""
-        w = np.asarray(w, float)
+        at = np.asarray(w, float)
         # Only at rest a pole that nothing sees is in the way.
-        whole = self._boundary if np.all(w) else self._boundary_minimal
-        return tuple(values.reshape(w.shape) for values in whole(w.ravel()))
+        whole = self._boundary if np.all(at) else self._boundary_minimal
+        G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
+        return G, slope, rounding
 
-    def _at(self, w):
+    def _at(self, w: ArrayLike) -> Matrix:
         return self._known(w)[0]
 
-    def _static_rounding(self, static):
+    def _static_rounding(self, static: float) -> float:
         """What G(0) = `static` must exceed to be known to 1 %; infinite of an integrator.
 
         G(0) is computed again with states in other units, which rounds everything differently: more
@@ -186,20 +192,21 @@ class Loop:
                 C=self.open.C * scale,
             )
             apart = max(apart, abs(response(minimal(system))([0.0])[0].item().real - static))
-        return 100 * max(apart, self._known(0.0)[2].item())
+        return float(100 * max(apart, self._known(0.0)[2].item()))
 
-    def _marks(self, zeros):
+    def _marks(self, zeros: Matrix) -> Matrix:
         """Frequencies of the plane between which the sign of a real function of w changes at most
         once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
     @cached_property
-    def _poles(self):
-        return _core.eigenvalues(self._plane[0])
+    def _poles(self) -> Matrix:
+        result: Matrix = _core.eigenvalues(self._plane[0])
+        return result
 
     @cached_property
-    def _boundary_poles(self):
+    def _boundary_poles(self) -> list[tuple[float, complex | None]]:
         """(frequency of the plane, how a small gain moves it or None) of each pole that is on the
         boundary without a gain, to rounding. None: a multiple pole."""
         A, B, C, _ = self._plane
@@ -219,26 +226,26 @@ class Loop:
         return found
 
     @property
-    def _at_gain_0(self):
+    def _at_gain_0(self) -> list[Crossing]:
         """Crossings at gain 0: simple poles of the plant that nothing damps."""
         found = [(w, move) for w, move in self._boundary_poles if move is not None]
         sideways = [abs(move.real) < 1e-9 * abs(move) for _, move in found]
         return [
-            Crossing(0.0, self._hz(w), 0 if along else int(np.sign(move.real)))
+            Crossing(0.0, self.hz(w), 0 if along else int(np.sign(move.real)))
             for (w, move), along in zip(found, sideways, strict=True)
         ]
 
-    def _phase(self, w):
+    def _phase(self, w: float) -> float:
         """Sine of the phase of G: 0 where G is real or 0, and on a pole."""
         G = self._at(w)
-        return G.imag / np.abs(G) if np.isfinite(G) and G else 0.0
+        return float(G.imag / np.abs(G)) if np.isfinite(G) and G else 0.0
 
-    def _turn(self, w):
+    def _turn(self, w: float) -> float:
         """d Im G / dw."""
-        return self._known(w)[1].imag
+        return float(self._known(w)[1].imag)
 
     @cached_property
-    def _real_points(self):
+    def _real_points(self) -> Matrix:
         """Zeros of G(s) - G(-s), which on the axis are where G is real."""
         A, B, C, _ = self._plane
         zero = np.zeros((len(A), len(A)))
@@ -248,7 +255,7 @@ class Loop:
         )  # fmt: skip
         return both.zeros() if both.has_path() else np.zeros(0, complex)
 
-    def crossings(self):
+    def crossings(self) -> list[Crossing]:
         """All gains > 0 at which a closed-loop pole is on the boundary, smallest first.
 
         There G is real and negative, k = -1 / G. Where it is real is an eigenvalue problem, which
@@ -258,11 +265,11 @@ class Loop:
         return list(self._crossings)
 
     @property
-    def _crossings(self):
+    def _crossings(self) -> list[Crossing]:
         return self._crossed[0]
 
     @cached_property
-    def _crossed(self):
+    def _crossed(self) -> tuple[list[Crossing], float | None]:
         """(all crossings up to the gain above which rounding decides, that gain or None)."""
         if not len(self._minimal.A):
             return [], None
@@ -290,14 +297,14 @@ class Loop:
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
             if rounding < KNOWN * abs(value):
-                crossings.append(Crossing(float(-1 / value), self._hz(w), direction))
+                crossings.append(Crossing(float(-1 / value), self.hz(w), direction))
             else:
-                doubts.append(1 / (abs(value) + rounding))
+                doubts.append(float(1 / (abs(value) + rounding)))
         doubt = float(min(doubts))
         crossings = sorted((c for c in crossings if c.gain < doubt), key=lambda c: c.gain)
         return crossings, doubt if doubt < GAIN_MAX else None
 
-    def _drowned(self, grid, G, rounding, known):
+    def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
         """The least gain of a crossing that would not be seen: where rounding hides the sign of
         Im G and more of G than KNOWN, from where it begins to."""
         hidden = rounding > KNOWN * np.abs(G)
@@ -320,10 +327,10 @@ class Loop:
                 least = min(least, 1 / (abs(value) + moved))
         return least
 
-    def _root(self, of, low, high):
-        return optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15)
+    def _root(self, of: Callable[[float], float], low: float, high: float) -> float:
+        return float(optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15))
 
-    def _touches(self, zeros, grid, values):
+    def _touches(self, zeros: Matrix, grid: Matrix, values: Matrix) -> list[tuple[float, int]]:
         """Pairs of zeros of Im G on the axis: [(w, 0)]. values: Im G of the grid."""
         found = []
         for zero in zeros:
@@ -337,42 +344,43 @@ class Loop:
                         found.append((w, 0))
         return found
 
-    def _ends(self, values, least):
+    def _ends(self, values: Matrix, least: float) -> list[Crossing]:
         """Crossings at the ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
         values: Im G of the grid; least: a direct path that is more than rounding."""
         crossings = []
-        static = self._at(0.0).real
+        static = float(self._at(0.0).real)
         if -math.inf < static < 0 and static < -self._static_rounding(static):  # less is a zero
-            crossings.append(Crossing(float(-1 / static), 0.0, int(np.sign(values[0]))))
+            crossings.append(Crossing(-1 / static, 0.0, int(np.sign(values[0]))))
         direct = float(self._plane[3][0, 0])
         if direct < least:
             end = None if self.dt is None else 0.5 / self.dt
             crossings.append(Crossing(-1 / direct, end, -int(np.sign(values[-1]))))
         return crossings
 
-    def stable(self, gain):
+    def stable(self, gain: float) -> bool:
         """Whether the closed loop is stable, apart from states that are not in the loop."""
         A = self._closed_minimal(gain)
         poles = _core.eigenvalues(A)
-        rounding = 1e-18 * len(A) * max(np.linalg.norm(A), 1.0)
+        rounding = 1e-18 * len(A) * max(float(np.linalg.norm(A)), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
-    def decay(self, gain):
+    def decay(self, gain: float) -> float:
         """1/s: decay rate of the slowest pole in the loop; < 0 if it grows."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
         return float(-math.log(np.abs(poles).max()) / self.dt)
 
-    def _closed_minimal(self, gain):
+    def _closed_minimal(self, gain: float) -> Matrix:
         system = self._minimal
         A = system.A.astype(np.longdouble)
         A = A - gain / (1 + gain * system.D[0, 0]) * system.B @ system.C
         scale = _core.balance(A)
-        return A * scale / scale[:, None]
+        result: Matrix = A * scale / scale[:, None]
+        return result
 
     @cached_property
-    def stable_ranges(self):
+    def stable_ranges(self) -> list[tuple[float, float | None]]:
         """Gains (from, to) between which the loop is stable; to None: no upper end."""
         if not len(self._minimal.A):
             return [(0.0, None)]
@@ -394,7 +402,7 @@ class Loop:
                 ranges.append((low, high))
         return ranges
 
-    def limit(self):
+    def limit(self) -> Limit:
         """The smallest gain at which stability is lost on the way from 0, with all crossings; where
         that is 0 also the plant's own poles on the boundary, as crossings at gain 0."""
         crossings, ranges = self.crossings(), self.stable_ranges
@@ -410,7 +418,7 @@ class Loop:
         first = next(c for c in crossings if c.gain == ranges[0][1])
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
-    def margins(self, gain):
+    def margins(self, gain: float) -> Margins:
         """Margins of the loop at a gain that it is stable at."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
@@ -429,7 +437,7 @@ class Loop:
         )
         grid = self._marks(_core.eigenvalues(product))
 
-        def size(w):
+        def size(w: ArrayLike) -> Any:
             return np.log(gain * np.abs(self._at(w)))
 
         values = size(grid)
@@ -437,21 +445,23 @@ class Loop:
         for i in np.flatnonzero(values[:-1] * values[1:] < 0):
             w = self._root(size, grid[i], grid[i + 1])
             phase = float(np.degrees(np.angle(-self._at(w))))
-            crossovers.append((self._hz(w), phase))
-        crossover, phase = min(crossovers, key=lambda c: abs(c[1]), default=(None, None))
+            crossovers.append((self.hz(w), phase))
+        none: tuple[float | None, float | None] = None, None
+        crossover, margin_deg = min(crossovers, key=lambda c: abs(c[1])) if crossovers else none
         known = None if above or known_to is None else known_to / gain
         return Margins(
-            above and above / gain, below and below / gain, phase, crossover, crossovers, known
+            above and above / gain, below and below / gain, margin_deg, crossover, crossovers, known
         )
 
-    def step(self, gain, duration_s):
+    def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
         """(time_s, signal): from rest, after a unit step of the set-point, every 1/1500 s or tick.
 
         The set-point is f_d; of stiffness K_fs x_d, of damping K_fd v_d. Exact at these times."""
         closed = self.closed(gain)
         if self.dt is None:
             closed = closed.sampled()
-        time_s = np.arange(math.floor(duration_s / closed.dt) + 1) * closed.dt
+        period_s = closed.dt or TICK_S
+        time_s = np.arange(math.floor(duration_s / period_s) + 1) * period_s
         A, B, C, D = (getattr(closed, name).astype(float) for name in "ABCD")
         x, y = np.zeros(len(A)), np.empty(len(time_s))
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable one may leave the range
@@ -460,19 +470,19 @@ class Loop:
                 x = A @ x + B[:, 0]
         return time_s, y
 
-    def locus(self, gains, plane="s"):
+    def locus(self, gains: Matrix, plane: str = "s") -> Matrix:
         """Closed-loop poles at rising gains, (len(gains), poles), each column one branch.
 
         1/s, or z of a sampled loop with plane "z". A branch that leaves z = 0 starts at -inf in s.
         """
 
-        def poles(gain):
+        def poles(gain: float) -> Matrix:
             return self.closed(gain).poles().astype(complex)
 
-        def follow(before, low, high, depth):
-            after = poles(high)
-            move = np.abs(before[:, None] - after)
-            after = after[optimize.linear_sum_assignment(move)[1]]
+        def follow(before: Matrix, low: float, high: float, depth: int) -> Matrix:
+            unordered = poles(high)
+            move = np.abs(before[:, None] - unordered)
+            after: Matrix = unordered[optimize.linear_sum_assignment(move)[1]]
             apart = np.abs(before[:, None] - before) + np.diag(np.full(len(before), np.inf))
             if not depth or np.all(
                 np.abs(after - before) < 0.3 * apart.min(axis=1, initial=np.inf)
@@ -484,8 +494,8 @@ class Loop:
         rows = [poles(gains[0])]
         for low, high in itertools.pairwise(gains):
             rows.append(follow(rows[-1], low, high, 8))
-        rows = np.array(rows)
-        if self.dt is None or plane == "z":
-            return rows
-        with np.errstate(divide="ignore"):
-            return np.log(rows) / self.dt
+        branches: Matrix = np.array(rows)
+        if self.dt is not None and plane != "z":
+            with np.errstate(divide="ignore"):
+                branches = np.log(branches) / self.dt
+        return branches

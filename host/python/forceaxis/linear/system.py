@@ -5,26 +5,27 @@ control loops around it, `modes` analyses the mechanics alone. Poles, zeros and 
 in extended precision (sim/linear/extended.hpp): LAPACK's digits hang on the processor.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import _core, paths
 from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_facts
 from forceaxis.linear import working as working_mode
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
+from forceaxis.linear.working import States, Working
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
 Matrix = NDArray[Any]  # of float, np.longdouble or complex
 
 
-def _complement(rows):
+def _complement(rows: Matrix) -> Matrix:
     """Orthonormal columns (n, n - d) that rows (d, n) leave 0, by Householder's reflections."""
     work = np.array(rows.T, np.longdouble)
     basis = np.eye(len(work), dtype=np.longdouble)
@@ -46,16 +47,18 @@ class System:
     `transfer_function`) wants one input and one output; `select` picks them.
     """
 
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     dt: float | None = None
 
-    def select(self, inputs=None, outputs=None):
+    def select(
+        self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+    ) -> "System":
         """The same with these inputs and outputs only."""
         columns = [self.inputs.index(name) for name in inputs or self.inputs]
         rows = [self.outputs.index(name) for name in outputs or self.outputs]
@@ -69,27 +72,28 @@ class System:
         )
 
     @cached_property
-    def balanced(self):
+    def balanced(self) -> tuple[Matrix, Matrix, Matrix]:
         """(A, B, C) in units in which A's rows and columns weigh the same."""
         if not len(self.A):
             return self.A, self.B, self.C
         scale = _core.balance(self.A)
         return self.A * scale / scale[:, None], self.B / scale[:, None], self.C * scale
 
-    def poles(self):
+    def poles(self) -> Matrix:
         """Eigenvalues of A: 1/s, or z of a sampled system."""
-        return _core.eigenvalues(self.A)
+        result: Matrix = _core.eigenvalues(self.A)
+        return result
 
-    def poles_s(self):
+    def poles_s(self) -> Matrix:
         """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
         return self._per_second(self.poles())
 
-    def stable(self):
+    def stable(self) -> bool:
         """All poles inside the stable region."""
         poles = self.poles()
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
-    def _markov(self):
+    def _markov(self) -> tuple[int, float]:
         """Relative degree r and C A^(r-1) B (D for r = 0)."""
         if self.B.shape[1] != 1 or self.C.shape[0] != 1:
             raise ValueError("expected one input and one output")
@@ -106,11 +110,11 @@ class System:
             row, bound = row @ A, bound @ abs(A)
         return len(A) + 1, 0.0  # no path
 
-    def has_path(self):
+    def has_path(self) -> bool:
         """Whether the input acts on the output at all."""
         return self._markov()[1] != 0.0
 
-    def zeros(self):
+    def zeros(self) -> Matrix:
         """Zeros of the transfer function, 1/s or z, with those that cancel poles.
 
         They are the poles of the system that is driven so that its output stays 0: of A with the
@@ -122,7 +126,8 @@ class System:
             raise ValueError(f"expected a path from {self.inputs[0]} to {self.outputs[0]}")
         A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
         if not degree:
-            return _core.eigenvalues(A - B @ C / value)
+            result: Matrix = _core.eigenvalues(A - B @ C / value)
+            return result
         # The output's derivatives below, each without what the ones before it say already.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
@@ -132,23 +137,25 @@ class System:
             rows = np.vstack([rows, row / np.linalg.norm(row)])
         held = A - B @ (rows[-1:] @ A) / (rows[-1:] @ B)
         basis = _complement(rows)
-        return _core.eigenvalues(basis.T @ held @ basis)
+        result = _core.eigenvalues(basis.T @ held @ basis)
+        return result
 
-    def zeros_s(self):
+    def zeros_s(self) -> Matrix:
         """Zeros in 1/s, as `poles_s`."""
         return self._per_second(self.zeros())
 
-    def _per_second(self, roots):
+    def _per_second(self, roots: Matrix) -> Matrix:
         if self.dt is None:
             return roots.astype(complex)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.log(roots.astype(complex)) / self.dt
+            result: Matrix = np.log(roots.astype(complex)) / self.dt
+            return result
 
-    def gain(self):
+    def gain(self) -> float:
         """What multiplies the product of (s - zeros) / (s - poles)."""
         return float(self._markov()[1])
 
-    def transfer_function(self):
+    def transfer_function(self) -> tuple[Matrix, Matrix]:
         """(numerator, denominator) coefficients, highest power first, denominator monic."""
         value = self.gain()
         if value == 0.0:
@@ -156,25 +163,26 @@ class System:
         return value * polynomial(self.zeros()), polynomial(self.poles())
 
     @cached_property
-    def _hessenberg(self):
-        return _core.hessenberg(*self.balanced)
+    def _hessenberg(self) -> tuple[Matrix, Matrix, Matrix]:
+        result: tuple[Matrix, Matrix, Matrix] = _core.hessenberg(*self.balanced)
+        return result
 
-    def at(self, points):
+    def at(self, points: ArrayLike) -> Matrix:
         """Transfer function at complex points s (or z): like `points` in shape; with several inputs
         or outputs followed by (p, m)."""
-        points = np.asarray(points, complex)
+        s = np.asarray(points, complex)
         H, B, C = self._hessenberg
-        values = _core.hessenberg_response(H, B, C, self.D, points.ravel())
+        values: Matrix = _core.hessenberg_response(H, B, C, self.D, s.ravel())
         if values.shape[1:] == (1, 1):
-            return values.reshape(points.shape)
-        return values.reshape(points.shape + values.shape[1:])
+            return values.reshape(s.shape)
+        return values.reshape(s.shape + values.shape[1:])
 
-    def response(self, frequency_hz):
+    def response(self, frequency_hz: ArrayLike) -> Matrix:
         """Frequency response, as `at`."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 
-    def sampled(self, delay_ticks=0, dt=TICK_S, extended=False):
+    def sampled(self, delay_ticks: int = 0, dt: float = TICK_S, extended: bool = False) -> "System":
         """Behind a zero-order hold, read every `dt` s; inputs act `delay_ticks` samples later.
         extended: A and B keep the digits of np.longdouble, of which doubles lose those of G far
         below its largest."""
@@ -190,7 +198,7 @@ class System:
             system = system.delayed()
         return system
 
-    def delayed(self):
+    def delayed(self) -> "System":
         """A sampled system whose inputs act one sample later."""
         n, m = self.B.shape
         A = np.zeros((n + m, n + m), self.A.dtype)
@@ -207,11 +215,11 @@ class System:
             states=self.states + waiting,
         )
 
-    def state_space(self):
+    def state_space(self) -> Any:
         """As `control.StateSpace`, with the names (python-control wants _ for each dot)."""
         import control
 
-        def plain(names):
+        def plain(names: Sequence[str]) -> list[str]:
             return [name.replace(".", "_") for name in names]
 
         return control.ss(
@@ -224,12 +232,12 @@ class System:
         )
 
 
-def polynomial(roots):
+def polynomial(roots: Matrix) -> Matrix:
     """Coefficients of the monic real polynomial of these roots, highest power first."""
     return np.atleast_1d(np.real(np.poly(roots)))  # of no roots NumPy gives a plain 1
 
 
-def find_model(text):
+def find_model(text: str | Path) -> Path:
     """The path of a model given as a path or as the stem of a file of sim/models (fig4_19)."""
     path = Path(text)
     if path.suffix == ".toml" or path.parent != Path():
@@ -243,9 +251,9 @@ def find_model(text):
     return known
 
 
-def overrides(texts):
+def overrides(texts: Iterable[str]) -> dict[str, float | str]:
     """NAME=VALUE texts of `--set` as {name: number, or a quantity's or a parameter's text}."""
-    values = {}
+    values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
         if not name or not value:
@@ -264,17 +272,17 @@ def overrides(texts):
     return values
 
 
-def shown(value):
+def shown(value: float | str) -> str:
     """An override's value for a reader."""
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def override_texts(values):
+def override_texts(values: Overrides) -> list[str]:
     """{name: number or text} as `--set` says it."""
     return [f"{n}={v if isinstance(v, str) else repr(float(v))}" for n, v in values.items()]
 
 
-def states(texts):
+def states(texts: Sequence[str]) -> dict[str, str]:
     """ELEMENT=STATE texts of `--mode` as {element: state}."""
     for text in texts:
         if not all(text.partition("=")):
@@ -288,14 +296,14 @@ def facts(model: str | Path, overrides: Overrides | None = None) -> PlantFacts:
 
 
 def linearise(
-    model,
-    inputs=("drive.command",),
-    outputs=("reading",),
-    overrides=None,
-    modes=None,
-    free=False,
-    drive=True,
-):
+    model: str | Path,
+    inputs: Sequence[str] = ("drive.command",),
+    outputs: Sequence[str] = ("reading",),
+    overrides: Overrides | None = None,
+    modes: States | None = None,
+    free: bool = False,
+    drive: bool = True,
+) -> System:
     """One mode of a model as a System, from the equations that the stepper integrates.
 
     model: a path, or the stem of a file of sim/models. overrides: {parameter: value}. Contacts are
@@ -317,7 +325,7 @@ def linearise(
         path,
         list(inputs),
         list(outputs),
-        overrides or {},
+        dict(overrides or {}),
         working_mode.working(path, overrides, modes, free).modes,
         free,
         drive,
@@ -333,16 +341,19 @@ def once(parameter: str, names: Sequence[str]) -> None:
         raise ParameterError(parameter, f"expected each name once, got {', '.join(names)}")
 
 
-def check_export(path):
+def check_export(path: str | Path | None) -> None:
     """Refuse a file that matrices cannot be written to, before the work."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):
         raise ParameterError("out", f"{path}: expected a file ending in .npz or .mat")
 
 
-def export(system, path):
+def export(system: System, path: str | Path) -> None:
     """Write A, B, C, D, dt (0: continuous) and the names to .npz or .mat."""
-    arrays = {name: getattr(system, name) for name in "ABCD"} | {"dt": system.dt or 0.0}
-    names = {name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")}
+    arrays: dict[str, Any] = {name: getattr(system, name) for name in "ABCD"}
+    arrays["dt"] = system.dt or 0.0
+    names: dict[str, Any] = {
+        name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")
+    }
     if Path(path).suffix == ".mat":
         from scipy import io
 
@@ -352,10 +363,10 @@ def export(system, path):
         np.savez(path, **arrays, **names)
 
 
-def summary(system, mode=None):
+def summary(system: System, mode: Working | None = None) -> dict[str, Any]:
     """What `forceaxis linearise --json` prints; mode: the working.Working that it is in."""
     return (
-        working_mode.summary(mode or working_mode.Working({}))
+        working_mode.summary(mode or Working({}))
         | {
             "states": list(system.states),
             "inputs": list(system.inputs),
@@ -364,15 +375,3 @@ def summary(system, mode=None):
         }
         | {name: getattr(system, name).tolist() for name in "ABCD"}
     )
-
-
-def describe(system, mode=None):
-    """The same for people: one row of numbers a state or output."""
-    kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
-    lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
-    lines += working_mode.lines({"mode_text": mode.text} if mode else {})
-    for name, rows in (("A B", system.states), ("C D", system.outputs)):
-        left, right = (getattr(system, part) for part in name.split())
-        for label, values in zip(rows, np.hstack([left, right]), strict=True):
-            lines.append(f"{name}   {label:20} " + " ".join(f"{v + 0.0:11.5g}" for v in values))
-    return "\n".join(lines)

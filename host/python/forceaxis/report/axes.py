@@ -4,7 +4,7 @@ import re
 
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
-from forceaxis.design.search import Goal
+from forceaxis.design.grid import Goal
 from forceaxis.experiments import sweep, sweep_plots
 from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
 from forceaxis.linear import system as linear
@@ -64,9 +64,9 @@ def described(entries):
 
 def _margins(model, row):
     """[(caption, picture)] of the loop gain at the recommended P gain, around -1; [] without."""
-    if not (row.get("p") and row["p"]["worst"]):
+    if not (row.get("p") and row["p"].worst):
         return []
-    gain = row["p"]["bank"].force_gain
+    gain = row["p"].bank.force_gain
     try:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
@@ -89,15 +89,15 @@ def _map(entries):
         given = _core.inputs(str(entry.file))["firmware"]
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
         native = gain and setpoint and not given.get("force_bank") and "mode" in given
-        if not native or entry.done.summary["ticks"] > MAP_TICKS:
+        if not native or entry.done.result.ticks > MAP_TICKS:
             continue
-        if entry.done.summary["criterion"] is None:
+        if entry.done.result.criterion is None:
             continue
         grid = {
             "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAINS],
             "firmware.force_setpoint": [round(256 * setpoint * f) / 256 for f in MAP_FORCES],
         }
-        done = sweep.sweep(entry.file, grid=grid, threads=1)
+        done = sweep.sweep(sweep.SweepRequest(entry.file, grid=grid), threads=1)
         caption = (
             f"Stability of {entry.name} over gain and set-point; forceaxis sweep makes finer ones."
         )
@@ -139,7 +139,7 @@ def laws(model, entries):
     try:
         plants = sets.plant_set(str(model))
         bits = linear.facts(model).required_reading.bits
-        problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
+        problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
         p = problem.worst(Bank(1.0))
     except (_core.InputError, TypeError) as error:
         reason = "no force sensor is read" if isinstance(error, TypeError) else str(error)

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 
 from forceaxis import drawing
 from forceaxis.design import reduced, sets
-from forceaxis.design.search import Goal
+from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
 # Plants with a force loop, and the bits of their ADC.
@@ -16,9 +16,9 @@ PLANTS = (
 
 def row(model, bits):
     """{"model", "bits", "over", "modes", "p", "design", "limited_by"} of one of PLANTS: p and
-    design as of reduced.Problem.worst."""
+    design as of reduced.ShortSearch."""
     plants = sets.plant_set(model)
-    problem = reduced.Problem(plants, Goal(adc_bits=bits), random=0)
+    problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
     found = problem.designed()
     return {
         "model": model,
@@ -36,7 +36,7 @@ def figure(made):
     drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(made)))
     drawing.style(ax)
     for y, row in enumerate(made):
-        ends = [(row[law]["worst"] or {"fS_Hz": 0.0})["fS_Hz"] for law in ("p", "design")]
+        ends = [row[law].bandwidth_Hz for law in ("p", "design")]
         ax.plot(ends, [y, y], color="#d8dee4", zorder=1)
         ax.plot(ends[0], y, "D", color=drawing.GOT, markersize=4, label="P" if y == 0 else None)
         ax.plot(ends[1], y, "o", color=drawing.INK, label="designed bank" if y == 0 else None)

@@ -30,7 +30,7 @@ class Entry:
     @property
     def verdict(self):
         """One of the four verdicts, none or error."""
-        return "error" if self.error else self.done.summary["verdict"] or "none"
+        return "error" if self.error else self.done.result.verdict or "none"
 
     @property
     def status(self):
@@ -44,11 +44,11 @@ class Entry:
     @property
     def held(self):
         """Force held and its error, in words; empty: no force is asked for."""
-        held = self.done and self.done.summary["metrics"]["held_force"]
+        held = self.done and self.done.result.metrics.held_force
         if not held:
             return ""
-        force = f"{held['held_N']:.4g} N of {held['setpoint_N']:.4g} N"
-        error = held["error_percent"]
+        force = f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N"
+        error = held.error_percent
         return f"{force}, error {f'{error:.2g}' if error >= 0.01 else 'below 0.01'} %"
 
     @cached_property
@@ -97,7 +97,7 @@ def ended(begun):
     """Every experiment as an Entry, in the order of their figures, then names."""
     return sorted(
         (one.get() for one in progress.each(begun, "experiments")),
-        key=lambda e: (figure_order(e.done.summary["figure"] if e.done else ""), e.name),
+        key=lambda e: (figure_order(e.done.result.figure if e.done else ""), e.name),
     )
 
 

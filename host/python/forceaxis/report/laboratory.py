@@ -12,6 +12,7 @@ from forceaxis.linear import beam, modes
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
 from forceaxis.report.folder import figure_order
+from forceaxis.results import to_json
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
@@ -146,7 +147,8 @@ def measured(path):
     """A measurement of the thesis, made and drawn."""
     done = measure_result.run(path)
     image = pictures.figure(measure_result.figure(done))
-    return {"name": path.stem, "shows": done.setup.shows, "summary": done.summary, "image": image}
+    summary = to_json(done.summary)
+    return {"name": path.stem, "shows": done.setup.shows, "summary": summary, "image": image}
 
 
 def thesis_figure(number):
@@ -160,7 +162,7 @@ def thesis_figure(number):
 
 def advised():
     """(advice for the laboratory's axis, its picture)."""
-    advice = advise.advise("laboratory", threads=1)
+    advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(advice_plot.figure(advice))
 
 
@@ -203,11 +205,9 @@ def values(threads=None):
     result = tables.run(threads)
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
     friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
-    stability_map = sweeps.sweep(
-        paths.EXPERIMENTS / "contact.toml",
-        grid={"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"},
-        threads=threads,
-    )
+    grid = {"firmware.force_gain": "1:20:20", "firmware.force_setpoint": "4:64:16"}
+    request = sweeps.SweepRequest(paths.EXPERIMENTS / "contact.toml", grid)
+    stability_map = sweeps.sweep(request, threads=threads)
     parameters = tables.parameters()
     constants = [
         {

@@ -24,8 +24,8 @@ def thumbnail(done):
     within = (time_s >= start) & (time_s <= stop)
     if within.any():
         values = values[within]
-    held = done.summary["metrics"]["held_force"]
-    setpoint = held["setpoint_N"] if held and name.rpartition(".")[2] in FORCES else None
+    held = done.result.metrics.held_force
+    setpoint = held.setpoint_N if held and name.rpartition(".")[2] in FORCES else None
     low, high = values.min(), values.max()
     if setpoint is not None:
         low, high = min(low, setpoint), max(high, setpoint)

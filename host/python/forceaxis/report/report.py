@@ -28,9 +28,9 @@ def template(name):
     return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def counted(entries):
+def counts_by_status(entries: list[folder.Entry]) -> dict[str, int]:
     """{status: number of experiments}."""
-    found = {}
+    found: dict[str, int] = {}
     for entry in entries:
         found[entry.status] = found.get(entry.status, 0) + 1
     return found
@@ -88,7 +88,7 @@ def _made(source, out, threads, own):
     summary = {
         "report": paths.display(out / "index.html"),
         "experiments": len(entries),
-        "counts": counted(entries),
+        "counts": counts_by_status(entries),
         "errors": [f"{paths.display(e.file)}: {e.error}" for e in entries if e.error],
     }
     page = environment.get_template("page.html.jinja").render(

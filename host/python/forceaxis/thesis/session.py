@@ -20,6 +20,7 @@ from forceaxis.axis.session import Session, seconds
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.experiments import link
 from forceaxis.experiments import run as runs
+from forceaxis.results import to_json
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL = 36_000  # counts
@@ -222,11 +223,13 @@ def whole(folder, report=lambda step: None):
             drawing.save(drawn, png, "png")
             drawing.save(drawn, svg, "svg")
     report("replaying the journal")
-    done, journal = runs.replay(folder / "axis.journal")
+    done = runs.replay(folder / "axis.journal")
+    replayed = to_json(done.result.replay)
+    del replayed["same"]
     found |= {
         "trace_hash": {n: r["axes"][0]["trace_hash"] for n, r in reports.items()},
-        "replayed_hash": done.summary["trace_hash"],
-        "journal": journal,
+        "replayed_hash": done.result.trace_hash,
+        "journal": replayed,
         "plant_overruns": reports["plant_node"]["overruns"],
         "fault": reports["axis_node"]["axes"][0]["fault"],
     }

@@ -117,7 +117,7 @@ def fitted():
 def run_jobs(jobs, threads, title, over=None):
     """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal.
 
-    over: a link.Link; then the firmware is another process and the runs follow each other.
+    over: a link.LinkOptions; then the firmware is another process and the runs follow each other.
     """
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
@@ -139,7 +139,7 @@ def key_of(cell):
 
 
 def run(threads=None, over=None):
-    """Run the cells with the parameter file's constants, over a link.Link if one is given.
+    """Run the cells with the parameter file's constants, over a link.LinkOptions if one is given.
 
     Returns {"cells": [the measured cell with "ours", "metrics", "fault", "trace_hash"], "matched",
     "total", "fitted": {constant: value}, "overridden": [printed parameters that were changed]}.

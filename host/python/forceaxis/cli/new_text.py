@@ -1,0 +1,49 @@
+"""Text of `forceaxis new` for a terminal."""
+
+import shlex
+
+from forceaxis.design.grid import LOWEST_HZ
+from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
+
+LIMIT_NAMED_BELOW = 1.5  # times the bandwidth of P: below, the text names what limits the bank
+
+
+def describe(done: NewAxis) -> list[tuple[str, str]]:
+    """Lines (key, text) on the files, the first gains and the bank."""
+    return [
+        ("written", ", ".join(shlex.quote(f"{done.folder}/{name}") for name in done.files)),
+        ("total mass", f"{done.total_mass_kg:.4g} kg, reflected rotor included"),
+        ("force gain", f"{done.force_gain:.4g}, a sixth of the linear limit "
+         f"{done.force_limit_gain:.4g}"),
+        ("set-point", f"{done.setpoint_N:.4g} N, of which this gain holds "
+         f"{100 * done.held_share:.3g} %{done.held_with}"),
+        *_bank(done.design),
+        *(("check", text) for text in done.doubts),
+        ("not given", f'{done.marked} values: look for "default, check" in model.toml'),
+        ("next", f"forceaxis run {shlex.quote(done.folder + '/contact.toml')}"),
+    ]  # fmt: skip
+
+
+def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
+    """Lines on the bank, beside P at the same margins."""
+    if bought is None:
+        return []
+    if isinstance(bought, NoBank):
+        return [("bank", f"none: {bought.refused}")]
+    before, after = bought.p_fS_Hz, bought.fS_Hz
+    rows = [("set", f"{bought.set_text}: what P and bank bear below, at the same margins")]
+    times = ""
+    if before is not None and bought.p_static_error is not None:
+        reached = "|S| never below -3 dB"
+        if before > 1.01 * LOWEST_HZ:  # |S| of P is below -3 dB at a low frequency
+            reached, times = f"bandwidth fS {before:.3g} Hz", f", {after / before:.2g} times P's"
+        rows.append(
+            ("P", f"force_gain {bought.p_force_gain:.4g}, {reached}, static error up to "
+             f"{100 * bought.p_static_error:.3g} %")
+        )  # fmt: skip
+    rows.append(
+        ("bank", f"{bought.structure}, bandwidth fS {after:.3g} Hz{times}, no static error: {HELD}")
+    )
+    if times and before is not None and after < LIMIT_NAMED_BELOW * before:
+        rows.append(("limited by", bought.limited_by))
+    return rows

@@ -1,0 +1,62 @@
+"""A bank of the firmware as results have it in JSON."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from forceaxis.results import json_field
+
+if TYPE_CHECKING:  # the package loads SciPy, which `forceaxis --help` does without
+    from forceaxis.linear.bank import Bank
+
+
+@dataclass(frozen=True)
+class BankFigures:
+    """A bank in JSON: force_gain and hf_gain in DAC codes per 8-bit count, hf_gain at high
+    frequency; velocity_gain in DAC codes per count/tick; each section is (b0, b1, b2, a1, a2)."""
+
+    force_gain: float
+    integral_rad_per_s: float
+    sections: tuple[tuple[float, ...], ...]
+    velocity_gain: float
+    hf_gain: float
+
+    @property
+    def bank(self) -> "Bank":
+        """The bank of the firmware."""
+        from forceaxis.linear.bank import Bank
+
+        return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)
+
+
+def bank_figures(bank: "Bank") -> BankFigures:
+    """The JSON form of a bank."""
+    return BankFigures(
+        force_gain=bank.force_gain,
+        integral_rad_per_s=bank.integral_rad_per_s,
+        sections=tuple(tuple(section) for section in bank.sections),
+        velocity_gain=bank.velocity_gain,
+        hf_gain=bank.hf_gain(),
+    )
+
+
+@dataclass(frozen=True)
+class BankKeys:
+    """A bank as [firmware.bank_N] of an experiment has it; gain and hf_gain in DAC codes per 8-bit
+    count, integral rate in 1/s, velocity_gain in DAC codes per count/tick. What a bank has not is
+    None and has no key."""
+
+    gain: float
+    integral_rad_per_s: float | None = json_field(omit_none=True)
+    velocity_gain: float | None = json_field(omit_none=True)
+    sections: list[tuple[float, ...]] | None = json_field(omit_none=True)
+    hf_gain: float | None = json_field(omit_none=True)
+
+
+def bank_keys(bank: "Bank") -> BankKeys:
+    """The keys of a bank, without hf_gain."""
+    return BankKeys(
+        gain=bank.force_gain,
+        integral_rad_per_s=bank.integral_rad_per_s or None,
+        velocity_gain=bank.velocity_gain or None,
+        sections=list(bank.sections) or None,
+    )

@@ -1,0 +1,257 @@
+"""What a run gives, as types: the fields that `forceaxis run --json` prints.
+
+The read_ functions are the boundary to the compiled module, which gives dicts. Each field has the
+name of its key there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from forceaxis.results import json_field, to_json
+
+Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of any type of number
+Columns: TypeAlias = dict[str, Array]  # name of a signal, an object or a figure -> its values
+
+
+@dataclass(frozen=True)
+class Converter:
+    """A converter of the model: quantity = (code - zero) * per_code, in `unit`."""
+
+    signal: str  # of the model
+    unit: str
+    per_code: float  # unit of the quantity per code
+    zero: int  # code of the quantity 0
+    bits: int
+
+    @property
+    def per_8_bit_count(self) -> float:
+        """The quantity of one count of a converter of 8 bits with the same range, > 0."""
+        return float(abs(self.per_code) * 2 ** (self.bits - 8))
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The smallest and the largest quantity that the converter can give, in `unit`."""
+        ends = sorted((code - self.zero) * self.per_code for code in (0, 2**self.bits - 1))
+        return ends[0], ends[1]
+
+
+Converters: TypeAlias = dict[
+    str, Converter
+]  # column of codes ("encoder", "adc0", ...) -> converter
+
+
+@dataclass(frozen=True)
+class HeldForce:
+    """The controlled force over the window of the verdict."""
+
+    setpoint_N: float
+    held_N: float  # mean over the window
+    error_N: float
+    error_percent: float  # of the set-point
+    overshoot_percent: float  # of the set-point
+    from_s: float  # time of the last set-point or touch, from which settle_s counts
+    settle_s: float | None  # None: the force does not settle
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Quantities of a run from which its verdict follows."""
+
+    window_ticks: int
+    window_start_s: float
+    force_ripple_count: float  # in counts of 8 bits
+    force_ripple_late_count: float  # the same, in the second half of the window
+    position_ripple_count: float  # in encoder counts
+    position_ripple_late_count: float
+    contacts: int
+    contact_losses: int  # in the window
+    contact_losses_run: int  # in the whole run
+    first_contact_s: float | None
+    contact_at_window: bool
+    in_contact: bool  # at the end
+    peak_force_N: float
+    final_force_N: float
+    saturated_ticks: int  # of the window
+    saturated_run_ticks: int  # longest sequence of the run
+    reading_range_ticks: int
+    setpoint_beyond_N: float | None  # first set-point beyond the force reading
+    reading_end_N: float
+    last_adc_change_tick: int
+    held_force: HeldForce | None  # None: the experiment controls no force
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """The table [verdict]; None: the experiment does not have this limit."""
+
+    window_s: float
+    force_ripple_max_count: float | None
+    position_ripple_max_count: float | None
+    held_force_error_max_N: float | None
+    held_force_error_max_percent: float | None
+    overshoot_max_percent: float | None
+    settle_max_s: float | None
+    peak_force_max_N: float | None
+    peak_force_max_percent: float | None
+    contact_losses_max: float | None
+    saturated_max_s: float | None
+    contact_held: bool | list[str]  # names: the contacts that the run must keep
+
+
+@dataclass(frozen=True)
+class MissedLimit:
+    """A limit of [verdict] that a run does not keep."""
+
+    limit: str
+    verdict: str
+    value: float | None  # None: infinite, of a force that never settles
+    bound: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Energy:
+    """The audit of the mechanical energy over a run."""
+
+    initial_J: float
+    supplied_J: float
+    dissipated_J: dict[str, float]  # element of the model -> energy
+    kinetic_J: float
+    stored_J: float
+    discarded_J: float
+    residual_J: float
+
+
+@dataclass(frozen=True)
+class RefusedWrite:
+    """A write of [[at]] that the firmware refused."""
+
+    tick: int
+    object: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ProcessIds:
+    """The operating system's numbers of both processes of a run over a link."""
+
+    plant: int
+    axis: int
+
+
+@dataclass(frozen=True)
+class TraceHashes:
+    """The hash of the trace that each side of a link has computed."""
+
+    plant: str
+    axis: str
+
+
+@dataclass(frozen=True)
+class RecordCounts:
+    """Of each side of a link: what happened to records -> number of records."""
+
+    plant: dict[str, int]
+    axis: dict[str, int]
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """How a run over a link went."""
+
+    kind: str
+    where: str
+    run_id: int | None
+    pids: ProcessIds
+    hashes: TraceHashes
+    same: bool  # whether both hashes are equal
+    ticks_per_s: float
+    real_time: float  # simulated time / elapsed time
+    repeated: int  # records
+    statistics: RecordCounts | None
+    interrupts: int | None = json_field(omit_none=True)  # of an emulated chip
+    ticks: int | None = json_field(omit_none=True)  # of an emulated chip
+
+
+@dataclass(frozen=True)
+class ReplayedJournal:
+    """The journal of an axis_node that was replayed."""
+
+    experiment: str
+    overrides: list[str]
+    entries: int
+    ticks: int | None  # of the run then; None: the journal breaks off
+    trace_hash: str  # of the run then; empty: the journal breaks off
+    traced: bool  # False: the session is longer than ten minutes
+    same: bool  # whether the replay has this trace hash
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The result of a run: verdict, quantities, hashes of what was run."""
+
+    experiment: str
+    title: str
+    figure: str  # of the thesis; may be empty
+    verdict: str | None  # None: the experiment has no [verdict]
+    because: list[str]  # why the verdict is not "stable", in words
+    missed: list[MissedLimit]
+    warnings: list[str]
+    fault: str
+    refused: list[RefusedWrite]
+    trace_hash: str
+    edge_margin: float | None  # LSB; None: nothing was converted
+    ticks: int
+    events: int
+    energy: Energy
+    metrics: Metrics
+    criterion: Criterion | None
+    converters: Converters
+    objects: dict[str, str]  # object of [trace] -> its unit
+    inputs_hash: str
+    firmware_hash: str
+    objects_hash: str
+    seed: int
+    command: str  # that repeats the run
+    link: LinkReport | None = json_field(omit_none=True)
+    replay: ReplayedJournal | None = json_field(omit_none=True)
+
+    @property
+    def force_reading(self) -> Converter | None:
+        """ADC 0, whose quantity the firmware controls; None: the model does not have it."""
+        return self.converters.get("adc0")
+
+
+def read_converters(given: Mapping[str, Mapping[str, Any]]) -> Converters:
+    """The converters of a model."""
+    return {column: Converter(**converter) for column, converter in given.items()}
+
+
+def read_metrics(given: Mapping[str, Any]) -> Metrics:
+    """The metrics of a run."""
+    held = given["held_force"]
+    return Metrics(**{**given, "held_force": HeldForce(**held) if held else None})
+
+
+def read_criterion(given: Mapping[str, Any] | None) -> Criterion | None:
+    """The table [verdict] of an experiment."""
+    return Criterion(**given) if given else None
+
+
+def read_missed(given: Sequence[Mapping[str, Any]]) -> list[MissedLimit]:
+    """The limits that a run does not keep."""
+    return [MissedLimit(**limit) for limit in given]
+
+
+def read_refused(given: Sequence[Mapping[str, Any]]) -> list[RefusedWrite]:
+    """The writes that the firmware refused."""
+    return [RefusedWrite(**write) for write in given]
+
+
+def json_of(result: RunResult) -> dict[str, Any]:
+    """The result as `forceaxis run --json` prints it."""
+    found: dict[str, Any] = to_json(result)
+    return found
