@@ -14,9 +14,10 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import tune
 from forceaxis.commission.refusal import Refusal
+from forceaxis.results import to_json
 
 DRAWN = Path(__file__).with_name("drawn_axes.py")
-GAP_MM, TRAVEL_MM = 5.0, 1.0  # of `forceaxis new`, of tune.Order
+GAP_MM, TRAVEL_MM = 5.0, 1.0  # of `forceaxis new`, of tune.TuningOrder
 HEAD = ("seed", "result", "fS Hz", "P Hz", "times", "Ms true", "predicted", "verified",
         "static error %", "force N of", "travel mm", "axis s", "whole s")  # fmt: skip
 
@@ -27,7 +28,7 @@ def run(axis, order, out, say):
     try:
         work.run()
     except (Refusal, NoAnswer, Refused, InputError, SimulationError) as error:
-        refused = {"kind": type(error).__name__, "text": str(error)} | (work.refused or {})
+        refused = {"kind": type(error).__name__, "text": str(error)} | to_json(work.refused or {})
     return work, refused
 
 
@@ -53,14 +54,14 @@ def tuned(seed, folder, say=lambda text: None, friction=False):
             forces, force_max = served["asked"]
             link = Hidden(served["address"])
             model, out = str(folder / "known/model.toml"), folder / "tuned"
-            order = tune.Order(model, tuple(forces), OVER, force_max_N=force_max)
+            order = tune.TuningOrder(model, tuple(forces), OVER, force_max_N=force_max)
             with Axis(link) as axis:
                 work, refused = run(axis, order, out, say)
                 if refused and refused.get("name") == "friction":
                     first = refused
                     add(model, refused["lines"])
                     work, refused = run(axis, order, out, say)
-                summary = work.summary()
+                summary = to_json(work.summary())
                 powered = axis.get("drive_state")["drive_state"]
             seconds = time.monotonic() - began
             row = link.judge(out, forces)

@@ -18,7 +18,8 @@ None instead, since json.dumps(allow_nan=False) refuses them.
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 import cattrs
 import numpy as np
@@ -36,6 +37,18 @@ def json_field(*, key: str | None = None, omit_none: bool = False, **given: Any)
     if omit_none:
         given.setdefault("default", None)
     return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none}, **given)
+
+
+def json_key(field: "dataclasses.Field[Any]") -> str:
+    """The key in JSON of a field of a result."""
+    return field.metadata.get(KEY) or field.name
+
+
+def _is_scalar_union(kind: Any) -> bool:
+    """Whether a type is a union of texts, numbers and bools: JSON keeps which one a value is."""
+    kinds = set(get_args(kind)) - {NoneType}
+    is_union = get_origin(kind) in (Union, UnionType)
+    return is_union and len(kinds) > 1 and kinds <= {bool, int, float, str}
 
 
 def _overrides(kind: type) -> dict[str, Any]:
@@ -69,6 +82,7 @@ _converter.register_unstructure_hook_func(
     lambda kind: getattr(kind, "__origin__", kind) is tuple,
     lambda values: [_converter.unstructure(value) for value in values],
 )
+_converter.register_structure_hook_func(_is_scalar_union, lambda value, _: value)
 _converter.register_structure_hook(Path, lambda value, _: Path(value))
 
 

@@ -12,11 +12,11 @@ from chip import ROOT
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import CanLink
 from forceaxis.commission import measuring
-from forceaxis.commission.analyzer import Order
+from forceaxis.commission.analyzer import MeasuringOrder
 from forceaxis.identify import fit, result
 
 HOST = ROOT / "build/release/host"
-ORDER = Order(force_max_N=150.0, averages=6, amplitude=50)
+ORDER = MeasuringOrder(finds_friction=False, force_max_N=150.0, averages=6, amplitude=50)
 WORDS = "--free --force 75 --force-max 150 --averages 6 --level 50 --out"
 RESPONSES = tuple(live_axes.OF_MODEL)
 PLANT_K_W = 4.127e5  # N/m
@@ -46,7 +46,7 @@ def by_chip(file, folder):
         assert bus.recv(20.0).arbitration_id == 0x701  # its boot-up
         with Axis(CanLink("the tunnel", 1, bus=bus, timeout_s=2.0)) as axis:
             # Emulated time is dear, and this plant does not rub.
-            done = measuring.measure(axis, ORDER, (75.0,), True, look=False)
+            done = measuring.measure(axis, ORDER, (75.0,), True)
     for name, one in done.items():
         result.write(one, folder / "chip" / name)
 

@@ -250,12 +250,12 @@ def test_measure_refuses_what_the_axis_would_clip(tmp_path, option, says):
 
 
 def test_a_measurement_keeps_limits_that_are_narrower_than_its_travel(tmp_path):
-    from forceaxis.commission.analyzer import Analyzer, Order
+    from forceaxis.commission.analyzer import Analyzer, MeasuringOrder
 
     with Axis(SimLink(write(tmp_path))) as axis:
         start = axis.read("position")
         axis.set(position_max=start + 60)
-        with Analyzer(axis, Order(averages=4, travel=500, amplitude=20)) as analyzer:
+        with Analyzer(axis, MeasuringOrder(averages=4, travel=500, amplitude=20)) as analyzer:
             seen = []
             analyzer._measure = lambda *_: seen.append(axis.get("position_min", "position_max"))
             analyzer.free()

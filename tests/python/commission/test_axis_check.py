@@ -11,7 +11,7 @@ from forceaxis.axis import params
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission.check import Check
+from forceaxis.commission.check import MotionCheck
 
 ROOT = Path(__file__).resolve().parents[3]
 GAINS = {"position_gain": 4.0, "velocity_gain": 20.0}
@@ -47,7 +47,7 @@ def checked(file, wait_s=0.0, consent=lambda text: True, change=None, **options)
     axis.link.axis.reset_extremes()
     start = axis.read("position")
     axis.link.wait(0.001)
-    run = Check(axis, **options)
+    run = MotionCheck(axis, **options)
     run.run(consent)
     seen = axis.link.axis.extremes
     way = max(seen["position_max_cnt"] - start, start - seen["position_min_cnt"])
@@ -187,7 +187,7 @@ def test_an_axis_that_moves_is_not_at_rest(experiment):
 def test_a_fault_comes_first(experiment):
     file = experiment({"k_torque": 1e-9})
     run, axis, _ = checked(file)
-    again = Check(axis)
+    again = MotionCheck(axis)
     again.run(lambda text: True)
     found = {step.step: step for step in again.steps}
     assert found["faults"].verdict == "failed" and found["faults"].value == "no_motion"
@@ -248,7 +248,7 @@ def test_what_cannot_be_restored_is_said(experiment, lost):
     axis.acquire()
     axis.link.axis.reset_extremes()
     change(axis.link)
-    run = Check(axis)
+    run = MotionCheck(axis)
     run.run(lambda text: True)
     if lost == 2:
         assert run.passed and params.read(axis) == before
@@ -273,7 +273,7 @@ def test_ctrl_c_restores_what_was_set(experiment, after):
 
     axis.link.write = interrupted
     with pytest.raises(KeyboardInterrupt):
-        Check(axis).run(lambda text: True)
+        MotionCheck(axis).run(lambda text: True)
     assert params.read(axis) == before and axis.read("drive_state") != "operation_enabled"
 
 

@@ -123,7 +123,7 @@ def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, coherence, na
     found = fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
     assert found.rejected == name, found.text
     summary = found.summary()
-    assert (summary["set"] is None) == (summary["intervals"] is None) == (name is not None)
+    assert (summary.set is None) == (summary.intervals is None) == (name is not None)
 
 
 def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):
@@ -149,7 +149,7 @@ def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
     ]
     found = fit.joint(model, known.priors(model, OVER), responses, OVER)
     assert found.rejected is None
-    taken = [level["modes"].get("drive.amplifier", "inner") for level in found.levels]
+    taken = [level.modes.get("drive.amplifier", "inner") for level in found.levels]
     assert taken[:2] == ["inner", "inner"] and "outer" in taken[2]
     assert len(found.plants.modes) == 2
     assert found.values["k_w"] == pytest.approx(truth["k_w"], rel=0.1)
@@ -166,7 +166,7 @@ def test_the_states_that_mode_names_are_those_of_every_response_and_of_the_set()
     named = outer | {"sensor": "pressed"}
     found = fit.joint(model, known.priors(model, OVER), responses, OVER, states=named)
     assert found.rejected is None
-    assert [level["modes"] for level in found.levels] == [outer, named]  # apart nothing presses
+    assert [level.modes for level in found.levels] == [outer, named]  # apart nothing presses
     assert all(modes.items() >= named.items() for modes in found.plants.modes)
     assert found.values["k_w"] == pytest.approx(truth["k_w"], rel=0.1)
     loop = loops.force_loop(model, "p", "zoh", found.best, named)
@@ -183,7 +183,7 @@ def test_priors_follow_the_part_that_a_parameter_plays(model):
 
 @pytest.mark.parametrize("text", ["m_w", "m_w=0", "m_w=4+-0%", "m_w=4+-x%", "nobody=1"])
 def test_a_wrong_prior_is_one_line(model, text):
-    with pytest.raises(InputError, match=r"--prior: .*expected NAME=VALUE") as error:
+    with pytest.raises(InputError, match=r"^priors: .*expected NAME=VALUE") as error:
         known.priors(model, OVER, (text,))
     assert "\n" not in str(error.value)
 

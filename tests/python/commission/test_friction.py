@@ -13,6 +13,7 @@ from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import design
+from forceaxis.cli.response_text import describe_response
 from forceaxis.commission import (
     friction,
     known,
@@ -23,12 +24,11 @@ from forceaxis.commission import (
     tune_measure,
 )
 from forceaxis.commission.analyzer import Analyzer
-from forceaxis.commission.level import Order
+from forceaxis.commission.level import MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import outcome
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify import result
-from forceaxis.linear.bank import Bank
 
 pytestmark = pytest.mark.beside
 
@@ -58,7 +58,7 @@ def rubbing_press(press, folder, **found):
 
 def tuning(press, axis, out, say=lambda text: None, **changed):
     given = {"model": str(press / "model.toml"), "forces": FORCES, "over": OVER, "averages": 6}
-    order = tune.Order(**(given | {"force_max_N": FORCE_MAX_N} | changed))
+    order = tune.TuningOrder(**(given | {"force_max_N": FORCE_MAX_N} | changed))
     return tune.Tuning(axis, order, out, say)
 
 
@@ -129,9 +129,9 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
         scale = abs(linear.facts(work.model).required_encoder.scale)
         assert (
             max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
-            < (5.0 + 2 * tune.Order.travel_mm) * scale / 1e3
+            < (5.0 + 2 * tune.TuningOrder.travel_mm) * scale / 1e3
         )
-        found = tune_measure.moving_N(work)
+        found = tune_measure.moving_N(work, work.result("free"))
     assert found == pytest.approx(newton, rel=0.05, abs=0.3)
 
 
@@ -168,7 +168,7 @@ def test_a_soft_window_between_the_forces_is_refused_by_name(press, tmp_path):
     (hidden / "model.toml").write_text(text.replace(old, new))
     with Axis(link(hidden)) as axis:
         work = tuning(press, axis, tmp_path / "out", travel_mm=2.0)
-        with pytest.raises(Refusal, match=r"measure there too, --force 30,[56]") as refused:
+        with pytest.raises(Refusal, match=r"measure there too, with forces 30,[56]") as refused:
             work.run()
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
     assert refused.value.name == "soft"
@@ -182,14 +182,14 @@ def test_friction_is_freed_in_the_fit_and_the_way_between_the_forces_is_told(pre
         for step in STEPS:
             work.run(step)
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
-    found = {rub["name"]: rub["newton"] for rub in work.result("fit")["friction"]}
+    found = {rub.name: rub.newton for rub in work.result("fit").friction}
     assert found == pytest.approx({rubbing.MOVING: 12.0, rubbing.TABLE: 5.0}, rel=0.3)
-    values = work.result("fit")["values"]
+    values = work.result("fit").values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.2)
     assert work.model == tmp_path / "out/model.toml"
     summary = work.summary()
-    assert tomlkit.parse(summary["friction_lines"])["friction"][0]["name"] == rubbing.MOVING
-    text = " ".join(summary["holds"])
+    assert tomlkit.parse(summary.friction_lines)["friction"][0]["name"] == rubbing.MOVING
+    text = " ".join(summary.holds)
     for part in ("N from peak to peak", "not visited", "made the workpiece slide", "sticks"):
         assert part in text, part
     assert "add to your model:" in " ".join(said)
@@ -217,11 +217,11 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
         for step in ("check", "fit"):
             work.run(step)
         assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
-        assert work.result("fit")["friction"][0]["declared"]
+        assert work.result("fit").friction[0].declared
         # The mass does not show: a third to three times the model's, unless it is given.
         lows, highs = mass_of(work)
         assert lows < 6.0 * 0.7 / 2.9 and highs > 6.0 * 1.3 * 2.9
-        assert any("so its mass does not show" in line for line in work.summary()["holds"])
+        assert any("so its mass does not show" in line for line in work.summary().holds)
         work = tuning(known, axis, tmp_path / "out", priors=("m_w=6",))
         for step in ("check", "fit"):
             work.run(step)
@@ -234,8 +234,8 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
     with Axis(link(press)) as axis:
         work = tuning(press, axis, tmp_path / "out")
         work.run("check")
-        start = work.result("check")["rest"]["position"]
-        axis.set(position_gain=work.result("check")["settings"]["position_gain"])
+        start = work.result("check").rest.position
+        axis.set(position_gain=work.result("check").settings["position_gain"])
         axis.enable("profile position")
         axis.move(start + 780)
         axis.disable()
@@ -253,7 +253,7 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
 
 def mass_of(work):
     """(kg, kg): the range that a law is designed for."""
-    over = next(text for text in work.result("fit")["over"] if text.startswith("m_w="))
+    over = next(text for text in work.result("fit").over if text.startswith("m_w="))
     return tuple(map(float, over.removeprefix("m_w=").split("..")))
 
 
@@ -280,7 +280,9 @@ def measured(hidden, model, *words, **given):
         before = axis.get(*names)
         forces = tuple(word for word in words if word != "free")
         try:
-            done = measuring.measure(axis, Order(**order), forces, "free" in words, str(model))
+            done = measuring.measure(
+                axis, MeasuringOrder(**order), forces, "free" in words, str(model)
+            )
         finally:
             after = axis.get(*names)
             assert after.pop("drive_state") != "operation_enabled"
@@ -300,7 +302,7 @@ def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_bo
         table.write_text(model.read_text() + "\n" + found["lines"])
         assert known.newton_per_code(table) > 0  # it is TOML that a model takes
         assert one.summary["amplitude"] > 2 * found["dead_zone_codes"]
-        rows = dict(measuring.describe(one.summary))
+        rows = dict(describe_response(one.summary))
         assert "12 N" in rows["friction"] and "[[friction]]" in rows["model lacks"]
     assert done["30N"].summary["friction"]["workpiece_N"] == pytest.approx(5.0, rel=0.2)
     assert "sticks in this swing" in rows["friction"]  # of a drive that is linear up to 7 codes
@@ -320,12 +322,15 @@ def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
     with Axis(SimLink(press / "contact.toml")) as axis:
         start = axis.read("position")
         axis.set(position_min=start - 120, position_max=start + 300)
-        with Analyzer(axis, Order(travel=500)) as analyzer:
+        with Analyzer(axis, MeasuringOrder(travel=500)) as analyzer:
             assert not friction.glide(analyzer, 512, first=2).rubs
         ends = [axis.link.axis.extremes[f"position_{end}_cnt"] for end in ("min", "max")]
         assert start - 130 < ends[0] and ends[1] < start + 130  # as far to either side
         axis.set(position_min=start - 5)
-        with Analyzer(axis, Order(travel=500)) as analyzer, pytest.raises(Refusal, match="counts"):
+        with (
+            Analyzer(axis, MeasuringOrder(travel=500)) as analyzer,
+            pytest.raises(Refusal, match="counts"),
+        ):
             friction.glide(analyzer, 512, first=2)
 
 
@@ -335,7 +340,7 @@ def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(pres
     ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
     assert ends[1] - ends[0] < 2 * 400 + 40
     assert not done["free"].summary["friction"]["rubs"]
-    assert "friction" not in dict(measuring.describe(done["free"].summary))
+    assert "friction" not in dict(describe_response(done["free"].summary))
 
 
 @pytest.mark.parametrize("newton, force", [(12.0, 30.0), (25.0, 100.0)])
@@ -370,7 +375,7 @@ def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
     assert 0.5 * codes <= found["dead_zone_codes"] <= 1.05 * codes
     if newton:
         assert done["60N"].summary["swing"] > 0.3 * 60.0
-        assert "at least" in dict(measuring.describe(done["60N"].summary))["friction"]
+        assert "at least" in dict(describe_response(done["60N"].summary))["friction"]
 
 
 @pytest.mark.parametrize(
@@ -386,7 +391,7 @@ def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, see
     truth = drawn_axes.given(drawn_axes.truth_of(model, off))
     with Axis(SimLink(tmp_path / "true/contact.toml", truth)) as axis:
         done = measuring.measure(
-            axis, Order(force_max_N=most, averages=4), (low, high), False, str(model)
+            axis, MeasuringOrder(force_max_N=most, averages=4), (low, high), False, str(model)
         )
         assert axis.link.axis.extremes["force_N"] < most
     found = next(one.summary["friction"] for one in done.values())
@@ -397,7 +402,7 @@ def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, see
 def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press, tmp_path):
     hidden = rubbing_press(press, tmp_path / "hidden", table=60.0)
     done, _ = measured(hidden, press / "model.toml", 30.0)
-    rows = dict(measuring.describe(done["30N"].summary))
+    rows = dict(describe_response(done["30N"].summary))
     assert "at least" in rows["friction"] and "which sticks" in rows["friction"]
     found = done["30N"].summary["friction"]
     assert 7.0 < found["workpiece_N"] < 60.0  # the force was changed by 18 N
@@ -410,7 +415,7 @@ def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press
 @pytest.mark.parametrize("words", [("free",), (60.0,)])
 def test_noise_that_does_not_slide_is_refused_with_newtons(press, tmp_path, words):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=25.0)
-    with pytest.raises(Refusal, match="more --level") as refused:
+    with pytest.raises(Refusal, match="a larger level") as refused:
         measured(hidden, press / "model.toml", *words, amplitude=3)
     assert refused.value.name == "friction" and " N" in refused.value.text
     if words != ("free",):
@@ -554,13 +559,13 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
         work.run("check")
         assert any(line.startswith("mode ") and "seals slides" in line for line in said)
         work.run("free")
-        assert tune_measure.moving_N(work) == pytest.approx(40.0, rel=0.05)
-        held = work.result("check")["law"]
-        law = tune_measure.objects_of(work, Bank(held["gain"], held["integral_rad_per_s"]), {})
+        assert tune_measure.moving_N(work, work.result("free")) == pytest.approx(40.0, rel=0.05)
+        checked = work.result("check")
+        law = tune_measure.objects_of(work, checked, checked.law.bank, {})
         law |= tune_measure.reach(work)
         tune_measure.off(axis)
         with (
-            tune_measure.Settings(axis, law),
+            tune_measure.temporary(axis, law),
             tune_measure.analyzer_of(work) as measures,
         ):
             assert measures.press(18.0) == pytest.approx(18.0, rel=0.05)
@@ -585,17 +590,17 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         for step in STEPS:
             work.run(step)
     assert "left out, since the play of the gear opens there: free, 30N" in said
-    assert any("play of the gear opens at free, 30N" in line for line in work.summary()["holds"])
-    values = work.result("fit")["values"]
+    assert any("play of the gear opens at free, 30N" in line for line in work.summary().holds)
+    values = work.result("fit").values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
-    (rub,) = work.result("fit")["friction"]
-    assert (rub["name"], rub["declared"]) == ("seals", True)
-    assert rub["newton"] == pytest.approx(40.0, rel=0.05)
+    (rub,) = work.result("fit").friction
+    assert (rub.name, rub.declared) == ("seals", True)
+    assert rub.newton == pytest.approx(40.0, rel=0.05)
     # Dampings, which a response cannot tell from friction: half to twice what the model has.
     given = linear.facts(worn / "model.toml").parameters
-    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit")["together"])
+    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit").together)
     assert low <= 0.5 and high == pytest.approx(2.0)
-    assert work.result("fit")["values"]["b_s"] == low * given["b_s"][0]
+    assert work.result("fit").values["b_s"] == low * given["b_s"][0]
     assert any(line.startswith("designed for b_s from") for line in said)
     measured = json.loads((tmp_path / "out/measure.json").read_text())
     for level in measured["result"].values():

@@ -12,12 +12,13 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.sim import SimLink
 from forceaxis.cli import live_options
 from forceaxis.commission import as_found, measuring, response
-from forceaxis.commission.analyzer import Analyzer, Order, noise_of
+from forceaxis.commission.analyzer import Analyzer, MeasuringOrder, noise_of
+from forceaxis.commission.level import Abort
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify import fit, result
 from live_axes import NOISE_N, ONE_SLOPE
 
-ORDER = Order(force_max_N=150.0, averages=6)
+ORDER = MeasuringOrder(force_max_N=150.0, averages=6)
 PARAMETERS = ("force_gain", "target_force", "excitation_code", "position_max", "force_max")
 
 
@@ -70,7 +71,7 @@ def test_a_simulated_axis_and_its_model_measure_the_same(axis_file):
     """tests/firmware/chip/test_measure_ways.py adds gateway, CAN and the emulated chip."""
     file = axis_file()
     model = file.parent / "model.toml"
-    order = Order(force_max_N=150.0, averages=6, amplitude=50)
+    order = MeasuringOrder(force_max_N=150.0, averages=6, amplitude=50)
     with Axis(SimLink(file)) as axis:
         done = measuring.measure(axis, order, (75.0,), True, model, ONE_SLOPE)
     live = [done[name].measured for name in live_axes.OF_MODEL]
@@ -83,7 +84,7 @@ def test_a_simulated_axis_and_its_model_measure_the_same(axis_file):
 
 
 def test_averages_end_where_the_response_is_certain_and_the_axis_is_not_thrown_back(axis_file):
-    order = Order(force_max_N=150.0, averages=12, fewest=4, first=16)
+    order = MeasuringOrder(force_max_N=150.0, averages=12, fewest=4, first=16)
     with Axis(SimLink(axis_file())) as axis:
         truth = axis.link.axis
         with Analyzer(axis, order) as analyzer:
@@ -168,10 +169,10 @@ def test_a_strike_ends_the_excitation_in_its_tick_and_half_the_amplitude_is_take
     )
     seen = []
     with Axis(SimLink(axis_file(plant=strike))) as axis:
-        order = Order(force_max_N=100.0, averages=4, amplitude=40)
+        order = MeasuringOrder(force_max_N=100.0, averages=4, amplitude=40)
         with Analyzer(axis, order, say=seen.append) as analyzer:
             level = analyzer.contact(75.0)
-    assert level.aborts == [{"amplitude": 40, "why": "ended_force"}]
+    assert level.aborts == [Abort(40, "ended_force")]
     assert level.amplitude == 20
     assert level.force_max_N < 100.0
 
@@ -207,7 +208,7 @@ def test_the_free_response_does_not_touch(axis_file):
     file.write_text(file.read_text().replace('"4 mm"', '"0.02 mm"'))
     with (
         Axis(SimLink(file)) as axis,
-        Analyzer(axis, Order(travel=500)) as analyzer,
+        Analyzer(axis, MeasuringOrder(travel=500)) as analyzer,
         pytest.raises(Refusal) as refused,
     ):
         analyzer.free()
@@ -215,7 +216,7 @@ def test_the_free_response_does_not_touch(axis_file):
 
 
 def test_a_quiet_reading_is_hinted_at(axis_file):
-    order = Order(force_max_N=150.0, averages=4)
+    order = MeasuringOrder(force_max_N=150.0, averages=4)
     with Axis(SimLink(axis_file(noise=0.0))) as axis:
         done = measuring.measure(axis, order, (30.0,))
     (text,) = done["30N"].summary["hints"]

@@ -6,22 +6,32 @@ import os
 import re
 import shutil
 import signal
-from typing import NamedTuple
+from dataclasses import replace
+from typing import NamedTuple, get_type_hints
 
 import numpy as np
 import pytest
 import verbs
-from forceaxis import drawing
+from forceaxis import drawing, results
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import REASONS, NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.cli import live_options
-from forceaxis.commission import as_found, margins, tune, tune_fit, tune_page, tune_steps
+from forceaxis.commission import (
+    as_found,
+    margins,
+    tune,
+    tune_fit,
+    tune_page,
+    tune_results,
+    tune_steps,
+)
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.banks import bank_figures
+from forceaxis.design.cases import GainCut
 from forceaxis.design.certificate import NoPFigures
 from forceaxis.design.changes import Design
 from forceaxis.design.search import Goal
@@ -84,7 +94,7 @@ def plants(tmp_path_factory):
 def order(plants, **changed):
     model = str(plants / changed.pop("known", "known") / "model.toml")
     given = {"model": model, "forces": FORCES, "over": OVER, "force_max_N": FORCE_MAX_N}
-    return tune.Order(**(given | {"averages": 6} | changed))
+    return tune.TuningOrder(**(given | {"averages": 6} | changed))
 
 
 def link(plants, overrides=(), name="true", store=""):
@@ -160,7 +170,7 @@ def designed(done, tmp_path):
 
 def simulated_cases_are_on_the_page(page, tuning):
     """A line for each case: the most losses, the largest peak, the longest saturation."""
-    rows = tuning.result("simulate")["contacts"]
+    rows = [results.to_json(row) for row in tuning.result("simulate").contacts]
     (table,) = re.findall("<tr><th>simulated</th>.*?</table>", page)
     head, *lines = [re.findall("<t[hd][^>]*>(.*?)</t[hd]>", part)
                     for part in table.split("<tr>")[1:]]  # fmt: skip
@@ -205,10 +215,11 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
     store = tmp_path / "store.bin"
     with Axis(link(plants, store=store)) as axis:
         tuning = tune.Tuning(axis, order(plants), designed)
-        summary = tuning.run()
+        found = tuning.run()
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
         assert axis.read("drive_state") != "operation_enabled"
-        tune_page.write(tuning, summary)
+        tune_page.write(tuning, found)
+    summary = results.to_json(found)
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert summary["refused"] is None
     assert summary["stored"]
@@ -272,7 +283,7 @@ def test_what_was_set_before_stays_and_only_the_law_is_new(plants, short, tmp_pa
         tuning = tune.Tuning(axis, order(plants), tmp_path / "out")
         tuning.run()
     after = everything(axis.link)
-    written = tuning.result("design")["objects"]
+    written = tuning.result("design").objects
     assert written.keys().isdisjoint(own)
     changed = {name for name, raw in after.items() if raw != before[name]} - {"command_source"}
     assert {"force_bank", "bank_crc_1"} <= changed <= written.keys()
@@ -489,7 +500,7 @@ def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_pa
 def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
     file = tmp_path / as_found.FILE
     with Axis(link(plants)) as axis:
-        with as_found.kept(as_found.Folder(axis, tmp_path)):
+        with as_found.kept(as_found.AxisFolder(axis, tmp_path)):
             held = json.loads(file.read_text())
         held["axis"]["node_id"] = 7
         held["values"]["rated_force"] += 1
@@ -521,7 +532,7 @@ def test_an_axis_that_still_touches_is_measured_at_the_next_force(tmp_path):
     }  # fmt: skip
     new.write(tmp_path / "axis", *data_sheet.collect({k: str(v) for k, v in sheet.items()}))
     gains = ["firmware.position_gain=4", "firmware.velocity_gain=20", "firmware.mode=disabled"]
-    asked = tune.Order(
+    asked = tune.TuningOrder(
         str(tmp_path / "axis/model.toml"), FORCES, ("k_w=30%",), force_max_N=200.0, averages=4
     )
     hidden = SimLink(tmp_path / "axis/contact.toml", ["k_w=5e5", *gains])
@@ -530,8 +541,8 @@ def test_an_axis_that_still_touches_is_measured_at_the_next_force(tmp_path):
         for step in ("check", "free", "measure"):
             tuning.run(step)
     measured = tuning.result("measure")
-    assert [round(level["bias_N"] / force, 1) for level, force in
-            zip(measured.values(), FORCES, strict=True)] == [1.0, 1.0]  # fmt: skip
+    assert [round(level.bias_N / force, 1) for level, force in
+            zip(measured.levels.values(), FORCES, strict=True)] == [1.0, 1.0]  # fmt: skip
 
 
 def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
@@ -589,7 +600,7 @@ def test_the_mode_is_that_of_fit_design_and_margins(plants, done, tmp_path, monk
         tuning = tune.Tuning(axis, one, tmp_path / "out")
         monkeypatch.setattr(tune_fit.joint_fit, "joint", ask)
         with pytest.raises(Asked):
-            tune_fit.fit(tuning)
+            tune_fit.fit(tuning, tuning.result("free"), tuning.result("measure"))
         assert asked[-1]["states"] == states
         monkeypatch.setattr(
             tune_steps.for_set, "design", lambda order, *_: ask(states=order.states)
@@ -597,11 +608,11 @@ def test_the_mode_is_that_of_fit_design_and_margins(plants, done, tmp_path, monk
         for step in ("check", "fit"):
             shutil.copy(done / f"{step}.json", tmp_path / "out")
         with pytest.raises(Asked):
-            tune_steps.design(tuning)
+            tune_steps.design(tuning, tuning.result("fit"), tuning.result("check"))
         assert asked[-1]["states"] == states
-        monkeypatch.setattr(margins.loops, "force_loop", lambda *given, **_: ask(states=given[4]))
+        monkeypatch.setattr(LoopSpec, "around", lambda *given, **_: ask(states=given[3]))
         with pytest.raises(Asked):
-            margins.on_fitted(tuning, {"P": Bank(1.0)}, 0)
+            margins.on_fitted(tuning, tuning.result("fit"), {"P": Bank(1.0)}, 0)
         assert asked[-1]["states"] == states
 
 
@@ -635,16 +646,67 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
 
 
 def test_what_a_simulation_took_of_the_gain_is_said_with_why():
-    designed = {
-        "gain_reductions": 1, "chosen": "P", "worst": {"fS_Hz": 9.0, "Ms": 1.5},
-        "structures": [{"name": "P", "worst": {"fS_Hz": 10.0, "Ms": 1.6}}],
-        "gain_cuts": [{"case": "contact 30 N at 20 mm/s", "why": "losses 3 of 1"}],
-    }  # fmt: skip
+    figures = tune_results.SetFigures(fS_Hz=9.0, fT_Hz=20.0, Ms=1.5)
+    designed = tune_results.Designed(
+        bank=tune_results.LawFigures(1.0, 0.0, (), 0.0), worst=figures,
+        p=tune_results.NoProportional(), objects={}, contact_loss=None, on_fitted={}, modes=(),
+        adc_bits=12, cut="", times_p=None, gain_reductions=1, chosen="P",
+        structures=(
+            tune_results.StructureFigures("P", worst=replace(figures, fS_Hz=10.0, Ms=1.6)),
+        ),
+        gain_cuts=(GainCut(4.2, 3, 40, "contact 30 N at 20 mm/s", "losses 3 of 1"),),
+    )  # fmt: skip
     text = tune_steps._cut(designed)
     assert text.startswith("P x 0.9: ")
     for part in ("contact 30 N", "losses 3 of 1", "fS 10 Hz", "left are 9 Hz"):
         assert part in text
-    assert tune_steps._cut(designed | {"gain_reductions": 0}) == ""
+    assert tune_steps._cut(replace(designed, gain_reductions=0)) == ""
+
+
+@pytest.mark.parametrize("step", tune.STEP_TABLE.values(), ids=tune.STEPS)
+def test_each_step_takes_the_results_of_the_steps_before_it(step):
+    """By the types: a parameter for the folder and for each result that the table names."""
+    results_of = {name: row.result for name, row in tune.STEP_TABLE.items()}
+    hints = get_type_hints(step.function)
+    assert hints.pop("return") is step.result
+    assert [*hints.values()][1:] == [results_of[name] for name in step.takes]
+    assert issubclass(tune.Tuning, next(iter(hints.values())))
+    before = tune.STEPS[: tune.STEPS.index(step.name)]
+    assert set(step.takes) <= set(before)
+    said = get_type_hints(step.line)
+    assert said.pop("return") is str and step.result in said.values()
+
+
+# Keys of the files as the program wrote them before its results had types; a level, a contact.
+KEYS = {
+    "check": "band_hz before latency_ticks law rest settings",
+    "free": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N glide "
+    "noise_lsb of_loop random_error_median speed_rms swing",
+    "measure": "aborts amplitude bias_N coherence_median distorted force_max_N force_min_N "
+    "noise_lsb of_loop random_error_median small speed_rms swing",
+    "fit": "best chi_square correlation dof friction intervals left_out levels_differ limiting_hz "
+    "lines model order over own p_value parameters ratios rejected relied responses set together "
+    "values why",
+    "design": "adc_bits approach_slowed bank chosen contact_loss cut files friction_N gain_cuts "
+    "gain_reductions limited_by model modes objects on_fitted out over p passed_over simulated "
+    "structures times_p together worst",
+    "simulate": "case fault kind latency_ticks law losses losses_max member missed "
+    "overshoot_percent peak_N saturated_ms settle_ms static_error_percent verdict",
+}
+
+
+def test_the_files_of_the_steps_keep_their_keys(plants, done, tmp_path):
+    """And nothing that a file says is lost in the typed result."""
+    folder = shutil.copytree(done, tmp_path / "out")
+    with Axis(link(plants)) as axis:
+        tuning = tune.Tuning(axis, order(plants), folder)
+    for step, keys in KEYS.items():
+        held = json.loads((folder / f"{step}.json").read_text())["result"]
+        found = tuning.result(step)
+        assert results.to_json(found.levels if step == "measure" else found) == held
+        if step in ("measure", "simulate"):
+            held = held["30N"] if step == "measure" else held["contacts"][0]
+        assert sorted(held) == keys.split()
 
 
 LEVEL = {"amplitude": 9, "swing": 8.0, "speed_rms": 0.1}
@@ -762,13 +824,13 @@ def test_a_tuning_that_is_killed_in_any_step_goes_on(plants, short, tmp_path):
     for step in tune.STEPS:
         child = os.fork()
         if child == 0:
-            work = getattr(tune_steps, step)
+            row = tune.STEP_TABLE[step]
 
-            def killed(tuning, work=work):
-                work(tuning)
+            def killed(*given, work=row.function):
+                work(*given)
                 os.kill(os.getpid(), signal.SIGKILL)
 
-            setattr(tune_steps, step, killed)
+            tune.STEP_TABLE[step] = replace(row, function=killed)
             with Axis(link(plants, store=store)) as axis:
                 tune.Tuning(axis, order(plants), folder).run()
             os._exit(1)
@@ -783,7 +845,7 @@ def test_a_tuning_that_is_killed_in_any_step_goes_on(plants, short, tmp_path):
             tune.Tuning(axis, order(plants), folder).run(step)
     with Axis(link(plants, store=store)) as axis:
         summary = tune.Tuning(axis, order(plants), folder).run()
-    assert summary["stored"]
+    assert summary.stored
 
 
 @pytest.mark.parametrize("prior, fits", [("m_w=6+-0.1%", True), ("k_w=8e5+-15%", False)])

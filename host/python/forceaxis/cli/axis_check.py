@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING
 
 import click
 
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import as_json, fitted
 from forceaxis.cli.live_options import Way, live, owned
-
-if TYPE_CHECKING:
-    from forceaxis.commission.check import Step
+from forceaxis.results import to_json
 
 
 @axis.command(
@@ -44,9 +41,9 @@ def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
     --json: {"axis", "passed", "steps": [{"step", "verdict": "passed" | "noted" | "skipped" |
     "failed", "text", "value", "limit"}]}.
     """
-    from forceaxis.commission.check import Check
+    from forceaxis.commission.check import CheckStep, MotionCheck
 
-    def show(step: Step) -> None:
+    def show(step: CheckStep) -> None:
         if not as_json:
             click.echo(fitted(f"{step.verdict:<8}{step.step:<17}{step.text}", 25))
 
@@ -56,8 +53,8 @@ def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
         return click.confirm(fitted(f"{text} Nothing stands in its way?"), err=True)
 
     with owned(way) as found:
-        run = Check(found, travel, output, show)
+        run = MotionCheck(found, travel, output, show)
         run.run(consent)
     if as_json:
-        click.echo(json.dumps(run.result()))
+        click.echo(json.dumps(to_json(run.result())))
     sys.exit(0 if run.passed else 1)

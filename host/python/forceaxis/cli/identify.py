@@ -311,6 +311,7 @@ def fit(
     {"freed": [{"name", "between", "damping", "newton", "declared"}], "lines": ...}.
     """
     from forceaxis import linear
+    from forceaxis.cli.response_text import describe_freed
     from forceaxis.commission import freed
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
@@ -339,7 +340,7 @@ def fit(
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
     else:
-        lines = [fit_response.describe(summary), *freed.describe(summary)]
+        lines = [fit_response.describe(summary), *describe_freed(summary)]
         click.echo(fitted_lines("\n".join(lines)))
         if out:
             click.echo(f"files        {paths.quoted(out)}")

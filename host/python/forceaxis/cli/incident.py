@@ -1,12 +1,14 @@
 """`forceaxis incident`: read the recording of the black box of an axis."""
 
 import json
+from pathlib import Path
 
 import click
 
 from forceaxis import paths
 from forceaxis.cli.common import Folder, Positive, Verb, as_json
-from forceaxis.cli.live_options import connected, live
+from forceaxis.cli.live_options import Way, connected, live
+from forceaxis.results import to_json
 
 
 @click.command(
@@ -28,7 +30,10 @@ from forceaxis.cli.live_options import connected, live
     "--counts-per-mm", type=Positive(1e-6, 1e9), help="Encoder counts per mm; the text then has mm."
 )
 @as_json
-def incident(way, out, clear, wait_s, counts_per_mm, as_json):
+def incident(
+    way: Way, out: Path | None, clear: bool, wait_s: float | None, counts_per_mm: float | None,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Read the recording of the last second before an error, and explain the fault.
 
     The black box of an axis keeps the first incident, also over a reset, until it is cleared or a
@@ -50,9 +55,7 @@ def incident(way, out, clear, wait_s, counts_per_mm, as_json):
     if out:
         incidents.write(done, out, incidents.figure(done, counts_per_mm))
     if as_json:
-        told = {"fault": done.fault, "error_code": done.error_code, "tick": done.tick}
-        told |= {"later": done.later, "kept": done.kept, "story": lines[1:]}
-        click.echo(json.dumps(told))
+        click.echo(json.dumps(to_json(story.IncidentStory.of(done, tuple(lines[1:])))))
     else:
         click.echo(f"{done.where}: {lines[0]}")
         for line in lines[1:]:

@@ -64,14 +64,16 @@ def measure_axis(
 ) -> None:
     """Run `forceaxis measure` on a live axis."""
     from forceaxis import linear
-    from forceaxis.commission import analyzer, as_found, measuring
+    from forceaxis.cli.response_text import describe_response
+    from forceaxis.commission import as_found, measuring
+    from forceaxis.commission.level import MeasuringOrder
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import result
 
     known = ("band_hz", "resolution_hz", "averages", "seed")
     given = {n: options[n] for n in known} | {n: live[n] for n in ("force_max_N", "travel")}
     given |= {"settle_s": live["settle_s"], "amplitude": options["level"] and int(options["level"])}
-    order = analyzer.Order(**{n: value for n, value in given.items() if value is not None})
+    order = MeasuringOrder(**{n: value for n, value in given.items() if value is not None})
     if not live["forces"] and not options["free"]:
         raise InputError("measure: expected --free, --force or both: what is to be measured")
     model = str(linear.find_model(live["model"])) if live["model"] else ""
@@ -83,7 +85,9 @@ def measure_axis(
 
     with live_options.owned(way) as axis:
         live_options.warn_of_newtons(axis, way)
-        kept = as_found.kept(as_found.Folder(axis, out, say)) if out else contextlib.nullcontext()
+        kept: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
+        if out:
+            kept = as_found.kept(as_found.AxisFolder(axis, out, say))
         try:
             with kept:
                 done = measuring.measure(
@@ -98,7 +102,7 @@ def measure_axis(
         if out:
             result.write(one, out / name)
         if not as_json:
-            rows = [("measurement", name), *measuring.describe(one.summary)]
+            rows = [("measurement", name), *describe_response(one.summary)]
             rows += [("files", paths.quoted(out / name))] if out else []
             show(rows)
     if as_json:

@@ -3,7 +3,7 @@
 import math
 
 from forceaxis.experiments.summary import Row
-from forceaxis.experiments.sweep import LonePoint, Sweep
+from forceaxis.experiments.sweep_result import LonePoint, Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 
 SHOWN_POINTS = 10

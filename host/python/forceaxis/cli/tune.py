@@ -1,6 +1,8 @@
 """`forceaxis tune`: identify a live axis and design its force law."""
 
 import json
+from pathlib import Path
+from typing import Any
 
 import click
 
@@ -16,7 +18,9 @@ from forceaxis.cli.common import (
     fitted,
     mode_option,
 )
+from forceaxis.cli.live_options import Way
 from forceaxis.cli.measure import band, newtons
+from forceaxis.results import to_json
 
 
 @click.command(
@@ -65,7 +69,9 @@ from forceaxis.cli.measure import band, newtons
 @click.option("--only", help="Run this step only, even if it is done.")
 @click.option("--out", type=Folder(), required=True, help="Folder; tune continues an earlier one.")
 @as_json
-def tune(way, only, out, as_json, **options):
+def tune(
+    way: Way, only: str | None, out: Path, as_json: bool, **options: Any
+) -> None:  # fmt: skip
     """Measure a live axis, design the force law with the largest bandwidth, verify and store it.
 
     The steps are: check (sensors at rest, tare), free (response out of contact), measure (response
@@ -93,13 +99,14 @@ def tune(way, only, out, as_json, **options):
     """
     from forceaxis.commission import tune as tuning
     from forceaxis.commission import tune_page
+    from forceaxis.commission.tune_files import TuningOrder
 
     if only is not None and only not in tuning.STEPS:
         raise click.UsageError(f"--only: expected one of {', '.join(tuning.STEPS)}, got {only}")
     given = {name: value for name, value in options.items() if value is not None}
     if "band_hz" in given:
         given["band_hz"] = tuple(given["band_hz"])
-    order = tuning.Order(**given)
+    order = TuningOrder(**given)
     with live_options.owned(way) as axis:
         steps = tuning.Tuning(
             axis, order, out, lambda text: click.echo(fitted(text, 2), err=as_json)
@@ -110,7 +117,7 @@ def tune(way, only, out, as_json, **options):
             summary = steps.summary()
             tune_page.write(steps, summary)
             if as_json:
-                click.echo(json.dumps(summary, allow_nan=False))
+                click.echo(json.dumps(to_json(summary), allow_nan=False))
     if not as_json:
         click.echo(f"page         {paths.quoted(out / tune_page.FILE)}")
 

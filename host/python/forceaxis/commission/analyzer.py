@@ -1,6 +1,6 @@
 """A signal analyzer on a live axis: the response from DAC codes to the reading, or to the encoder.
 
-    analyzer = Analyzer(axis, Order(force_max_N=120))
+    analyzer = Analyzer(axis, MeasuringOrder(force_max_N=120))
     analyzer.rest()
     free = analyzer.free()
     pressed = analyzer.contact(30.0)
@@ -16,27 +16,34 @@ is put back in close(), with the axis disabled.
 
 import contextlib
 import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
 from forceaxis.axis import bounds
-from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
+from forceaxis.axis.axis import Axis
+from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.commission import friction, known, response
-from forceaxis.commission.level import Level, Order, Rest, noise_of
+from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest, Samples, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
 
+Record = tuple[Samples, Samples, Samples]  # waveform, codes, output; (n,) each
+Play = Callable[..., Record]  # of an amplitude, a seed and a share of the time to settle
+
 IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 APART = ("position", "dac_code", "force")
-SWING = Order.swing
+SWING = MeasuringOrder.swing
 DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
 LOWEST = 0.5  # of the bias force: the reading never falls below it
 MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
 RAMP_S = 0.1
 APPROACH_S = 60.0
 RELEASE_S = 1.0
-POLL_S = 0.1
+WAIT_POLL_S = 0.1
 BIAS_TRIES = 8
 QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
 JUDGED = 3  # realisations that distortion is judged by
@@ -65,10 +72,14 @@ class Analyzer:
     Methods raise Refusal, and NoAnswer and Refused of the link.
     """
 
-    def __init__(self, axis, order=None, model="", overrides=None, say=lambda text: None):
-        self.axis, self.order, self.say = axis, order or Order(), say
+    def __init__(
+        self, axis: Axis, order: MeasuringOrder | None = None, model: str | Path = "",
+        overrides: Mapping[str, float] | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:  # fmt: skip
+        self.axis, self.order, self.say = axis, order or MeasuringOrder(), say
         self.model, self.overrides = str(model), dict(overrides or {})
-        self._before = {}
+        self._before: dict[str, Any] = {}
         names = ("adc_bits", "force_sign", "force_zero_code", "force_scale", "rated_force",
                  "contact_force", "force_max", "tare_band", "contact_loss_cap", "position",
                  "position_min", "position_max", "output_limit")  # fmt: skip
@@ -91,19 +102,19 @@ class Analyzer:
                 f"whole period, got {self.order.resolution_hz:g} Hz"
             )  # fmt: skip
 
-    def _most_samples(self, signals):
+    def _most_samples(self, signals: Sequence[str]) -> int:
         """Samples that the recorder's 32 KiB hold."""
         width = sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
         return 32768 // width
 
-    def set(self, **values):
+    def set(self, **values: Any) -> None:
         """Writes parameters that close() puts back."""
         new = [name for name in values if name not in self._before]
         if new:
             self._before |= self.axis.get(*new)
         self.axis.set(**values)
 
-    def close(self):
+    def close(self) -> None:
         """Disables the axis and puts back what was written."""
         self.axis.disable()
         before, self._before = self._before, {}
@@ -113,14 +124,14 @@ class Analyzer:
             except Refused:
                 self.say(f"{name} could not be set to {value} again")
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         with contextlib.suppress(NoAnswer):  # then its watchdog disables it
             self.close()
 
-    def rest(self):
+    def rest(self) -> Rest:
         """The disabled axis at rest: a Rest. Refuses what moves or has no tare. A motor that no
         amplifier holds goes to and fro within the play of its gear for long: that is at rest."""
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
@@ -139,11 +150,11 @@ class Analyzer:
         noise = None if ends else noise_of(raw)
         return Rest(reading, noise, int(np.median(place)))
 
-    def _play(self):
+    def _play(self) -> int:
         """Counts of all backlash that the model has; 0 without a model."""
         return known.play_counts(self.model, self.overrides) if self.model else 0
 
-    def contact(self, force_N, of_loop=False):
+    def contact(self, force_N: float, of_loop: bool = False) -> Level:
         """The response from DAC codes to the reading, pressed with `force_N`: a Level. of_loop: the
         amplitude is searched for the loop's sensitivity, which less of it shows."""
         order = self.order
@@ -156,7 +167,7 @@ class Analyzer:
         self.bound(bias, "noise", self.samples)
         still = self.axis.capture(IN_CONTACT, samples=self.samples)
         noise = noise_of(still.values("force_raw"))
-        level = Level(None, order.amplitude, bias_N=bias, noise_lsb=noise)
+        level = Level(order.amplitude, bias, noise)
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
         level.of_loop = of_loop
         self._measure(level, self._pressed, still, order.swing * bias, "adc0", seeds)
@@ -164,7 +175,7 @@ class Analyzer:
         self.wait(RELEASE_S, lambda: None)
         return level
 
-    def bound(self, bias_N, waveform, period):
+    def bound(self, bias_N: float, waveform: str, period: int) -> None:
         """Sets up an excitation of the law's output about `bias_N`, with the bounds at which the
         axis ends it; period: ticks, 0: none."""
         least, most = (LOWEST + MARGIN) * bias_N, self.order.force_max_N - MARGIN * bias_N
@@ -177,7 +188,7 @@ class Analyzer:
             excitation_travel=self.order.travel,
         )  # fmt: skip
 
-    def free(self):
+    def free(self) -> Level:
         """The response from DAC codes to the encoder, the contact apart: a Level."""
         start = self.axis.read("position")
         travel = self.order.travel
@@ -191,7 +202,7 @@ class Analyzer:
         self.home = start
         self.axis.enable("profile position")
         still = self.axis.capture(APART, samples=self.samples)
-        level = Level(None, self.order.amplitude)
+        level = Level(self.order.amplitude)
         try:
             seeds = response.calm_seeds(
                 self.order.averages, self.samples, self._hold(), self.order.seed
@@ -202,7 +213,7 @@ class Analyzer:
             self.close()
         return level
 
-    def between(self, low_N, high_N):
+    def between(self, low_N: float, high_N: float) -> Record:
         """(reading in N, position in counts, codes), (n,), pressed with `low_N`, slowly to `high_N`
         and back."""
         reached = self.press(low_N)
@@ -212,10 +223,13 @@ class Analyzer:
         self.wait(RELEASE_S, lambda: None)
         return found
 
-    def _hold(self):
+    def _hold(self) -> int:
         return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
 
-    def _measure(self, level, play, still, swing, output, seeds):
+    def _measure(
+        self, level: Level, play: Play, still: Recording, swing: float, output: str,
+        seeds: Sequence[int],
+    ) -> None:  # fmt: skip
         """Searches the amplitude, unless it is given, then measures; fills in `level`."""
         records = None
         if not level.amplitude:
@@ -244,7 +258,7 @@ class Analyzer:
             force = (y * scale).min(), (y * scale).max()
             zero = self.zero * 2.0 ** (8 - self.bits)
             level.force_min_N, level.force_max_N = (float((f - zero) * self.newton) for f in force)
-        level.measured = Measurement(
+        level.measured_or_none = Measurement(
             frequency_hz=self.lines * TICKS_PER_S / self.samples,
             **found,
             dof=float(len(r) - 1),
@@ -261,14 +275,16 @@ class Analyzer:
             resolution_hz=TICKS_PER_S / self.samples,
         )
 
-    def _speed(self, response, u):
+    def _speed(self, response: Any, u: Samples) -> float:
         """Rms of the output's rate that the codes make, in N/s or counts/s."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * response) ** 2
         return float(np.sqrt(power.sum()))
 
-    def _realisations(self, level, play, seeds, rest, output):
+    def _realisations(
+        self, level: Level, play: Play, seeds: Sequence[int], rest: response.Still, output: str
+    ) -> list[Record]:
         """Of all seeds, with an amplitude that the first of them do not show to distort."""
         records = [play(level.amplitude, seed) for seed in seeds[:JUDGED]]
         r, u, y = (np.array([record[i] for record in records]) for i in range(3))
@@ -280,17 +296,19 @@ class Analyzer:
             raise Ended("distorted")
         for seed in seeds[JUDGED:]:
             if self.order.fewest and len(records) >= self.order.fewest:
-                waves = (np.array([record[i] for record in records]) for i in range(3))
-                of_loop, steps = level.of_loop, self._steps(output)
-                if response.error(*waves, self.lines, steps, of_loop) < CERTAIN:
+                r, u, y = (np.array([record[i] for record in records]) for i in range(3))
+                steps = self._steps(output)
+                if response.error(r, u, y, self.lines, steps, level.of_loop) < CERTAIN:
                     break
             records.append(play(level.amplitude, seed))
         return records
 
-    def _steps(self, output):
+    def _steps(self, output: str) -> response.Steps:
         return 1.0, (2.0 ** (8 - self.bits) if output == "adc0" else 1.0)
 
-    def _search(self, level, play, still, swing, output, seed):
+    def _search(
+        self, level: Level, play: Play, still: Recording, swing: float, output: str, seed: int
+    ) -> int:
         """Codes of amplitude: raised as the deviation asks and the swing permits, until the signal
         swings enough, or the response is to be expected within DEVIATION."""
         most = min(self.order.most, self.known["output_limit"])
@@ -317,8 +335,8 @@ class Analyzer:
             factor = min(wanted, FAR[output], room)
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
-    def _halve(self, level, amplitude, ended):
-        level.aborts.append({"amplitude": amplitude, "why": ended.args[0]})
+    def _halve(self, level: Level, amplitude: int, ended: Ended) -> int:
+        level.aborts.append(Abort(amplitude, ended.args[0]))
         self.say(f"{ended.args[0]} at {amplitude} codes: {'less' if self.order.rubs else 'halved'}")
         if amplitude < 2 or len(level.aborts) > (BACKS_RUBS if self.order.rubs else BACKS):
             raise Refusal(
@@ -329,12 +347,12 @@ class Analyzer:
             self.standing()
         return int(amplitude * LESS) if self.order.rubs else amplitude // 2
 
-    def _output(self, held, output):
+    def _output(self, held: Recording, output: str) -> Any:
         if output == "encoder":
             return held.values("position").astype(float)
         return held.values("force_raw") * 2.0 ** (8 - self.bits)
 
-    def press(self, force_N):
+    def press(self, force_N: float) -> float:
         """Approaches in mode 4 and presses until the reading stands at `force_N`: that force."""
         axis = self.axis
         if math.isfinite(self.order.force_max_N):
@@ -356,16 +374,16 @@ class Analyzer:
             "mille; raise force_limit, rated_force or the law's gain"
         )  # fmt: skip
 
-    def _touch(self):
+    def _touch(self) -> None:
         """Waits for the contact. What presses after a loss may then be as fast as this approach
         was: held still meanwhile, as by default, a weak law leaves a light contact that noise ends
         for a tick."""
         fastest = 0
 
-        def touches(state):
+        def touches(state: Mapping[str, Any]) -> bool:
             nonlocal fastest
             fastest = max(fastest, abs(state["dac_code"])) if not state["contact"] else fastest
-            return state["contact"] or state["contact_losses"] > before
+            return bool(state["contact"] or state["contact_losses"] > before)
 
         before = self.axis.read("contact_losses")
         names = ("contact", "contact_losses", "dac_code")
@@ -376,11 +394,11 @@ class Analyzer:
         if fastest > self.known["contact_loss_cap"]:
             self.set(contact_loss_cap=fastest)
 
-    def per_mille(self, force_N):
+    def per_mille(self, force_N: float) -> float:
         """Target of a force, at most what the axis does not clip."""
         return min(1e3 * force_N / self.rated_N, bounds.most_force(self.axis))
 
-    def standing(self, timeout_s=20.0):
+    def standing(self, timeout_s: float = 20.0) -> float:
         """The reading in N once it stands, in contact, and the code with it: where dry friction
         holds the axis the reading stands while the law's integral still winds up."""
         passed, before, code = 0.0, None, 0.0
@@ -402,7 +420,7 @@ class Analyzer:
             "contact", f"expected a force that stands within {timeout_s:g} s, {self.axis.about()}"
         )
 
-    def _expect_enabled(self, state):
+    def _expect_enabled(self, state: Mapping[str, Any]) -> None:
         if state["fault"] != "none" or state["drive_state"] != "operation_enabled":
             raise Refusal(
                 "fault" if state["fault"] != "none" else "disabled",
@@ -410,7 +428,7 @@ class Analyzer:
                 f"fault {state['fault']}",
             )
 
-    def _pressed(self, amplitude, seed, settle=1.0):
+    def _pressed(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
         """A realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
         axis = self.axis
         self.set(excitation_code=amplitude, excitation_seed=seed)
@@ -429,22 +447,23 @@ class Analyzer:
         wave = held.values("excitation_value")
         return wave, held.values("dac_code"), self._output(held, "adc0")
 
-    def goes_on(self):
+    def goes_on(self) -> None:
+        """Raises Refusal or Ended unless the axis is enabled and excited."""
         state = self.axis.get("excitation_state", "fault", "drive_state")
         self._expect_enabled(state)
         if state["excitation_state"] not in ("running", "ramping_up"):
             raise Ended(state["excitation_state"])
 
-    def wait(self, seconds, check):
+    def wait(self, seconds: float, check: Callable[[], object]) -> None:
         """Lets the axis go on for some seconds of its time; check() at every poll."""
         passed = 0.0
         while passed < seconds:
-            step = min(POLL_S, seconds - passed)
+            step = min(WAIT_POLL_S, seconds - passed)
             self.axis.link.wait(step)
             passed += step
             check()
 
-    def _apart(self, amplitude, seed, settle=1.0):
+    def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
         """A realisation apart: (u, u, y), without the drift from period to period."""
         axis, n = self.axis, self.samples
         self.go_home()
@@ -465,7 +484,7 @@ class Analyzer:
         ramp = (np.arange(n) - (n - 1) / 2) / n
         return u[:n], u[:n], place[:n] - drift * ramp
 
-    def _free(self):
+    def _free(self) -> None:
         state = self.axis.get("contact", "fault", "drive_state", "limit_reason")
         self._expect_enabled(state)
         if state["contact"]:
@@ -474,7 +493,7 @@ class Analyzer:
         if state["limit_reason"] in ("position_min", "position_max"):
             raise Ended("ended_travel")
 
-    def go_home(self):
+    def go_home(self) -> None:
         """Stands again where the measurement began."""
         self.axis.enable("profile position")
         if abs(self.axis.read("position") - self.home) > STANDING:

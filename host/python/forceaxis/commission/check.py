@@ -2,17 +2,19 @@
 small move out and back. Each step has a verdict; the first that fails keeps the axis from moving.
 """
 
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from forceaxis.axis import actions, params, params_file, quantity
+from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission.analyzer import noise_of
+from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import LEFT, ORPHANED
 
 SAMPLES = 750  # half a second at rest
-POLLS, POLL_S = 25, 0.02  # of a link that carries no recording
+READINGS, READING_PERIOD_S = 25, 0.02  # of a link that carries no recording
 STANDING_CNT = 2  # of an encoder at a stand, as the firmware's own test has it
 DITHER_LSB = 0.4  # noise below it hides what is smaller than a code
 REACH = 8  # first_motion_counts that the firmware's test moves at most
@@ -43,48 +45,81 @@ CAUSES = {
 } | dict.fromkeys(ORPHANED, f"its owner fell silent; {LEFT}")
 
 
+Value = float | str | None
+
+
 @dataclass(frozen=True)
-class Step:
+class CheckStep:
     """verdict: "passed", "noted" (no failure, but worth a look), "skipped" or "failed"; value and
     limit of what was judged, a number or a name, None where there is none."""
 
     step: str
     verdict: str
     text: str
-    value: float | str | None = None
-    limit: float | str | None = None
+    value: Value = None
+    limit: Value = None
 
 
-class Check:
+@dataclass(frozen=True)
+class CheckedObjects:
+    """Objects of an axis, in engineering values, that the steps compare with what they see."""
+
+    adc_bits: int
+    force_zero_code: int
+    contact_force: float
+    force_max: float
+    position_min: int
+    position_max: int
+    position_gain: float
+    output_limit: int
+    following_error_max: int
+    speed_max: float
+    inputs_fitted: int
+    tare_band: float
+    first_motion_counts: int
+    first_motion_code: int
+    first_motion_speed: float
+    force_scale: float
+    calibration_date: int
+
+
+@dataclass(frozen=True)
+class MotionCheckResult:
+    """The steps of a guided first motion; passed: none failed."""
+
+    axis: str
+    passed: bool
+    steps: tuple[CheckStep, ...]
+
+
+class MotionCheck:
     """The steps for an Axis that is owned and disabled; it is disabled after run(), its parameters
     as before, force_tare apart."""
 
-    def __init__(self, axis, travel=TRAVEL_CNT, output=OUTPUT_CODES, say=lambda step: None):
-        """travel: of the move, counts; output: the largest code meanwhile. say(Step) is called as
-        each step ends."""
+    def __init__(
+        self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
+        say: Callable[[CheckStep], None] = lambda step: None,
+    ) -> None:  # fmt: skip
+        """travel: of the move, counts; output: the largest code meanwhile. say(CheckStep) is called
+        as each step ends."""
         self.axis, self.travel, self.output, self.say = axis, travel, output, say
-        self.steps = []
+        self.steps: list[CheckStep] = []
 
     @property
-    def passed(self):
+    def passed(self) -> bool:
+        """Whether no step failed."""
         return all(step.verdict != "failed" for step in self.steps)
 
-    def result(self):
-        """For JSON."""
-        steps = [asdict(step) for step in self.steps]
-        return {"axis": self.axis.link.where, "passed": self.passed, "steps": steps}
+    def result(self) -> MotionCheckResult:
+        """The steps that are done."""
+        return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
-    def run(self, consent):
+    def run(self, consent: Callable[[str], bool]) -> None:
         """All steps; consent(text) is asked before the axis moves, where all passed so far."""
         self._connection()
         if not self._table():
             return
-        self.known = self.axis.get(
-            "adc_bits", "force_zero_code", "contact_force", "force_max", "position_min",
-            "position_max", "position_gain", "output_limit", "following_error_max", "speed_max",
-            "inputs_fitted", "tare_band", "first_motion_counts", "first_motion_code",
-            "first_motion_speed", "force_scale", "calibration_date",
-        )  # fmt: skip
+        self.known = CheckedObjects(**self.axis.get(*CheckedObjects.__dataclass_fields__))
         for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
             step()
         if not self.passed:
@@ -95,9 +130,9 @@ class Check:
             self._motion()
             self._tare()
 
-    def asked(self):
+    def asked(self) -> str:
         """What a person has to know before the axis moves."""
-        counts, code = (self.known[f"first_motion_{n}"] for n in ("counts", "code"))
+        counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
             f"It moves {counts} encoder counts in open loop, at most {REACH * counts} with {code} "
@@ -106,34 +141,39 @@ class Check:
             "taken where the reading is near zero."
         )
 
-    def _done(self, step, verdict, text, value=None, limit=None):
-        made = Step(step, verdict, text, value, limit)
+    def _done(
+        self, step: str, verdict: str, text: str, value: Value = None, limit: Value = None
+    ) -> bool:
+        made = CheckStep(step, verdict, text, value, limit)
         self.steps.append(made)
         self.say(made)
         return verdict != "failed"
 
-    def _skip(self, why, *names):
+    def _skip(self, why: str, *names: str) -> None:
         for name in names:
             self._done(name, "skipped", why)
 
-    def _judge(self, step, fine, text, value=None, limit=None, hint=""):
+    def _evaluate(
+        self, step: str, fine: bool, text: str, value: Value = None, limit: Value = None,
+        hint: str = "",
+    ) -> bool:  # fmt: skip
         return self._done(step, "passed" if fine else "failed", text if fine else text + hint,
                           value, limit)  # fmt: skip
 
-    def _connection(self):
+    def _connection(self) -> None:
         found = self.axis.get("node_id", "command_source")
         text = (
             f"{self.axis.link.where}, node {found['node_id']}, owned by {found['command_source']}"
         )
         self._done("connection", "passed", text, found["node_id"])
 
-    def _table(self):
+    def _table(self) -> bool:
         raw = self.axis.link.read(["object_table_hash"])["object_table_hash"]
         theirs, ours = f"0x{raw:08x}", params_file.table_hash()
         hint = f", this program has {ours}: take the forceaxis of the axis' firmware"
-        return self._judge("object table", theirs == ours, theirs, theirs, ours, hint)
+        return self._evaluate("object table", theirs == ours, theirs, theirs, ours, hint)
 
-    def _faults(self):
+    def _faults(self) -> None:
         found = self.axis.get("fault", "stopped_by")
         fault, by = found["fault"], found["stopped_by"]
         if fault != "none":
@@ -144,9 +184,9 @@ class Check:
             self._done("faults", "passed", "none" if by == "nobody" else f"none, stopped by {by}",
                        fault, "none")  # fmt: skip
 
-    def _inputs(self):
+    def _inputs(self) -> None:
         bits = self.axis.read("digital_inputs")
-        fitted = self.known["inputs_fitted"]
+        fitted = self.known.inputs_fitted
         self.switches = bits & fitted & (LIMIT_POS | LIMIT_NEG)
         on = [text for bit, text in ((LIMIT_NEG, "negative"), (LIMIT_POS, "positive"))
               if self.switches & bit]  # fmt: skip
@@ -155,42 +195,42 @@ class Check:
         if not fitted & (LIMIT_POS | LIMIT_NEG):
             text = f"{chain}, no limit switches (inputs_fitted)"
         fine = bits & ENABLE_CHAIN and len(on) < 2
-        self._judge("inputs", bool(fine), text, bits, ENABLE_CHAIN,
+        self._evaluate("inputs", bool(fine), text, bits, ENABLE_CHAIN,
                     ": close the chain; two limit switches at once are a broken cable")  # fmt: skip
 
-    def _gains(self):
-        gain = self.known["position_gain"]
-        self._judge("position gain", gain > 0 and self._output() > 0,
+    def _gains(self) -> None:
+        gain = self.known.position_gain
+        self._evaluate("position gain", gain > 0 and self._output() > 0,
                     f"{gain:g} code/count, output limited to {self._output()} codes", gain,
                     "above 0", ": set them, the axis would not move")  # fmt: skip
 
-    def _scale(self):
-        scale = self.known["force_scale"]
+    def _scale(self) -> None:
+        scale = self.known.force_scale
         self.newton = scale * 1e-6
-        unset = quantity.never_set(scale, self.known["calibration_date"])
+        unset = quantity.never_set(scale, self.known.calibration_date)
         text = f"{self.newton:.6g} N a force count"
         self._done("force scale", "noted" if unset else "passed",
                    text + (", as delivered: set force_scale, or calibrate; all newtons follow it"
                            if unset else ""), self.newton)  # fmt: skip
 
-    def _rest(self):
+    def _rest(self) -> None:
         names = ("force_raw", "force", "current_raw", "position")
         try:
             held = self.axis.capture(list(names), samples=SAMPLES)
             raw, force, current, place = (held.values(name) for name in names)
         except Refused:  # this link carries no recording
             rows = []
-            for _ in range(POLLS):
+            for _ in range(READINGS):
                 rows.append([self.axis.read(name) for name in names])
-                self.axis.link.wait(POLL_S)
+                self.axis.link.wait(READING_PERIOD_S)
             raw, force, current, place = np.array(rows).T
-        top, zero = 2 ** self.known["adc_bits"] - 1, self.known["force_zero_code"]
+        top, zero = 2**self.known.adc_bits - 1, self.known.force_zero_code
         railed = raw.max() >= top or (raw.min() <= 0 and zero != 0)
         code = float(np.mean(raw))
-        self._judge("force sensor", not railed, f"code {code:.5g} of 0 to {top}", code, top,
+        self._evaluate("force sensor", not railed, f"code {code:.5g} of 0 to {top}", code, top,
                     ": at an end of its range; check cable, supply, force_zero_code")  # fmt: skip
         self._scale()
-        swing, band = float(np.ptp(force)), self.known["contact_force"]
+        swing, band = float(np.ptp(force)), self.known.contact_force
         noise = noise_of(raw)
         text = f"{noise:.3g} LSB rms, {swing:.3g} force counts from peak to peak"
         if swing > band:
@@ -207,17 +247,17 @@ class Check:
         self._done("zero", "passed" if apart else "noted", f"{self.reading:.4g} force counts "
                    f"({newton:.4g} N)" + ("" if apart else ": in contact, or without its tare"),
                    self.reading, band)  # fmt: skip
-        self._judge("current", current.max() < top, f"code {float(np.mean(current)):.4g}",
+        self._evaluate("current", current.max() < top, f"code {float(np.mean(current)):.4g}",
                     float(current.max()), top, ": at its upper end; check its wiring")  # fmt: skip
         moved = int(np.ptp(place))
         self.start = int(place[-1])
-        self._judge("encoder at rest", moved <= STANDING_CNT, f"position {self.start}, {moved} "
+        self._evaluate("encoder at rest", moved <= STANDING_CNT, f"position {self.start}, {moved} "
                     "counts from peak to peak", moved, STANDING_CNT,
                     ": the axis moves, or its cable picks up noise")  # fmt: skip
 
-    def _limits(self):
+    def _limits(self) -> None:
         """Where the limits leave room; away from the workpiece is preferred."""
-        low, high = self.known["position_min"], self.known["position_max"]
+        low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
                 if room[way] >= self._span() and not self.switches & switch]  # fmt: skip
@@ -225,33 +265,31 @@ class Check:
         named = [f"{n} {v}" for n, v in (("position_min", low), ("position_max", high))
                  if abs(v) < NO_LIMIT]  # fmt: skip
         text = f"{', '.join(named)}, position {self.start}" if named else "no soft limits"
-        self._judge("limits", bool(free), text, max(room.values()), self._span(),
+        self._evaluate("limits", bool(free), text, max(room.values()), self._span(),
                     f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
-    def _span(self):
+    def _span(self) -> int:
         """How far the axis may be from its start, whatever happens."""
-        return max(self.travel, REACH * self.known["first_motion_counts"]) + ARRIVED_CNT
+        return max(self.travel, REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
-    def _speed(self):
+    def _speed(self) -> float:
         """Of the move, counts a tick."""
         return min(self.travel / MOVE_TICKS, MOVE_SPEED)
 
-    def _output(self):
-        return min(self.output, self.known["output_limit"])
+    def _output(self) -> int:
+        return min(self.output, self.known.output_limit)
 
-    def _motion(self):
+    def _motion(self) -> None:
         """First motion and move, with limits of their own meanwhile."""
         known = self.known
-        force = abs(self.reading) + 4 * known["contact_force"]
+        force = abs(self.reading) + 4 * known.contact_force
         bounds = {
-            "position_min": max(known["position_min"], self.start - self._span()),
-            "position_max": min(known["position_max"], self.start + self._span()),
-            "output_limit": min(
-                known["output_limit"], max(self.output, known["first_motion_code"])
-            ),
-            "following_error_max": _least(known["following_error_max"], self.travel),
-            "speed_max": _least(known["speed_max"], 2 * known["first_motion_speed"]),
-            "force_max": _least(known["force_max"], force),
+            "position_min": max(known.position_min, self.start - self._span()),
+            "position_max": min(known.position_max, self.start + self._span()),
+            "output_limit": min(known.output_limit, max(self.output, known.first_motion_code)),
+            "following_error_max": _least(known.following_error_max, self.travel),
+            "speed_max": _least(known.speed_max, 2 * known.first_motion_speed),
+            "force_max": _least(known.force_max, force),
             "profile_enable": "trapezoid",
             "profile_velocity_max": self._speed(),
             "profile_acceleration_max": self._speed() / 100,
@@ -264,13 +302,13 @@ class Check:
             if not self._first_motion():
                 self._skip("what failed comes first", "move")
                 return
-            slow = _least(known["speed_max"], MOVE_SPEED_MAX)
+            slow = _least(known.speed_max, MOVE_SPEED_MAX)
             self.axis.set(output_limit=self._output(), speed_max=slow)
             self._move()
         finally:
             self._put_back(before)
 
-    def _first_motion(self):
+    def _first_motion(self) -> bool:
         names = [f"first_motion_{n}" for n in ("result", "moved", "code_reached", "force")]
         try:
             self.axis.enable("native position")
@@ -283,14 +321,14 @@ class Check:
                 f"{found['first_motion_code_reached']}, force changed by "
                 f"{found['first_motion_force']:.3g} force counts")  # fmt: skip
         if result == "passed" and not error:
-            seen = abs(found["first_motion_force"]) > self.known["contact_force"]
+            seen = abs(found["first_motion_force"]) > self.known.contact_force
             sign = "" if seen else "; the sign of the force shows at the first contact"
             return self._done("first motion", "passed", text + sign, result, "passed")
         name = found["fault"] if result in ("passed", "running", "not_run") else result
         cause = CAUSES.get(name, error)
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
-    def _move(self):
+    def _move(self) -> None:
         """Out and back by the position law; the largest error of the places reached."""
         largest, errors = 0, []
         for target in (self.start + self.direction * self.travel, self.start):
@@ -302,8 +340,8 @@ class Check:
                     largest = max(largest, abs(now["dac_code"]))
                     if now["fault"] != "none":
                         break
-                    self.axis.link.wait(POLL_S)
-                    passed += POLL_S
+                    self.axis.link.wait(READING_PERIOD_S)
+                    passed += READING_PERIOD_S
             except (Refused, NoAnswer) as error:
                 self._done("move", "failed", str(error))
                 return
@@ -316,17 +354,18 @@ class Check:
             if abs(errors[-1]) > ARRIVED_CNT:
                 break
         worst = max(errors, key=abs)
-        self._judge("move", abs(worst) <= ARRIVED_CNT,
+        self._evaluate("move", abs(worst) <= ARRIVED_CNT,
                     f"{self.travel} encoder counts out and back, {worst} beside its target, "
                     f"at most code {largest}", worst,
                     ARRIVED_CNT,
                     f", {_words(now['limit_reason'])} limits it: it is held up, or position_gain "
                     "is too low")  # fmt: skip
 
-    def _put_back(self, before):
+    def _put_back(self, before: dict[str, int]) -> None:
         """Disables the axis and restores what was set for the motion. A link that is lost for a
         moment is tried again; a first Ctrl-C acts after it."""
-        interrupt = reason = None
+        interrupt: KeyboardInterrupt | None = None
+        reason: str | None = None
         for again in range(RESTORE_TRIES):
             try:
                 self.axis.off()
@@ -348,13 +387,13 @@ class Check:
         if interrupt:
             raise interrupt
 
-    def _tare(self):
-        band = self.known["tare_band"] or self.known["contact_force"]
+    def _tare(self) -> None:
+        band = self.known.tare_band or self.known.contact_force
         if not self.passed:
             self._skip("what failed comes first", "tare")
         elif abs(self.reading) > band:
             self._done("tare", "skipped", f"{self.reading:.4g} force counts at rest: beyond "
-                       f"{'tare_band' if self.known['tare_band'] else 'contact_force'}",
+                       f"{'tare_band' if self.known.tare_band else 'contact_force'}",
                        self.reading, band)  # fmt: skip
         else:
             try:
@@ -368,10 +407,10 @@ class Check:
                        band)  # fmt: skip
 
 
-def _least(own, bound):
+def _least(own: float, bound: float) -> float:
     """The smaller one of a limit, 0 for none, and of a bound; whole numbers stay whole."""
     return min(own, bound) if own else bound
 
 
-def _words(name):
+def _words(name: object) -> str:
     return str(name).replace("_", " ")

@@ -10,9 +10,13 @@ what they leave open, since it acts from the reading to the code, as the respons
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from forceaxis import linear
@@ -21,9 +25,14 @@ from forceaxis.commission import known
 from forceaxis.commission.known import Prior
 from forceaxis.design import sets
 from forceaxis.identify.fit import MISFIT
-from forceaxis.identify.measurement import COHERENT
+from forceaxis.identify.measurement import COHERENT, Measurement
 from forceaxis.identify.procedures import SHARE
 from forceaxis.linear import loops, plant_set
+
+Values = dict[str, float]  # {parameter: SI value}
+States = dict[str, str]  # {element: state}
+Samples = NDArray[np.float64]
+Response = NDArray[np.complex128]
 
 OUTSIDE = 3.0  # standard deviations from its prior: rejected
 EDGE = 6.0  # how far is searched
@@ -37,102 +46,131 @@ COMBINATIONS = 9  # of modes at the levels
 APART, CHANGED = 0.3, 0.02  # logarithms: levels that are one plant still; that count as another
 
 
+@dataclass(frozen=True)
+class ResponseScore:
+    """How well a model explains one response: name "apart" or "in contact"; points: lines; modes:
+    {element: state} that it is explained in; p: probability of a chi-square as large."""
+
+    name: str
+    points: int
+    modes: dict[str, str]
+    chi2: float
+    dof: int
+    p: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSummary:
+    """A JointFit as JSON has it. values, intervals, ratios, correlation, over, set: None of a
+    rejected fit; order: of the rows of the correlation; why: in words, of a rejected fit; set: the
+    values as options of the command line."""
+
+    model: str = ""
+    values: Values | None = None
+    best: Values
+    intervals: dict[str, tuple[float, float]] | None = None
+    ratios: dict[str, tuple[float, float, float]] | None = None
+    correlation: tuple[tuple[float, ...], ...] | None = None
+    order: tuple[str, ...] = ()
+    chi_square: float | None = None
+    dof: int | None = None
+    p_value: float | None = None
+    responses: tuple[ResponseScore, ...] = ()
+    levels_differ: bool = False
+    rejected: str | None = None
+    why: str = ""
+    limiting_hz: float | None = None
+    over: tuple[str, ...] | None = None
+    set: str | None = None
+
+
 @dataclass
-class Found:
+class JointFit:
     """What joint() found. Of a rejected fit only `rejected`, `text`, `best`, `levels` and the
     chi-square say anything."""
 
     model: str
-    best: dict  #: {parameter: value}
+    best: Values
     chi2: float
     dof: int
-    #: per response {"name", "points", "chi2", "dof", "p", "modes"}
-    levels: list
+    levels: list[ResponseScore]  #: per response
+    problem: "Responses"  #: of which `best` is the best, at the logarithms `at`
+    at: Samples
     rejected: str | None = None  #: one word: prior, chi2 or coherence
     text: str = ""  #: why, for people
-    values: dict | None = None  #: `best`, of a fit that is not rejected
-    intervals: dict | None = None  #: {parameter: (low, high)}, 95 %
+    values: Values | None = None  #: `best`, of a fit that is not rejected
+    intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
     #: {"a/b" or "a*b": (value, low, high)}: what is known better than either
-    ratios: dict | None = None
-    correlation: np.ndarray | None = None  #: in the order of `best`
+    ratios: dict[str, tuple[float, float, float]] | None = None
+    correlation: Samples | None = None  #: in the order of `best`
     plants: plant_set.PlantSet | None = None  #: for a design
     limiting_hz: float | None = None
     #: of each response, {parameter: value} with what it alone has
-    own: list = field(default_factory=list)
+    own: list[Values] = field(default_factory=list)
     #: each force has parameters of its own: `values` is their mean, the ranges hold all of them
     levels_differ: bool = False
-    problem: object = None  #: of which `best` is the best, at the logarithms `at`
-    at: np.ndarray | None = None
 
     @property
-    def p(self):
+    def p(self) -> float:
         """Probability of a chi-square as large, were the model right."""
         return float(stats.chi2.sf(self.chi2, self.dof))
 
     @property
-    def over(self):
-        """The ranges of `plants`, as texts of --over."""
-        return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in self.plants.ranges.items())
+    def over(self) -> tuple[str, ...]:
+        """The ranges of `plants`, as texts NAME=LOW..HIGH."""
+        ranges = self.plants.ranges if self.plants else {}
+        return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in ranges.items())
 
-    def summary(self):
-        """The JSON object."""
-        names = list(self.best)
-        return {
-            "model": self.model,
-            "values": self.values,
-            "best": self.best,
-            "intervals": self.intervals,
-            "ratios": self.ratios,
-            "correlation": None if self.values is None else self.correlation.tolist(),
-            "order": names,
-            "chi_square": self.chi2,
-            "dof": self.dof,
-            "p_value": self.p,
-            "responses": self.levels,
-            "levels_differ": self.levels_differ,
-            "rejected": self.rejected,
-            "why": self.text,
-            "limiting_hz": self.limiting_hz,
-            "over": None if self.values is None else list(self.over),
-            "set": None
-            if self.values is None
-            else " ".join(f"--set {n}={v:.6g}" for n, v in self.values.items()),
-        }
+    def summary(self) -> JointSummary:
+        """For JSON."""
+        summary = JointSummary(
+            model=self.model, best=self.best, order=tuple(self.best), chi_square=self.chi2,
+            dof=self.dof, p_value=self.p, responses=tuple(self.levels),
+            levels_differ=self.levels_differ, rejected=self.rejected, why=self.text,
+            limiting_hz=self.limiting_hz, intervals=self.intervals, ratios=self.ratios,
+        )  # fmt: skip
+        if self.values is None or self.correlation is None:
+            return summary
+        return replace(
+            summary, values=self.values, over=self.over,
+            correlation=tuple(map(tuple, self.correlation.tolist())),
+            set=" ".join(f"--set {n}={v:.6g}" for n, v in self.values.items()),
+        )  # fmt: skip
 
 
 @dataclass
-class _Responses:
+class Responses:
     """The responses of one axis as residuals of the logarithms of its parameters."""
 
     model: str
-    priors: dict
-    measured: list
-    modes: list = field(default_factory=list)  # of each response
-    own: list = field(default_factory=list)  # of each response: {parameter: its name in priors}
-    errors: list = field(default_factory=list)  # of each response, relative, of any model
-    states: dict = field(default_factory=dict)  # {element: state} of all in contact
+    priors: dict[str, Prior]
+    measured: list[Measurement]
+    modes: list[States] = field(default_factory=list)  # of each response
+    own: list[dict[str, str]] = field(default_factory=list)  # of each: {parameter: name in priors}
+    errors: list[float] = field(default_factory=list)  # of each response, relative, of any model
+    states: States = field(default_factory=dict)  # of all in contact
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self.names = tuple(self.priors)
         self.own = self.own or [{}] * len(self.measured)
         self.errors = self.errors or [MODEL_ERROR] * len(self.measured)
-        self.centre = np.log([p.value for p in self.priors.values()])
-        self.spread = np.array([p.spread for p in self.priors.values()])
+        self.centre: Samples = np.log([p.value for p in self.priors.values()])
+        self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
-        self.known = {}  # predictions by response and what it depends on
-        self.acting = {}
+        self.known: dict[Any, Response] = {}  # predictions by response and what it depends on
+        self.acting: dict[Any, NDArray[np.bool_]] = {}
         self.variance = [
             m.variance + (error * abs(m.response)) ** 2
             for m, error in zip(self.measured, self.errors, strict=True)
         ]
 
-    def values(self, x, own=None):
+    def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
         """{parameter: value} of what all responses share, and of what one has as its `own`."""
         every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
 
-    def predictions(self, x):
+    def predictions(self, x: Samples) -> list[Response]:
         """What the model gives for each response. Levels of the same modes and lines share it, and
         it stands while only parameters change on which it does not depend."""
         found = []
@@ -155,7 +193,7 @@ class _Responses:
             found.append(self.known[key])
         return found
 
-    def _acting(self, measured, own):
+    def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
         """Which parameters a response depends on."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
@@ -163,7 +201,7 @@ class _Responses:
         ]
         return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
-    def coarse(self, x):
+    def coarse(self, x: Samples) -> Samples:
         """By the logarithm of the ratio, which converges from afar."""
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
@@ -171,7 +209,7 @@ class _Responses:
             parts.append(np.log(m.response / h) / np.hypot(relative, 0.1))
         return np.concatenate([*map(_real, parts), (x - self.centre) / self.spread])
 
-    def scores(self, x):
+    def scores(self, x: Samples) -> list[Samples]:
         """Each response's residuals, real, whose squares' sum is a chi-square, two degrees of
         freedom a line: see identify.fit.fit."""
         found = []
@@ -181,11 +219,12 @@ class _Responses:
             found.append(_real(error * np.sqrt(2 * m.dof * np.log1p(square / m.dof) / square)))
         return found
 
-    def fine(self, x):
+    def fine(self, x: Samples) -> Samples:
+        """Residuals of the likelihood: those of all responses, and of the priors."""
         # The likelihood's own factor is (dof + 1) / dof, here 1 as in the test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
-    def information(self, x, scales):
+    def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
         """Of the logarithms: (the lines', that of lines and priors). scales: how much larger than
         its variance says each response's error is."""
         shifted = [
@@ -198,7 +237,7 @@ class _Responses:
             lines += 2 * m.dof**2 / (m.dof + 1) * (J.conj().T @ (J / T[:, None])).real / scales[i]
         return lines, lines + np.diag(self.spread**-2.0)
 
-    def starts(self):
+    def starts(self) -> list[Samples]:
         """The best of a grid of the wide parameters, everything else as known: [x].
 
         A workpiece's mass follows from its antiresonance, which is sought among all frequencies of
@@ -213,9 +252,9 @@ class _Responses:
         grids = {i: [1.0] if unit == "N s/m" else np.linspace(-2, 2, GRID)
                  for i, unit in wide.items()}  # fmt: skip
         (k, *ks), (m, *ms) = (
-            [i for i, unit in wide.items() if unit == wanted] or [None] for wanted in ("N/m", "kg")
+            [i for i, unit in wide.items() if unit == wanted] or [-1] for wanted in ("N/m", "kg")
         )
-        paired = None not in (k, m) and not ks and not ms
+        paired = -1 not in (k, m) and not ks and not ms
         if paired:
             hz = np.concatenate([one.frequency_hz for one in self.measured if not one.free])
             grids[m] = np.log(2 * math.pi * np.geomspace(hz.min(), hz.max(), ANTIRESONANCES))
@@ -231,63 +270,67 @@ class _Responses:
                 found.append((float(size), x))
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES]]
 
-    def _bounds(self, inside=0.0):
+    def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
+        """(lowest, highest) logarithms that are searched, `inside` standard deviations within."""
         reach = (EDGE - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
-    def near(self, begin, evaluations):
+    def near(self, begin: Samples, evaluations: int) -> Any:
         """Searched by the logarithm from `begin`: what least_squares gives."""
         return optimize.least_squares(
-            self.coarse, begin, loss="soft_l1", bounds=self._bounds(), x_scale=self.spread,
+            self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
             max_nfev=evaluations,
         )  # fmt: skip
 
-    def search(self, begin):
+    def search(self, begin: Samples) -> Any:
         """First by the logarithm, then by the likelihood: what least_squares gives."""
-        near = np.clip(self.near(begin, 20).x, *self._bounds(1e-3))
+        near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
         return optimize.least_squares(
-            self.fine, near, bounds=self._bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
+            self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
             ftol=1e-7,
         )  # fmt: skip
 
 
-def _real(values):
+def _real(values: NDArray[Any]) -> Samples:
     return np.concatenate([values.real, values.imag])
 
 
-def joint(model, priors, measurements, over=(), coherent=COHERENT, own=(), errors=(), states=None):
-    """Fit all responses of one axis at once: a Found.
+def joint(
+    model: str | Path, priors: Mapping[str, Prior], measurements: Sequence[Measurement],
+    over: Sequence[str] = (), own: Sequence[Mapping[str, Prior]] = (),
+    errors: Sequence[float] = (), states: States | None = None,
+) -> JointFit:  # fmt: skip
+    """Fit all responses of one axis at once: a JointFit.
 
-    model: a path or stem. priors: {parameter: Prior or (value, spread of the logarithm)}, of what
-    is searched. measurements: Measurements of the axis, apart or in contact at some force; each in
-    contact is taken in the slope of the amplifier that explains it best. over: texts as --over,
-    what may change about the values found. own: for each response {parameter: Prior} of what it
-    alone has, such as the damping that its amplitude makes of dry friction; errors: what no model
-    explains of each, relative, MODEL_ERROR by default. states: {element: state} that all responses
-    were taken in, as --mode names them; those of contacts only the responses in contact. Raises
-    InputError.
+    model: a path or stem. priors: {parameter: Prior}, of what is searched. measurements: of the
+    axis, apart or in contact at some force; each in contact is taken in the slope of the amplifier
+    that explains it best. over: texts NAME=PERCENT% or NAME=LOW..HIGH, what may change about the
+    values found. own: for each response {parameter: Prior} of what it alone has, such as the
+    damping that its amplitude makes of dry friction; errors: what no model explains of each,
+    relative, MODEL_ERROR by default. states: {element: state} that all responses were taken in;
+    those of contacts only the responses in contact. Raises InputError.
     """
     model = str(linear.find_model(model))
-    priors = {n: p if isinstance(p, Prior) else Prior(*p) for n, p in priors.items()}
     measured = [replace(m, model=model) for m in measurements]
     if not priors or not any(not m.free for m in measured):
         raise InputError("fit: expected parameters to find, and a response in contact")
     mine = [{name: f"{name}@{i}" for name in one} for i, one in enumerate(own)]
-    priors |= {mine[i][name]: p for i, one in enumerate(own) for name, p in one.items()}
+    every = dict(priors)
+    every |= {mine[i][name]: p for i, one in enumerate(own) for name, p in one.items()}
     states = dict(states or {})
     without = known.states_apart(model, states)
     begin = [without if m.free else states for m in measured]
-    problem = _in_modes(_Responses(model, priors, measured, begin, mine, list(errors), states))
+    problem = _in_modes(Responses(model, every, measured, begin, mine, list(errors), states))
     best = _searched(problem)
-    found = _judged(problem, best, over, coherent)
+    found = _evaluated(problem, best, over)
     if found.rejected == "chi2":
         apart = _by_level(problem, best)
         if apart is not None:
-            return _judged(problem, apart.mean(0), over, coherent, apart)
+            return _evaluated(problem, apart.mean(0), over, apart)
     return found
 
 
-def _in_modes(problem):
+def _in_modes(problem: Responses) -> Responses:
     """The problem in the modes of the amplifier whose best start explains the responses best, among
     those that have its states."""
     states = problem.states
@@ -308,19 +351,19 @@ def _in_modes(problem):
     return min(tried, key=lambda pair: pair[0])[1]
 
 
-def _searched(problem):
+def _searched(problem: Responses) -> Samples:
     """The best parameters, x."""
-    best = None
+    best: Any = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
         found = problem.search(start)
         best = found if best is None or found.cost < best.cost else best
         if 2 * best.cost < enough:
             break
-    return best.x
+    return np.asarray(best.x)
 
 
-def _by_level(problem, best):
+def _by_level(problem: Responses, best: Samples) -> Samples | None:
     """The best parameters of each level in contact without the others, (levels, p); None where
     one is not explained so either, or the levels are too far apart to be one plant."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
@@ -332,83 +375,91 @@ def _by_level(problem, best):
                       own=[problem.own[i] for i in kept],
                       errors=[problem.errors[i] for i in kept])  # fmt: skip
         x = one.search(best).x
-        if any(_score(s)["p"] < MISFIT / len(kept) for s in one.scores(x)):
+        if any(_score(s)[2] < MISFIT / len(kept) for s in one.scores(x)):
             return None
         found.append(x)
     apart = np.array(found)
     return apart if len(apart) > 1 and np.ptp(apart, 0).max() < APART else None
 
 
-def _score(residuals):
+def _score(residuals: Samples) -> tuple[float, int, float]:
+    """(chi-square, degrees of freedom, probability of a chi-square as large)."""
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
-    return {"chi2": chi2, "dof": dof, "p": float(stats.chi2.sf(chi2, dof))}
+    return chi2, dof, float(stats.chi2.sf(chi2, dof))
 
 
-def _judged(problem, x, over, coherent, apart=None):
-    """The Found of the best parameters; apart: those of each level, where levels differ."""
+def _evaluated(
+    problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
+) -> JointFit:
+    """The JointFit of the best parameters; apart: those of each level, where levels differ."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
         name = "apart" if m.free else "in contact"
-        levels.append(
-            {"name": name, "points": len(m.frequency_hz), "modes": modes, **_score(score)}
-        )
+        levels.append(ResponseScore(name, len(m.frequency_hz), modes, *_score(score)))
     away = (x - problem.centre) / problem.spread
     best = problem.values(x)
-    chi2, dof = (sum(level[key] for level in levels) for key in ("chi2", "dof"))
-    found = Found(problem.model, best, chi2 + float(np.sum(away**2)), dof, levels)
-    found.problem, found.at = problem, x
+    chi2 = sum(level.chi2 for level in levels) + float(np.sum(away**2))
+    dof = sum(level.dof for level in levels)
+    found = JointFit(problem.model, best, chi2, dof, levels, problem, x)
     found.own = [problem.values(x, own) for own in problem.own]
     found.levels_differ = apart is not None
     loop = loops.force_loop(problem.model, "p", "zoh", best, problem.states or None)
     found.limiting_hz = loop.limit().frequency_hz
-    _reject(found, problem, away, coherent)
+    _reject(found, problem, away)
     if found.rejected:
         return found
-    scales = [max(1.0, level["chi2"] / level["dof"]) for level in levels]
+    found.values = best
+    scales = [max(1.0, level.chi2 / level.dof) for level in levels]
     lines, information = problem.information(x, scales)
     covariance = np.linalg.inv(information)
     ranges = plant_set.ranges_of(problem.model, over, best)
-    # What the freedom of all the others adds does not show in a response, so no law meets it.
-    shown = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
-    varied = [i for i, name in enumerate(problem.names) if name in ranges]
-    if varied:
-        block = lines[np.ix_(varied, varied)] + np.diag(problem.spread[varied] ** -2.0)
-        shown[varied] = np.sqrt(np.diag(np.linalg.inv(block)))
-    changed = set()
+    shown = _shown(problem, lines, ranges)
+    shift, changed = np.zeros((1, len(x))), np.zeros(len(x), bool)
     if apart is not None:
         shift = apart - x
         covariance = covariance + shift.T @ shift / max(1, len(apart) - 1)
-        changed = set(np.flatnonzero(abs(shift).max(0) > np.maximum(3 * shown, CHANGED)).tolist())
+        changed = abs(shift).max(0) > np.maximum(3 * shown, CHANGED)
     spread = np.sqrt(np.diag(covariance))
-    size = stats.norm.ppf((1 + SHARE) / 2)
-    found.values = best
+    size = float(stats.norm.ppf((1 + SHARE) / 2))
     found.intervals = {
-        name: tuple(value * math.exp(s * size * h) for s in (-1, 1))
+        name: (value * math.exp(-size * h), value * math.exp(size * h))
         for (name, value), h in zip(best.items(), spread, strict=False)  # the shared ones first
     }
     found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
     found.ratios = _ratios(best, covariance, size)
     for i, name in enumerate(problem.names):
-        wider = size * min(shown[i], spread[i])
-        if i in changed:
-            wider += float(abs(shift[:, i]).max())
         if "@" in name:
             continue
-        if name in ranges or (i in changed and len(ranges) < plant_set.RANGES_MAX):
+        wider = size * min(shown[i], spread[i])
+        wider += float(abs(shift[:, i]).max()) if changed[i] else 0.0
+        if name in ranges or (changed[i] and len(ranges) < plant_set.RANGES_MAX):
             value, low, high = ranges.get(name, (best[name],) * 3)
             ranges[name] = (value, low * math.exp(-wider), high * math.exp(wider))
-    visited = [modes for i, modes in enumerate(problem.modes) if not problem.measured[i].free]
-    modes = tuple({tuple(sorted(m.items())): m for m in visited}.values())
-    found.plants = plant_set.PlantSet(problem.model, best, ranges, modes)
+    visited = [
+        modes for m, modes in zip(problem.measured, problem.modes, strict=True) if not m.free
+    ]
+    modes_seen = tuple({tuple(sorted(one.items())): one for one in visited}.values())
+    found.plants = plant_set.PlantSet(problem.model, best, ranges, modes_seen)
     return found
 
 
-def _reject(found, problem, away, coherent):
-    """Says why a fit is not taken, if it is not."""
+def _shown(problem: Responses, lines: Samples, ranges: Mapping[str, Any]) -> Samples:
+    """Standard errors of the logarithms as the lines alone show them. What the freedom of all the
+    others adds does not show in a response, so no law meets it."""
+    shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
+    varied = [i for i, name in enumerate(problem.names) if name in ranges]
+    if varied:
+        block = lines[np.ix_(varied, varied)] + np.diag(problem.spread[varied] ** -2.0)
+        shown[varied] = np.sqrt(np.diag(np.linalg.inv(block)))
+    return shown
+
+
+def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
+    """Says why a fit is rejected, if it is. away: from the priors, in standard deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
-    misfits = [level for level in found.levels if level["p"] < MISFIT / len(found.levels)]
+    misfits = [level for level in found.levels if level.p < MISFIT / len(found.levels)]
     if (found.p < MISFIT or misfits) and not found.levels_differ:
-        p = min([found.p, *(level["p"] for level in misfits)])
+        p = min([found.p, *(level.p for level in misfits)])
         found.rejected = "chi2"
         found.text = (
             f"expected a model that explains the responses, p = {p:.2g}: another parameter is "
@@ -420,22 +471,24 @@ def _reject(found, problem, away, coherent):
         found.text = (
             f"expected {name} within {OUTSIDE:g} standard deviations of "
             f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: check what the model "
-            "says of it, or give --prior"
+            "says of it, or give its prior"
         )
     elif found.limiting_hz is not None:
         for m in problem.measured:
             near = abs(np.log(m.frequency_hz / found.limiting_hz)) < NEAR
             best = float(m.coherence[near].max()) if near.any() else 0.0
-            if not m.free and best < coherent:
+            if not m.free and best < COHERENT:
                 found.rejected = "coherence"
                 found.text = (
-                    f"expected {coherent:g} or more at the limiting {found.limiting_hz:.3g} Hz, "
+                    f"expected {COHERENT:g} or more at the limiting {found.limiting_hz:.3g} Hz, "
                     f"got {best:.2g}: take more averages, a larger force or a wider band"
                 )
                 return
 
 
-def _ratios(best, covariance, size):
+def _ratios(
+    best: Values, covariance: NDArray[Any], size: float
+) -> dict[str, tuple[float, float, float]]:
     """{text: (value, low, high)} of pairs whose quotient or product is known twice as well as
     either alone."""
     found = {}

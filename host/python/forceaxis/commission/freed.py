@@ -232,14 +232,14 @@ def _refused(p: float, model: str, about: Record) -> Refusal:
         "friction", f"expected a model that explains the response, p = {p:.2g}, and "
         f"friction that a damper stands for, got {_words(about)}: {hidden if about.table_N else ''}"
         "add the friction to the model, free what else may be wrong, or measure with a larger "
-        "--force or --level", lines,
+        "force or level", lines,
     )  # fmt: skip
 
 
 def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
     paths_of: list[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
-) -> joint_fit.Found:  # fmt: skip
+) -> joint_fit.JointFit:  # fmt: skip
     """commission.fit.joint of the responses at `paths_of`, with dampers for the friction of guide
     and gear that was measured where the model is rejected. Raises Refusal by the name `friction`
     where that is under the workpiece, or does not explain the responses either."""
@@ -271,20 +271,3 @@ def joint(
         if not slides.rejected:
             return slides
     raise _refused(found.p, str(model), worst)
-
-
-def describe(summary: dict[str, Any]) -> list[str]:
-    """Lines for people on what was freed; none where nothing was."""
-    about = summary["friction"]
-    if about is None:
-        return []
-    lines = []
-    for one in about["freed"]:
-        damper = "stuck" if one["damping"] is None else f"{one['damping']:.4g} N s/m"
-        newton = "" if one["newton"] is None else f", dry friction of {one['newton']:.3g} N"
-        lines.append(
-            f"friction     {damper} between {' and '.join(one['between'])} in this response{newton}"
-        )
-    for number, line in enumerate(filter(None, about["lines"].splitlines())):
-        lines.append(f"{'model lacks' if number == 0 else '':12} {line}")
-    return lines

@@ -15,13 +15,18 @@ amplitude.
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize
 
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.commission.refusal import Refusal
+
+Samples = NDArray[np.float64]
 
 SHARE_OF_WAY = 0.85  # of the travel to either side, in which a glide runs
 GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
@@ -83,7 +88,7 @@ class Directions:
 
 
 @dataclass(frozen=True)
-class Slow:
+class SlowLoading:
     """Of a slow change between two forces: friction under the workpiece, N (0: none shows; at
     least this where it `sticks` all the way), compliances in counts a newton of what moves always
     and of what moves only once the friction is overcome, and the softest place between the forces
@@ -118,9 +123,9 @@ def damping(friction_N: float, speed_rms: float) -> float:
 
 
 def glide(
-    analyzer,
+    analyzer: Any,
     most: int,
-    say=lambda text: None,
+    say: Callable[[str], None] = lambda text: None,
     first: int = 0,
     highest: int = 0,
     newton: float = 0.0,
@@ -187,7 +192,7 @@ def glide(
     return found
 
 
-def _speed(analyzer, code: int, travel: int) -> float | None:
+def _speed(analyzer: Any, code: int, travel: int) -> float | None:
     """Counts a second with a constant code from one end of the travel toward the other; None where
     the axis does not move."""
     axis = analyzer.axis
@@ -228,8 +233,8 @@ def _speed(analyzer, code: int, travel: int) -> float | None:
 
 
 def between(
-    analyzer, low_N: float, high_N: float, reached_N: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    analyzer: Any, low_N: float, high_N: float, reached_N: float
+) -> tuple[Samples, Samples, Samples]:
     """(reading in N, position in counts, codes) of an axis that is pressed with `low_N`, where its
     reading stands at `reached_N`, and goes to `high_N` and back; it is left pressed with `low_N`.
     Raises Refusal where it moves further than the order's travel."""
@@ -241,14 +246,14 @@ def between(
     slope = 1e3 * target * (high_N - low_N) / analyzer.rated_N / LEG_S
     analyzer.set(force_slope=max(1, round(slope)))
 
-    def near(state=None):
+    def near() -> None:
         way = abs(axis.read("position") - start)
         if way > analyzer.order.travel:
             axis.disable()
             raise Refusal(
                 "travel", f"expected at most {analyzer.order.travel} counts of way from {low_N:g} "
                 f"to {high_N:g} N, got {way}: something between these forces is soft; give a "
-                "larger --travel-mm, or forces that are nearer to each other"
+                "larger travel, or forces that are nearer to each other"
             )  # fmt: skip
 
     legs = []
@@ -266,9 +271,7 @@ def between(
     return pushed, went - start, put
 
 
-def directions(
-    force: np.ndarray, place: np.ndarray, codes: np.ndarray, rate: float = 0.0
-) -> Directions:
+def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
     """The Directions of a record of between(). rate: counts a second for each code beyond what
     force and friction take; 0: not known, then it is at least what is left where the axis stands,
     after it rose and after it fell, which the law's integral and noise make smaller."""
@@ -296,13 +299,13 @@ def directions(
     return Directions(dead_zone, error, float(np.median(abs(takes[moves]))), False)
 
 
-def means(values: np.ndarray) -> np.ndarray:
+def means(values: Samples) -> Samples:
     """(n,) of BLOCK samples each."""
     whole = len(values) // BLOCK * BLOCK
     return values[:whole].reshape(-1, BLOCK).mean(1)
 
 
-def play(force: np.ndarray, half: float) -> np.ndarray:
+def play(force: Samples, half: float) -> Samples:
     """What is left of a force, (n,) N, behind Coulomb friction of `half` N, which slid forward
     before."""
     left, now = np.empty(len(force)), force[0] - half
@@ -312,20 +315,20 @@ def play(force: np.ndarray, half: float) -> np.ndarray:
     return left
 
 
-def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> Slow:
-    """The Slow of a record of between(). rigid: counts a newton of what is between the encoder and
-    the workpiece, by the model; 0: not known."""
+def slow(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
+    """The SlowLoading of a record of between(). rigid: counts a newton of what is between the
+    encoder and the workpiece, by the model; 0: not known."""
     F, x = means(force), means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
 
-    def left(half):
+    def left(half: float) -> tuple[Samples, Any]:
         columns = [np.ones(len(F)), F, play(F, half)]
         table = np.column_stack(columns if half else columns[:2])
         solved = np.linalg.lstsq(table, x, rcond=None)[0]
         return table @ solved - x, solved
 
-    def size(half):
+    def size(half: float) -> float:
         error, solved = left(half)
         return float(np.sum(error**2)) * (1.0 if half == 0 or min(solved[1:]) > 0 else 4.0)
 
@@ -344,13 +347,13 @@ def slow(force: np.ndarray, place: np.ndarray, rigid: float = 0.0) -> Slow:
         F, x - (c_slide * (play(F, half) - F) if rubs else 0.0), low, high
     )
     friction = half if rubs else (span / 2 if sticks else 0.0)
-    return Slow(
+    return SlowLoading(
         float(friction), sticks, float(c_stuck if rubs else c_all), float(c_slide if rubs else 0.0),
         softest_N, softest, low, high, round(float(np.ptp(x))),
     )  # fmt: skip
 
 
-def _softest(F, x, low, high):
+def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
     """(force in N, its compliance over the larger one at the two ends) of the softest place between
     two forces."""
     edges = np.linspace(low, high, BINS + 1)

@@ -9,14 +9,23 @@ import datetime
 import json
 import struct
 import zlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
 from forceaxis.bus.client import from_raw
 from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Samples = NDArray[np.float64]
 
 VERSION = 1
 #: As firmware/app/incident.c records them, in each tick.
@@ -45,19 +54,20 @@ class Incident:
     later: int  #: errors since
     kept: bool  #: from before a restart of the axis
     table: str  #: hash of the object table
-    parameters: dict
+    parameters: dict[str, int]
     archived: bool = False  #: a power cut came between
 
-    def column(self, name):
+    def column(self, name: str) -> NDArray[Any]:
+        """The samples of a signal, (n,), raw."""
         return self.recording.values(name)
 
     @property
-    def time_ms(self):
+    def time_ms(self) -> Samples:
         """(n,) ms from the tick of the error."""
         return self.recording.time_s * 1e3
 
     @property
-    def force_N(self):
+    def force_N(self) -> Samples:
         """(n,) N: the reading after zero, sign and tare."""
         p = self.parameters
         scale = 2.0 ** (FULL_SCALE_BITS - p["adc_bits"])
@@ -65,25 +75,26 @@ class Incident:
         return (counts - from_raw("force_tare", p["force_tare"])) * p["force_scale"] * 1e-6
 
     @property
-    def travel(self):
+    def travel(self) -> Samples:
         """(n,) counts from the position at the error; a wrap of the encoder does not show."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
         return way - way[self.recording.trigger_sample]
 
 
-def has_one(axis):
+def has_one(axis: Axis) -> bool:
+    """Whether the black box of an axis keeps an incident."""
     return axis.read("blackbox_state") in STATES
 
 
-def wait(axis, seconds):
+def wait(axis: Axis, seconds: float) -> None:
     """Waits for an incident, of the axis' time. Raises NoAnswer."""
     axis.wait_for(
         lambda s: s["blackbox_state"] in STATES, ("blackbox_state", "fault"), "an incident", seconds
     )
 
 
-def _load(axis):
+def _load(axis: Axis) -> bool:
     """Has the axis load what a power cut has left, if there is something; whether there was."""
     name = "incident_stored"
     found = axis.wait_for(lambda s: s[name] != "checking", (name, "fault"), "its archive", 5.0)
@@ -101,7 +112,7 @@ BOARD = (
 )
 
 
-def fetch(axis):
+def fetch(axis: Axis) -> Incident:
     """The incident of an axis that is owned: that of its black box, without one that which a power
     cut has left. Raises Refused where there is none, NoAnswer."""
     if axis.read("blackbox_state") == "completing":
@@ -140,18 +151,18 @@ def fetch(axis):
     )
 
 
-def clear(axis):
+def clear(axis: Axis) -> None:
     """Ends the incident; the black box records again."""
     axis.set(incident_command="clear")
 
 
-def packed(recording):
+def packed(recording: Recording) -> bytes:
     """The samples as the axis keeps them."""
     row = struct.Struct("<" + "".join(FORMATS[BY_NAME[n].type] for n in recording.signals))
     return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
 
 
-def write(incident, folder, figure):
+def write(incident: Incident, folder: Path, figure: "Figure") -> None:
     """incident.json and .png into `folder`, which is created; both or none. Raises OSError."""
     recording = incident.recording
     known = {
@@ -171,7 +182,7 @@ def write(incident, folder, figure):
         figure.savefig(picture, format="png", dpi=120)
 
 
-def is_incident(path):
+def is_incident(path: str | Path) -> bool:
     """Whether a file begins as one of write()."""
     try:
         with open(path, "rb") as file:
@@ -180,7 +191,7 @@ def is_incident(path):
         return False
 
 
-def load(path):
+def load(path: Path) -> Incident:
     """The Incident of a file of write(). Raises InputError, OSError."""
     try:
         held = json.loads(path.read_text())
@@ -199,7 +210,7 @@ def load(path):
     return incident
 
 
-def missing(incident):
+def missing(incident: Incident) -> list[str]:
     """What a replay of an incident would need beside its samples, by name."""
     enabled = (incident.column("statusword")[: incident.recording.trigger_sample] & 0x6F) == 0x27
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
@@ -211,7 +222,7 @@ def missing(incident):
     return lacks
 
 
-def figure(incident, counts_per_mm=None):
+def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
     """Force in N with force_max, way in mm or encoder counts, DAC code, over ms from the error: all
     that was recorded, and NEAR_MS on both sides."""
     import matplotlib.pyplot as plt
@@ -257,11 +268,12 @@ def figure(incident, counts_per_mm=None):
     return made
 
 
-def words(incident):
+def words(incident: Incident) -> str:
     """The fault, or the error without one."""
     named = incident.fault if incident.fault != "none" else incident.error_code
     return named.replace("_", " ")
 
 
-def seconds_since_power_up(incident):
+def seconds_since_power_up(incident: Incident) -> float:
+    """Of the axis' time, at the error."""
     return incident.tick / TICKS_PER_S

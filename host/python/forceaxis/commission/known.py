@@ -2,14 +2,16 @@
 leave its drive linear."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from forceaxis import linear, toml
-from forceaxis._core import InputError
 from forceaxis.design.changes import Design, contact_of, value_of
+from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_set
 
 # Standard deviations of the logarithms of what is known before.
@@ -30,11 +32,15 @@ class Prior:
     spread: float
 
     @property
-    def wide(self):
+    def wide(self) -> bool:
+        """Whether the parameter is hardly known."""
         return self.spread > 1.0
 
 
-def priors(model, over=(), given=(), overrides=None):
+def priors(
+    model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
+    overrides: dict[str, float] | None = None,
+) -> dict[str, Prior]:  # fmt: skip
     """{parameter: Prior} of a model by the part that each plays: masses, the drive's and the
     contact's constants as a data sheet has them; the workpiece and what `over` names hardly known.
 
@@ -43,9 +49,9 @@ def priors(model, over=(), given=(), overrides=None):
     known = linear.facts(model, overrides).parameters
     table = toml.read(linear.find_model(model))
     work = _workpiece(table)
-    spreads = {}
+    spreads: dict[str, float] = {}
 
-    def add(name, spread):
+    def add(name: Any, spread: float) -> None:
         if isinstance(name, str) and name in known and known[name][0] > 0:
             spreads[name] = max(spread, spreads.get(name, 0.0))
 
@@ -70,15 +76,16 @@ def priors(model, over=(), given=(), overrides=None):
         except ValueError:
             prior = Prior(0.0, 0.0)
         if name not in known or not (0 < prior.value < math.inf and 0 < prior.spread < math.inf):
-            raise InputError(
-                f"--prior: {text}: expected NAME=VALUE or NAME=VALUE+-PERCENT%, above 0, of a "
-                f"parameter of the model: {', '.join(sorted(known))}"
+            raise ParameterError(
+                "priors",
+                f"{text}: expected NAME=VALUE or NAME=VALUE+-PERCENT%, above 0, of a "
+                f"parameter of the model: {', '.join(sorted(known))}",
             )
         found[name] = prior
     return found
 
 
-def linear_codes(model, overrides=None):
+def linear_codes(model: str | Path, overrides: dict[str, float] | None = None) -> int | None:
     """Codes of noise that leave the drive's voltage and current within their limits, by the model;
     None without limits. Beyond, the amplifier answers with less than its gain."""
     path = linear.find_model(model)
@@ -159,7 +166,7 @@ def play_counts(model: str | Path, overrides: dict[str, float] | None = None) ->
     return math.ceil(play_m * abs(facts.required_encoder.scale))
 
 
-def _workpiece(table):
+def _workpiece(table: dict[str, Any]) -> str | None:
     """The body that the contact presses on."""
     contacts = table.get("contact", ())
     return contacts[0]["between"][1] if len(contacts) == 1 else None

@@ -1,11 +1,17 @@
 """`forceaxis measure` on a live axis: responses free and at several forces, and their files."""
 
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from forceaxis import _core, objects
 from forceaxis.axis import actions, bounds
+from forceaxis.axis.axis import Axis
 from forceaxis.commission import sought
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
+from forceaxis.commission.level import Level, MeasuringOrder, Rest
 from forceaxis.identify import result
 from forceaxis.identify.measurement import COHERENT
 from forceaxis.results import to_json
@@ -14,17 +20,17 @@ FREE = "free"
 
 
 def measure(
-    axis, order, forces=(), free=False, model="", overrides=None, say=lambda text: None, look=True
-):
-    """{name: identify.result.MeasurementResult} of a response apart, if `free`, and one at each
-    force, N, in contact. The axis is owned, disabled and at rest; so it is afterwards, where it
-    was.
+    axis: Axis, order: MeasuringOrder, forces: Sequence[float] = (), free: bool = False,
+    model: str | Path = "", overrides: Mapping[str, Any] | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> dict[str, result.MeasurementResult]:  # fmt: skip
+    """{name: MeasurementResult} of a response apart, if `free`, and one at each force, N, in
+    contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
 
-    model: a path; the response is compared with its linear model then. look: for dry friction,
-    whose response is that of a noise that slides. Raises InputError before anything moves for what
-    the axis would clip; Refusal, NoAnswer, Refused.
+    model: a path; the response is compared with its linear model then. Raises InputError before
+    anything moves for what the axis would clip; Refusal, NoAnswer, Refused.
     """
-    done = {}
+    done: dict[str, result.MeasurementResult] = {}
     actions.expect_position_gain(axis)
     for force in forces:
         bounds.expect_force(axis, force, SWING)
@@ -32,7 +38,11 @@ def measure(
         bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
-        looks = sought.Look(analyzer, model, overrides) if look else None
+        looks = (
+            sought.Look(analyzer, str(model), dict(overrides or {}))
+            if order.finds_friction
+            else None
+        )
         if free:
             say("apart, commands to the encoder")
             if looks:
@@ -50,7 +60,9 @@ def measure(
     return done
 
 
-def _taken(axis, analyzer, level, rest, looks):
+def _taken(
+    axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
+) -> result.MeasurementResult:
     """The Result of a Level, with what `looks` found of friction."""
     if looks:
         looks.expect_sliding(level)
@@ -59,7 +71,7 @@ def _taken(axis, analyzer, level, rest, looks):
     return done
 
 
-def hints(level, rest):
+def hints(level: Level, rest: Rest) -> list[str]:
     """What makes the response less certain than its band says: [text]."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
@@ -77,7 +89,10 @@ def hints(level, rest):
     return texts
 
 
-def result_of(axis, order, level, rest):
+def result_of(
+    axis: Axis, order: MeasuringOrder, level: Level, rest: Rest
+) -> result.MeasurementResult:
+    """The Result of a Level, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     compared = None if model is None else measured.compare(model)
@@ -90,7 +105,16 @@ def result_of(axis, order, level, rest):
         "input": measured.input,
         "output": measured.output,
         "unit": measured.unit,
-        **level.about(),
+        "amplitude": level.amplitude,
+        "bias_N": level.bias_N,
+        "force_min_N": level.force_min_N,
+        "force_max_N": level.force_max_N,
+        "swing": level.swing,
+        "noise_lsb": level.noise_lsb,
+        "speed_rms": level.speed_rms,
+        "distorted": level.distorted,
+        "aborts": to_json(level.aborts),
+        "of_loop": level.of_loop,
         "rest": vars(rest),
         "force_max_allowed_N": order.force_max_N if np.isfinite(order.force_max_N) else None,
         "averages": measured.averages,
@@ -107,45 +131,3 @@ def result_of(axis, order, level, rest):
         "objects_hash": objects.OBJECTS_HASH,
     }
     return result.MeasurementResult(None, measured, model, summary, title)
-
-
-def describe(summary):
-    """Rows (key, text) of one response for a terminal."""
-    readings, compared = summary["readings"], summary["comparison"]
-    low, high = summary["band_hz"]
-    rows = [
-        ("response", f"{summary['input']} to {summary['output']}, {summary['unit']}"),
-        (
-            "excitation",
-            f"noise of {summary['amplitude']} codes, {low:.4g} to {high:.4g} Hz, "
-            f"{summary['averages']} averages",
-        ),
-    ]
-    if summary["bias_N"] is not None:
-        rows.append(
-            ("force", f"{summary['bias_N']:.4g} N, while excited {summary['force_min_N']:.4g} to "
-             f"{summary['force_max_N']:.4g} N")
-        )  # fmt: skip
-    found = summary.get("friction")
-    less = "less was taken" if found and found["rubs"] else "halved"
-    for abort in summary["aborts"]:
-        rows.append(("ended", f"{abort['why']} at {abort['amplitude']} codes: {less}"))
-    rows += sought.describe(found) if found else []
-    rows += [
-        ("low gain", f"{readings['low_gain']:.4g} at {readings['low_hz']:.4g} Hz, the lowest line"),
-        (
-            "coherence",
-            f"median {summary['coherence_median']:.5g}, above {COHERENT} at "
-            f"{summary['coherent']} of {summary['points']} points",
-        ),
-        ("error", f"{100 * summary['random_error_median']:.2g} % random error, median"),
-    ]
-    if compared:
-        inside = compared["inside"]
-        rows.append(
-            ("inside", "no coherent point" if inside is None else
-             f"{100 * inside:.1f} % of the coherent points within the 95 % band of the model")
-        )  # fmt: skip
-        fits = "the model fits" if compared["fits"] else "the model is rejected at 5 %"
-        rows.append(("verdict", f"{fits} (p = {compared['p_value']:.3g})"))
-    return rows + [("hint", text) for text in summary["hints"]]

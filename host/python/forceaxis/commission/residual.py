@@ -15,6 +15,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from forceaxis import linear, toml
+from forceaxis.commission.fit import JointFit, Response, Responses, Samples
 from forceaxis.commission.known import Prior
 from forceaxis.design.changes import contact_of
 from forceaxis.identify.fit import MISFIT
@@ -37,7 +38,7 @@ class Shape:
 
     name: str
     priors: dict[str, Prior]
-    factor: Callable[[Values, int, np.ndarray], Any]
+    factor: Callable[[Values, int, Samples], Any]
     words: Callable[[Values, Values], tuple[str, str]]
     freed: bool = False
 
@@ -58,10 +59,10 @@ class Tried:
     values: Values
 
 
-def tried(problem: Any, x: np.ndarray) -> list[Tried]:
+def tried(problem: Responses, x: Samples) -> list[Tried]:
     """The candidates that explain more than they cost, best first.
 
-    problem, x: the _Responses of fit.joint and the parameters at which it was rejected.
+    problem, x: the Responses of fit.joint and the parameters at which it was rejected.
     """
     scores = np.concatenate(problem.scores(x))
     before = float(np.sum(scores**2)) + float(np.sum(((x - problem.centre) / problem.spread) ** 2))
@@ -83,14 +84,13 @@ def lines_of(found: list[Tried]) -> str:
     return "\n".join(lines)
 
 
-def _begun(problem: Any, x: np.ndarray, shape: Shape) -> tuple[Shape, Any, float, np.ndarray]:
+def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
     """(shape, problem with its parameters, cost, their logarithms) of a Shape while all other
     parameters stay at x."""
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
-    kind: Any = type(problem)
 
-    class Shaped(kind):
-        def predictions(self, x):
+    class Shaped(Responses):
+        def predictions(self, x: Samples) -> list[Response]:
             every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
             values = {name: every[shape.key(name)] for name in shape.priors}
             return [
@@ -102,7 +102,7 @@ def _begun(problem: Any, x: np.ndarray, shape: Shape) -> tuple[Shape, Any, float
         problem.model, problem.priors | own, problem.measured, problem.modes, problem.own,
         problem.errors,
     )  # fmt: skip
-    free, (low, high) = len(x), wider._bounds(1e-3)
+    free, (low, high) = len(x), wider.bounds(1e-3)
     found = optimize.least_squares(
         lambda y: wider.coarse(np.concatenate([x, y])), wider.centre[free:], loss="soft_l1",
         bounds=(low[free:], high[free:]), x_scale=wider.spread[free:], max_nfev=EVALUATIONS,
@@ -111,12 +111,12 @@ def _begun(problem: Any, x: np.ndarray, shape: Shape) -> tuple[Shape, Any, float
 
 
 def _fitted(
-    x: np.ndarray, shape: Shape, wider: Any, _: float, y: np.ndarray, before: float, size: int
+    x: Samples, shape: Shape, wider: Responses, _: float, y: Samples, before: float, size: int
 ) -> Tried:
     """The Tried of a Shape from where _begun ended, all parameters free."""
-    begin = np.clip(np.concatenate([x, y]), *wider._bounds(1e-3))
+    begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
     best = optimize.least_squares(
-        wider.fine, begin, bounds=wider._bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS
+        wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS
     )
     scores = np.concatenate(wider.scores(best.x))
     chi2 = float(np.sum(scores**2))
@@ -127,7 +127,7 @@ def _fitted(
     return Tried(shape.name, words, lines, gain, float(stats.chi2.sf(chi2, size)), values)
 
 
-def _shapes(problem: Any) -> list[list[Shape]]:
+def _shapes(problem: Responses) -> list[list[Shape]]:
     """Kinds of candidates, each with the Shapes to begin from."""
     return [
         [_sensor_lag(problem)],
@@ -137,14 +137,14 @@ def _shapes(problem: Any) -> list[list[Shape]]:
     ]
 
 
-def _lag(values: Values, hz: np.ndarray) -> np.ndarray:
+def _lag(values: Values, hz: Samples) -> Any:
     return 1 / (1 + 2j * np.pi * hz * values["lag_s"])
 
 
-def _sensor_lag(problem: Any) -> Shape:
+def _sensor_lag(problem: Responses) -> Shape:
     pressed = [not m.free for m in problem.measured]
 
-    def words(values, _):
+    def words(values: Values, _: Values) -> tuple[str, str]:
         lag = values["lag_s"]
         lines = f'# in the [[adc]] of channel 0\nfilter = "{1 / lag:.4g} rad/s"'
         return f"a lag of {1e3 * lag:.2g} ms in the sensor", lines
@@ -155,7 +155,7 @@ def _sensor_lag(problem: Any) -> Shape:
     )  # fmt: skip
 
 
-def _drive_lag(problem: Any) -> Shape:
+def _drive_lag(problem: Responses) -> Shape:
     """The time constant of the drive's own lag, where it is a parameter: the winding's inductance,
     or the corner of the force. Else a lag behind it."""
     table = toml.read(linear.find_model(problem.model)).get("drive", {})
@@ -165,7 +165,7 @@ def _drive_lag(problem: Any) -> Shape:
         value, unit = facts.parameters[name]
         drive = facts.required_drive.values
 
-        def words(values, _):
+        def words(values: Values, _: Values) -> tuple[str, str]:
             new = values[name]
             lag = (new - value) / (drive["R"] + drive["k_amp"] * drive["k_current"]) if (
                 table["type"] == "dc_motor") else 1 / new - 1 / value  # fmt: skip
@@ -176,14 +176,14 @@ def _drive_lag(problem: Any) -> Shape:
         prior = {name: Prior(value, 1.0)}
         return Shape("drive_lag", prior, lambda *_: 1.0, words, freed=True)
 
-    def behind(values, _):
+    def behind(values: Values, _: Values) -> tuple[str, str]:
         lag = values["lag_s"]
         return f"a lag of {1e3 * lag:.2g} ms in the drive", f"# 1/s, the corner: {1 / lag:.4g}"
 
     return Shape("drive_lag", {"lag_s": Prior(LAG_S, 1.2)}, lambda v, _, hz: _lag(v, hz), behind)
 
 
-def _modes(problem: Any) -> list[Shape]:
+def _modes(problem: Responses) -> list[Shape]:
     """A mass on a spring, on the drive's body: a zero, and a pole above it."""
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
@@ -191,15 +191,15 @@ def _modes(problem: Any) -> list[Shape]:
     work = (contact_of(toml.read(linear.find_model(problem.model))) or {}).get("between", (0, 0))[1]
     moving = sum(kg for name, kg in facts.masses_kg.items() if name != work)
 
-    def factor(values, _, hz):
-        def pair(at):
+    def factor(values: Values, _: int, hz: Samples) -> Any:
+        def pair(at: float) -> Any:
             ratio = hz / at
             return 1 - ratio**2 + 2j * values["zeta"] * ratio
 
         zero = values["mode_hz"]
         return pair(zero) / pair(zero * values["split"])
 
-    def words(values, _):
+    def words(values: Values, _: Values) -> tuple[str, str]:
         zero, split = values["mode_hz"], values["split"]
         mass = moving * abs(split**2 - 1)
         stiffness = mass * (2 * math.pi * zero) ** 2
@@ -220,23 +220,23 @@ def _modes(problem: Any) -> list[Shape]:
     ]  # fmt: skip
 
 
-def _gains(problem: Any) -> Shape:
+def _gains(problem: Responses) -> Shape:
     """A gain of each response in contact after the first."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     table = toml.read(linear.find_model(problem.model))
     work = (contact_of(table) or {}).get("between", ("", ""))[1]
     springs = [s for s in table.get("spring", ()) if work in s["between"]]
 
-    def factor(values, i, _):
+    def factor(values: Values, i: int, _: Samples) -> Any:
         return values[f"gain_{i}"] if i in pressed[1:] else 1.0
 
-    def words(values, best):
+    def words(values: Values, best: Values) -> tuple[str, str]:
         gains = [1.0, *(values[f"gain_{i}"] for i in pressed[1:])]
         shares = ", ".join(f"{gain:.3g}" for gain in gains)
         what = f"a gain that differs by level, {shares} from the smallest force on"
         name = springs[0].get("stiffness") if len(springs) == 1 else None
         known = linear.facts(problem.model).parameters
-        own = best.get(name, known.get(name, (1.0,))[0])
+        own = best.get(str(name), known.get(str(name), (1.0,))[0])
         softer = [float(f"{own * gain:.4g}") for gain in gains]
         where = (
             "# in the [[spring]] behind the contact, with loads: a force between each two levels"
@@ -246,6 +246,6 @@ def _gains(problem: Any) -> Shape:
     return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN) for i in pressed[1:]}, factor, words)
 
 
-def of(found: Any) -> list[Tried]:
+def of(found: JointFit) -> list[Tried]:
     """The candidates of a rejected fit.Found."""
-    return tried(replace(found.problem), found.at) if found.problem is not None else []
+    return tried(replace(found.problem), found.at)

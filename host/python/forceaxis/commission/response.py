@@ -10,20 +10,31 @@ has nothing to do with it (Pintelon and Schoukens, System Identification, 2.7):
 In open loop r is u, and this is H1.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
+
+Samples = NDArray[np.float64]
+Response = NDArray[np.complex128]
+Lines = NDArray[np.int64]  # numbers of lines of a spectrum
+Steps = tuple[float, float]  # of a code, in units of (input, output)
+Still = tuple[Samples, Samples]  # (inputs, outputs) without a waveform
 
 LEAST = 1e-300
 CANDIDATES = 400
 
 
-def lines_of(samples, band_hz, rate_hz):
+def lines_of(samples: int, band_hz: tuple[float, float], rate_hz: float) -> Lines:
     """Numbers of the spectrum's lines within the band, for a record of so many samples."""
     low, high = band_hz
     first = max(1, int(np.ceil(low * samples / rate_hz - 1e-9)))
     return np.arange(first, int(np.floor(high * samples / rate_hz + 1e-9)) + 1)
 
 
-def estimate(waveform, inputs, outputs, lines, steps):
+def estimate(
+    waveform: Samples, inputs: Samples, outputs: Samples, lines: Lines, steps: Steps
+) -> tuple[dict[str, Any], Response, Samples]:
     """({response, variance, coherence, floor}, S, standard error of S) at `lines`.
 
     waveform, inputs, outputs: (K, n), a whole period of each of K >= 2 realisations in the same
@@ -52,7 +63,9 @@ def estimate(waveform, inputs, outputs, lines, steps):
     return found, S, np.sqrt((abs(U - S * R) ** 2).sum(0) / ((count - 1) * power))
 
 
-def error(waveform, inputs, outputs, lines, steps, of_loop):
+def error(
+    waveform: Samples, inputs: Samples, outputs: Samples, lines: Lines, steps: Steps, of_loop: bool
+) -> float:
     """Median relative standard error of the response, or of the sensitivity; as of estimate."""
     found, S, sensitivity = estimate(waveform, inputs, outputs, lines, steps)
     if of_loop:
@@ -60,7 +73,9 @@ def error(waveform, inputs, outputs, lines, steps, of_loop):
     return float(np.median(np.sqrt(found["variance"]) / abs(found["response"])))
 
 
-def deviation(inputs, outputs, still, lines, steps, averages):
+def deviation(
+    inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps, averages: int
+) -> tuple[float, float]:
     """Median relative standard deviations to expect of the response and of the sensitivity, from so
     many realisations like this one.
 
@@ -74,13 +89,16 @@ def deviation(inputs, outputs, still, lines, steps, averages):
         _smooth(abs(noise[1] - H * noise[0]) ** 2) + rounding[1] + abs(H) ** 2 * rounding[0],
         _smooth(abs(noise[0]) ** 2) + rounding[0],
     )
-    return tuple(
+    of_response, of_loop = (
         float(np.median(np.sqrt(power / averages) / np.maximum(abs(signal), LEAST)))
         for power, signal in zip(errors, (Y, U), strict=True)
     )
+    return of_response, of_loop
 
 
-def excess(waveform, inputs, outputs, still, lines, steps):
+def excess(
+    waveform: Samples, inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps
+) -> float:
     """How many times more the realisations differ than noise makes them, mean of the lines: what is
     above 1 is distortion, as of a drive that saturates. Arguments as of estimate, deviation."""
     R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
@@ -92,12 +110,12 @@ def excess(waveform, inputs, outputs, still, lines, steps):
     return float(np.mean(found / expected))
 
 
-def _smooth(power, lines=11):
+def _smooth(power: NDArray[Any], lines: int = 11) -> Samples:
     width = min(lines, len(power))
     return np.convolve(power, np.ones(width) / width, "same")
 
 
-def calm_seeds(count, samples, hold, first):
+def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
     """Seeds of the firmware's noise whose integral over a period stays nearest to 0, so that an
     axis that integrates stays where it is. first: another number gives other seeds."""
     seeds = (np.arange(CANDIDATES) + CANDIDATES * first) % 65536

@@ -8,6 +8,7 @@ model lacks, to be added to it.
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import tomlkit
 
@@ -86,7 +87,7 @@ def at_both_ends(model: str | Path, found: tuple[Rub, ...]) -> tuple[Rub, ...]:
     return tuple(split)
 
 
-def _size(facts: linear.PlantFacts, friction: dict) -> float:
+def _size(facts: linear.PlantFacts, friction: dict[str, Any]) -> float:
     value = friction["coulomb"]
     return float(facts.parameters.get(value, (value,))[0])
 
@@ -109,7 +110,7 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
             own = next(f for f in document["friction"] if f["name"] == rub.name)
             own["coulomb"] = own["stiction"] = float(f"{rub.newton:.4g}")
         else:
-            values: dict = {"name": rub.name, "between": list(rub.between)}
+            values: dict[str, Any] = {"name": rub.name, "between": list(rub.between)}
             values["coulomb"] = float(f"{rub.newton:.4g}")
             _add(document, "friction", values)
     _drop_unused(document, model)
@@ -170,7 +171,7 @@ def _document(model: str | Path) -> tomlkit.TOMLDocument:
     return document
 
 
-def _add(document: tomlkit.TOMLDocument, kind: str, values: dict) -> None:
+def _add(document: tomlkit.TOMLDocument, kind: str, values: dict[str, Any]) -> None:
     if kind not in document:
         document[kind] = tomlkit.aot()
     table = tomlkit.table()

@@ -6,12 +6,16 @@ it shows in the imaginary part alone, and the real part is k - m w^2 whatever th
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis.axis.link import TICKS_PER_S
+
+Samples = NDArray[np.float64]
 
 SAMPLES = 750
 SETTLE_S = 0.3
@@ -34,42 +38,48 @@ class Shaken:
     friction_N: float
     stiffness_error: float
     mass_error: float
-    hz: tuple
-    codes: tuple
-    newton: tuple
-    rows: tuple  #: (Hz, force re and im in N, way of the axis re and im in m, codes) of each sine
+    hz: tuple[float, ...]
+    codes: tuple[float, ...]
+    newton: tuple[float, ...]
+    #: (Hz, force re and im in N, way of the axis re and im in m, codes) of each sine
+    rows: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Shaking:
+    """What is known before an axis is shaken: friction in N, stiffnesses of sensor and workpiece in
+    N/m, the frequencies; rate: encoder counts a second for each code, scale: encoder counts a
+    metre, newton: N of a count of the reading."""
+
+    friction_N: float
+    sensor: float
+    workpiece: float
+    hz: tuple[float, ...]
+    rate: float
+    scale: float
+    newton: float
 
 
 def shake(
-    analyzer,
-    force_N: float,
-    friction_N: float,
-    sensor: float,
-    workpiece: float,
-    hz: tuple[float, ...],
-    rate: float,
-    scale: float,
-    most: Callable[[float], int],
-    newton: float,
+    analyzer: Any, force_N: float, known: Shaking, most: Callable[[float], int],
     ended: type[Exception],
-) -> Shaken | None:
+) -> Shaken | None:  # fmt: skip
     """Presses an Analyzer's axis with `force_N` and shakes it; None where too little slides.
 
-    friction_N, sensor and workpiece: what is known of the friction and of the stiffnesses, N/m;
-    rate: encoder counts a second for each code, scale: counts a metre; most(hz): codes that the
-    drive bears; newton: of a count of the reading; ended: what the analyzer raises when the axis
-    ends an excitation.
+    most(hz): codes that the drive bears; ended: what the analyzer raises when the axis ends an
+    excitation.
     """
+    sensor = known.sensor
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
     rows = []
-    for f in hz:
-        target = SLIDES * friction_N / workpiece
-        amplitude = max(2, round(2 * math.pi * f * target * scale / rate))
+    for f in known.hz:
+        target = SLIDES * known.friction_N / known.workpiece
+        amplitude = max(2, round(2 * math.pi * f * target * known.scale / known.rate))
         best = None
         for _ in range(TRIES):
             amplitude = min(amplitude, most(f))
             try:
-                one = _sine(analyzer, f, amplitude, scale, newton)
+                one = _sine(analyzer, f, amplitude, known)
             except ended:
                 analyzer.standing()
                 amplitude = round(amplitude / (1.25 if best else 2))
@@ -98,12 +108,12 @@ def shake(
     return of_sines(rows, sensor)
 
 
-def _way(force, place, sensor):
+def _way(force: Any, place: Any, sensor: Any) -> Any:
     """The workpiece's way, m, of the axis' way and the force on the sensor, N/m, between them."""
     return place - force / sensor
 
 
-def _sine(analyzer, hz, amplitude, scale, newton):
+def _sine(analyzer: Any, hz: float, amplitude: int, known: Shaking) -> tuple[complex, complex]:
     """(force in N, way of the axis in m), complex, of a sine."""
     axis = analyzer.axis
     analyzer.set(excitation_code=amplitude, excitation_frequency=hz)
@@ -117,12 +127,12 @@ def _sine(analyzer, hz, amplitude, scale, newton):
         lambda s: s["excitation_state"] == "done", ("excitation_state",), "the ramp's end"
     )
     wave = np.exp(-2j * np.pi * hz * np.arange(SAMPLES) / TICKS_PER_S) * 2 / SAMPLES
-    raw = held.values("force_raw") * 2.0 ** (8 - analyzer.bits) * analyzer.sign * newton
-    force, place = (wave @ (x - np.mean(x)) for x in (raw, held.values("position") / scale))
+    raw = held.values("force_raw") * 2.0 ** (8 - analyzer.bits) * analyzer.sign * known.newton
+    force, place = (wave @ (x - np.mean(x)) for x in (raw, held.values("position") / known.scale))
     return complex(force), complex(place)
 
 
-def of_sines(rows: list, sensor: float, damping: float = 0.0) -> Shaken:
+def of_sines(rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0) -> Shaken:
     """The Shaken of `rows` as it has them; sensor, damping: N/m and N s/m of what is between axis
     and workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
@@ -147,7 +157,7 @@ def of_sines(rows: list, sensor: float, damping: float = 0.0) -> Shaken:
     )  # fmt: skip
 
 
-def _solved(table, values, weight):
+def _solved(table: Samples, values: Samples, weight: Samples) -> Any:
     """(solution, covariance) of weighted least squares, the errors' size from what is left."""
     A, b = table * weight[:, None], values * weight
     solved = np.linalg.lstsq(A, b, rcond=None)[0]

@@ -7,13 +7,14 @@ the codes that differ between rising and falling force at the same reading say t
 
 import math
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from forceaxis import linear
 from forceaxis.commission import friction, known, rubbing
 from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
-from forceaxis.commission.level import Level, Order
+from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
 LOWER = LOWEST + MARGIN  # of the smallest force: from where it is changed slowly
@@ -30,7 +31,7 @@ WHOLE = 1.2  # times the friction under a workpiece: half a swing in which it sl
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundFriction:
     """What is known of dry friction at a response. moving_N, table_N: of guide and gear, by the
     model, and under the workpiece, None: not known; the motion apart, the slow change, what the
     codes differ by between rising and falling force, None where there was none; left_N: reading
@@ -39,7 +40,7 @@ class Found:
     moving_N: float | None = None
     table_N: float | None = None
     glide: friction.Glide | None = None
-    slow: friction.Slow | None = None
+    slow: friction.SlowLoading | None = None
     directions: friction.Directions | None = None
     left_N: float | None = None
     lines: str = ""
@@ -61,10 +62,12 @@ class Found:
 class Look:
     """Looks for friction with an Analyzer. model: a path or "", which knows newtons of a code."""
 
-    def __init__(self, analyzer: Analyzer, model: str = "", overrides: dict | None = None) -> None:
+    def __init__(
+        self, analyzer: Analyzer, model: str = "", overrides: dict[str, float] | None = None
+    ) -> None:
         self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
-        self.order: Order = analyzer.order
-        self.found = Found()
+        self.order: MeasuringOrder = analyzer.order
+        self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
             self.model = ""  # it says nothing of codes and counts
@@ -72,7 +75,7 @@ class Look:
         if not math.isfinite(self.newton):
             self.newton = 0.0
 
-    def apart(self) -> Found:
+    def apart(self) -> FoundFriction:
         """Before the response apart, whose amplitude is to slide. Raises Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.known["output_limit"])
@@ -83,10 +86,10 @@ class Look:
         except Refusal as refusal:
             if refusal.name != "friction" or not own:
                 raise
-            raise Refusal(refusal.name, f"{refusal.text}, or give more --level") from None
+            raise Refusal(refusal.name, f"{refusal.text}, or give a larger level") from None
         return self._found(replace(self.found, glide=glide))
 
-    def between(self, forces: tuple[float, ...]) -> Found:
+    def between(self, forces: tuple[float, ...]) -> FoundFriction:
         """Before the responses in contact: what is between the forces and about them."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
@@ -126,7 +129,7 @@ class Look:
             return self.found.glide.rate
         return known.code_rate(self.model, self.overrides) if self.model else 0.0
 
-    def _found(self, found: Found) -> Found:
+    def _found(self, found: FoundFriction) -> FoundFriction:
         moving = found.dead_zone * self.newton if self.newton else None
         table = found.slow.friction_N if found.slow is not None else None
         lines = ""
@@ -153,8 +156,8 @@ class Look:
             return
         newtons = f", {self.found.moving_N:.3g} N of dry friction" if self.newton else ""
         where = "apart" if level.bias_N is None else f"with {level.bias_N:.3g} N"
-        bounds = "more --travel" if level.bias_N is None else "a larger --force and --force-max"
-        bounds = "more --level" if self.order.amplitude else bounds
+        bounds = "a larger travel" if level.bias_N is None else "larger forces and force_max_N"
+        bounds = "a larger level" if self.order.amplitude else bounds
         raise Refusal(
             "friction", f"expected noise that slides, {level.amplitude} codes {where} are no more "
             f"than the {dead_zone:.3g} that guide and gear take{newtons}: the response is that of "
@@ -163,7 +166,7 @@ class Look:
         )  # fmt: skip
 
 
-def summary(found: Found, level: Level) -> dict:
+def summary(found: FoundFriction, level: Level) -> dict[str, Any]:
     """What the file of a response says of friction."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
@@ -182,34 +185,3 @@ def summary(found: Found, level: Level) -> dict:
         "why": found.why,
         "lines": found.lines,
     }  # fmt: skip
-
-
-def describe(about: dict) -> list[tuple[str, str]]:
-    """Rows (key, text) for people; none where no friction shows."""
-    if not about["rubs"]:
-        return []
-    rows, parts = [], []
-    if about["dead_zone_codes"]:
-        newtons = "" if about["moving_N"] is None else f", {about['moving_N']:.3g} N"
-        least = "at least " if about["glide"] is None and about["directions"]["least"] else ""
-        text = f"guide and gear take {least}{about['dead_zone_codes']:.3g} codes{newtons}"
-        if about["glide"] and abs(about["glide"]["difference"]) > friction.FELT_CODES:
-            text += f", {about['glide']['difference']:+.2g} codes more forward than backward"
-        parts.append(text)
-    if about["workpiece_N"]:
-        slow, where = about["slow"], "slides" if about["workpiece_slides"] else "sticks"
-        least = "at least " if slow["sticks"] else ""
-        text = (
-            f"{least}{about['workpiece_N']:.3g} N under the workpiece, which {where} in this swing"
-        )
-        if not about["workpiece_slides"]:
-            text += "; a larger --force or more --level makes it slide"
-        parts.append(text)
-    if about["left_N"] is not None and round(about["left_N"], 1):
-        parts.append(f"with a target of 0 N the reading stays at {about['left_N']:.2g} N")
-    rows.append(("friction", "; ".join(parts)))
-    if about["moving_N"] is None and about["dead_zone_codes"]:
-        rows.append(("hint", "--model says how many newtons a code is"))
-    for number, line in enumerate(filter(None, about["lines"].splitlines())):
-        rows.append(("model lacks" if number == 0 else "", line))
-    return rows

@@ -1,11 +1,15 @@
 """What led to an incident, in words: rules on its recorded signals, the decisive ones first."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.bus.client import from_raw
 from forceaxis.bus.state_names import enum, mode
-from forceaxis.commission.incident import words
+from forceaxis.commission.incident import Incident, words
 from forceaxis.words import counted
 
 ENABLED = 0x27  # of statusword & 0x6F: operation enabled
@@ -49,12 +53,31 @@ FOUND = {
 CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 
-def tell(incident, counts_per_mm=None):
+@dataclass(frozen=True)
+class IncidentStory:
+    """An incident in words; tick: of the error; later: errors since; kept: from before a restart;
+    story: what led to it, the decisive lines first."""
+
+    fault: str
+    error_code: str
+    tick: int
+    later: int
+    kept: bool
+    story: tuple[str, ...]
+
+    @classmethod
+    def of(cls, incident: Incident, lines: tuple[str, ...]) -> "IncidentStory":
+        return cls(
+            incident.fault, incident.error_code, incident.tick, incident.later, incident.kept, lines
+        )
+
+
+def tell(incident: Incident, counts_per_mm: float | None = None) -> list[str]:
     """Lines of text: the fault, then what led to it."""
     return [_headline(incident), *_Story(incident, counts_per_mm).lines()]
 
 
-def _headline(incident):
+def _headline(incident: Incident) -> str:
     place = " (kept over a restart)" if incident.kept else ""
     place = " (kept over a power cut)" if incident.archived else place
     later = f"; {counted(incident.later, 'later error')}" if incident.later else ""
@@ -65,7 +88,7 @@ def _headline(incident):
 
 
 class _Story:
-    def __init__(self, incident, counts_per_mm):
+    def __init__(self, incident: Incident, counts_per_mm: float | None) -> None:
         self.incident, self.per_mm = incident, counts_per_mm
         self.at = incident.recording.trigger_sample
         until = slice(0, self.at + 1)
@@ -79,7 +102,7 @@ class _Story:
         self.threshold = from_raw("contact_force", p["contact_force"]) * p["force_scale"] * 1e-6
         self.contact = np.abs(self.force) > self.threshold
 
-    def lines(self):
+    def lines(self) -> list[str]:
         fault = self.incident.fault if self.incident.fault != "none" else self.incident.error_code
         rules = (
             self.meaning(fault), self.motion(), self.switches(), self.onset(), self.rise(),
@@ -88,7 +111,7 @@ class _Story:
         )  # fmt: skip
         return [line for line in rules if line]
 
-    def meaning(self, fault):
+    def meaning(self, fault: str) -> str | None:
         """What the fault is, with what the board said of it."""
         text, said = MEANS.get(fault), self.incident.parameters
         if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
@@ -101,7 +124,7 @@ class _Story:
             return f"{text}: {', '.join(found)}"
         return text
 
-    def motion(self):
+    def motion(self) -> str:
         """Since when the axis was enabled, and how fast it moved."""
         on = self.enabled[:-1]
         if not on.any():
@@ -111,19 +134,19 @@ class _Story:
         speed = self.mean_speed(self.at)
         return f"enabled {since}; at the error it moved at {self.rate(speed)}"
 
-    def mean_speed(self, at):
+    def mean_speed(self, at: int) -> float:
         """Counts a tick, of the last 4 ticks."""
         return float(np.mean(self.speed[max(1, at - 3) : at + 1])) if at else 0.0
 
-    def rate(self, speed):
+    def rate(self, speed: float) -> str:
         if self.per_mm:
             return f"{speed * TICKS_PER_S / self.per_mm:.1f} mm/s"
         return f"{speed:.1f} encoder counts/tick"
 
-    def length(self, counts):
+    def length(self, counts: float) -> str:
         return f"{counts / self.per_mm:.2f} mm" if self.per_mm else f"{counts:.0f} encoder counts"
 
-    def switches(self):
+    def switches(self) -> str | None:
         changed = np.flatnonzero(np.diff(self.inputs))
         if not len(changed):
             return None
@@ -134,7 +157,7 @@ class _Story:
         ago = (self.at - last - 1) * MS
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
-    def onset(self):
+    def onset(self) -> str | None:
         """The last contact before the error: when, and how fast."""
         begins = np.flatnonzero(~self.contact[:-1] & self.contact[1:]) + 1
         if not len(begins):
@@ -145,7 +168,7 @@ class _Story:
             f"at {self.rate(self.mean_speed(at - 1))}"
         )
 
-    def rise(self):
+    def rise(self) -> str | None:
         begin = max(0, self.at - NEAR_TICKS)
         near = self.force[begin:]
         low, high = int(np.argmin(near)), int(np.argmax(near))
@@ -158,7 +181,7 @@ class _Story:
             f"to {near[max(low, high)]:.3g} N"
         )
 
-    def jump(self):
+    def jump(self) -> str | None:
         steps = np.abs(np.diff(self.force[-CLOSE_TICKS - 1 :]))
         others = np.abs(np.diff(self.force[: -CLOSE_TICKS - 1]))
         if not len(steps) or not len(others):
@@ -169,7 +192,7 @@ class _Story:
         ago = (len(steps) - 1 - at) * MS
         return f"the force reading jumped by {steps[at]:.3g} N in one tick, {ago:.1f} ms before"
 
-    def rail(self):
+    def rail(self) -> str | None:
         highest = 2 ** self.incident.parameters["adc_bits"] - 1
         at_end = self.raw >= highest
         if self.incident.parameters["force_zero_code"]:
@@ -177,7 +200,7 @@ class _Story:
         ticks = _last_run(at_end)
         return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
 
-    def still(self):
+    def still(self) -> str | None:
         """A reading that stays, although the axis moves in contact or presses."""
         ticks = _last_run(self.raw == self.raw[-1])
         is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
@@ -190,11 +213,11 @@ class _Story:
             f"while the axis moved {moved} under codes up to {code}"
         )
 
-    def losses(self):
+    def losses(self) -> str | None:
         count = int(np.count_nonzero(self.contact[:-1] & ~self.contact[1:]))
         return f"contact was lost {count} times in the recorded second" if count > 1 else None
 
-    def swing(self):
+    def swing(self) -> str | None:
         part = self.force[-SWING_TICKS - 1 : -1]
         if len(part) < SWING_TICKS or np.ptp(part) < 2 * self.threshold:
             return None
@@ -206,13 +229,13 @@ class _Story:
         hz = peak * TICKS_PER_S / len(part)
         return f"the force swung by {np.ptp(part):.3g} N at some {hz:.0f} Hz in the last 0.3 s"
 
-    def limited(self):
+    def limited(self) -> str | None:
         ticks = _last_run(self.reason[:-1] != 0)
         if not ticks:
             return None
         return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
 
-    def error(self):
+    def error(self) -> str | None:
         """Distance to the set-point, where one is followed."""
         lag = (self.incident.column("profile_position") - self.incident.column("position"))[
             : self.at
@@ -221,7 +244,7 @@ class _Story:
             return None
         return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
 
-    def standing(self):
+    def standing(self) -> str | None:
         """An axis that does not follow its code."""
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
@@ -241,7 +264,7 @@ class _Story:
         return None
 
 
-def _last_run(flags):
+def _last_run(flags: NDArray[Any]) -> int:
     """How many of the last entries are true without a gap."""
     off = np.flatnonzero(~flags[::-1])
     return int(off[0]) if len(off) else len(flags)

@@ -1,61 +1,102 @@
 """A force law for a live axis: measured, identified, designed, simulated, written, verified, kept.
 
-`Tuning(axis, order, folder).run()` does STEPS one after the other. Each is a function of tune_steps
-that ends with a result, a JSON file of its own in the folder, or with a Refusal. What is there is
-not done again, so a tuning goes on where it was broken off.
+`Tuning(axis, order, folder).run()` does the steps of STEP_TABLE one after the other. Each is a
+function from the folder and the results of earlier steps to its own result, or to a Refusal. Its
+result is kept in a JSON file of the folder. A step whose file is there is not done again, so a
+tuning goes on where it was interrupted.
 """
 
 import hashlib
-import json
-import math
 import time
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
 
-from forceaxis import linear
 from forceaxis._core import InputError
+from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, known, tune_files, tune_fit, tune_steps
+from forceaxis.commission import as_found, tune_files, tune_fit, tune_measure, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
-from forceaxis.design import sets
-from forceaxis.design.cases import GainCut
-from forceaxis.identify.fit import read_response
+from forceaxis.commission.shake import Shaken
+from forceaxis.commission.tune_files import StepFile, StepTimes, TuningIdentity, TuningOrder
+from forceaxis.commission.tune_folder import TuningFolder
+from forceaxis.commission.tune_results import (
+    Checked,
+    Designed,
+    Fitted,
+    FreeResponse,
+    MeasuredResponses,
+    PressedResponse,
+    Simulated,
+    SlowChange,
+    StepRefusal,
+    Stored,
+    TuningSummary,
+    Verified,
+    Written,
+)
+from forceaxis.results import from_json, to_json
 
-STEPS = ("check", "free", "measure", "fit", "design", "simulate", "write", "verify", "store")
-FILE = "tune.json"
-# The step from which on a tuning is done again where something changed; check() always is.
+
+@dataclass(frozen=True)
+class TuningStep:
+    """A step of a tuning. function(folder, *results of the steps in `takes`) gives a `result`;
+    line(folder, result): what is said of it."""
+
+    name: str
+    function: Callable[..., Any]
+    result: type
+    takes: tuple[str, ...]
+    line: Callable[[TuningFolder, Any], str]
+
+
+STEP_TABLE = {
+    step.name: step
+    for step in (
+        TuningStep("check", tune_steps.check, Checked, (), tune_steps.check_line),
+        TuningStep("free", tune_measure.free, FreeResponse, ("check",), tune_measure.free_line),
+        TuningStep("measure", tune_measure.measure, MeasuredResponses, ("check", "free"),
+             tune_measure.measure_line),
+        TuningStep("fit", tune_fit.fit, Fitted, ("free", "measure"), tune_fit.fit_line),
+        TuningStep("design", tune_steps.design, Designed, ("fit", "check"), tune_steps.design_line),
+        TuningStep("simulate", tune_steps.simulate, Simulated, ("design", "check", "fit"),
+             tune_steps.simulate_line),
+        TuningStep("write", tune_steps.write, Written, ("design",), tune_steps.write_line),
+        TuningStep("verify", tune_steps.verify, Verified,
+             ("write", "design", "measure", "check", "fit"), tune_steps.verify_line),
+        TuningStep("store", tune_steps.store, Stored, ("verify", "design"), tune_steps.store_line),
+    )
+}  # fmt: skip
+STEPS = tuple(STEP_TABLE)
+FILE = tune_files.TUNE
+# The first step that is done again where a field of the order has changed; `check` always is.
 AGAIN_FROM = {
     "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
     "ms": "design",
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
+# What the files of the steps hold; `measure` has two more.
+FILE_TYPES: dict[str, Any] = {name: step.result for name, step in STEP_TABLE.items()}
+FILE_TYPES["measure"] = dict[str, PressedResponse]
 
 
-def _text(value):
-    """A field of an Order for people."""
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+def _text(value: Any) -> str:
+    """A field of an order for people."""
+    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
-@dataclass(frozen=True)
-class Order:
-    """What is asked for. model: path or stem of the axis' model, whose values are what is known
-    of it; priors: NAME=VALUE or NAME=VALUE+-PERCENT% of what is known better or worse; states:
-    ELEMENT=STATE, in which the model is linearised."""
-
-    model: str
-    forces: tuple
-    over: tuple
-    priors: tuple = ()
-    states: tuple = ()
-    ms: float = 2.0
-    force_max_N: float = math.inf
-    band_hz: tuple = (1.0, 100.0)
-    averages: int = 8
-    travel_mm: float = 1.0
-    seed: int = 1
+def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
+    """{field: what it was and is, in words} of the fields that differ but `model`."""
+    pairs = {f.name: (getattr(before, f.name), getattr(after, f.name)) for f in fields(after)}
+    return {
+        name: f"{name} {_text(old)} to {_text(new)}"
+        for name, (old, new) in pairs.items() if name != "model" and old != new
+    }  # fmt: skip
 
 
-class Tuning(as_found.Folder):
+class Tuning(TuningFolder):
     """The steps on an Axis that is owned and disabled, in `folder`, which need not exist.
 
     say(text): a line for each step and for what it does. A folder of another order or model goes on
@@ -63,60 +104,52 @@ class Tuning(as_found.Folder):
     of another axis or a damaged file, or the order names what the model has not.
     """
 
-    def __init__(self, axis, order, folder, say=lambda text: None):
-        super().__init__(axis, folder, say)
-        self.kept = frozenset()  # steps that are done and stay so when one before them is again
-        self.order, self.given, self.refused = order, linear.find_model(order.model), None
-        known.priors(str(self.given), order.over, order.priors)  # before anything is written
-        self.states = linear.states(order.states)  #: {element: state} that loops are taken in
-        if self.states:
-            sets.slopes(self.given, fixed=self.states)  # refuses what the model has not
-        tune_files.check(self.folder, lambda path: read_response(path, self.given))
+    def __init__(
+        self, axis: Axis, order: TuningOrder, folder: str | Path,
+        say: as_found.Say = as_found.say_nothing,
+    ) -> None:  # fmt: skip
+        super().__init__(axis, order, folder, say)
+        self.step = STEPS[0]
+        # Steps that are done, and stay done when a step before them is done again.
+        self.kept: frozenset[str] = frozenset()
+        self.refused: StepRefusal | None = None
+        self.check_files(FILE_TYPES)
         self._claim()
 
-    @property
-    def model(self):
-        """Path of the model: the one given, with the friction that fit() found and it lacks."""
-        own = self.folder / tune_fit.MODEL
-        return own if own.exists() else self.given
-
-    def _claim(self):
-        """Takes the folder for this order: steps that what changed since does not touch stay done.
-        Refuses a folder of another axis."""
+    def _claim(self) -> None:
+        """Takes the folder for this order: steps that a change does not touch stay done. Refuses a
+        folder of another axis."""
         known = self.axis.get("object_table_hash", "serial_number")
-        identity = {
-            "order": json.loads(json.dumps(asdict(self.order), default=str)),
-            "model_sha256": hashlib.sha256(self.given.read_bytes()).hexdigest(),
-            **known,
-        }
-        held = self.read(FILE)
+        # As the file has it: a force of 30 is 30.0, a list is a tuple.
+        order = from_json(TuningOrder, to_json(self.order))
+        digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
+        identity = TuningIdentity(order, digest, **known)
+        held = self.read(FILE, TuningIdentity)
         if held is not None and held != identity:
-            other = [key for key in known if held.get(key) != known[key]]
+            other = [key for key in known if getattr(held, key) != known[key]]
             if other:
                 raise InputError(
                     f"{self.folder}: expected a tuning of the same axis, got another "
-                    f"{', '.join(other)}; give another --out"
+                    f"{', '.join(other)}; give another folder"
                 )
             self._renew(held, identity)
         self.write(FILE, identity)
 
-    def _renew(self, held, identity):
-        """Leaves only the steps that stay valid of what was done for `held`, and says so."""
-        old, new = held["order"], identity["order"]
-        old = {"states": []} | old  # of a folder before there was --mode
-        changes = {n: f"{n} {_text(old.get(n))} to {_text(new[n])}" for n in new
-                   if n != "model" and old.get(n) != new[n]}  # fmt: skip
+    def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
+        """Deletes the results of the steps that a change of the order or the model touches, and
+        says so."""
+        changes = _changes(held.order, identity.order)
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
-        if held["model_sha256"] != identity["model_sha256"]:
+        if held.model_sha256 != identity.model_sha256:
             changes["model"] = "the model"
             first.append(STEPS.index(AGAIN_FROM["model"]))
         if not first:  # the same model by another name
             return
-        done = [step for step in STEPS if (self.folder / f"{step}.json").exists()]
+        done = [step for step in STEPS if self._file(step).exists()]
         kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
         for step in STEPS:
             if step not in kept:
-                (self.folder / f"{step}.json").unlink(missing_ok=True)
+                self._file(step).unlink(missing_ok=True)
         self.kept = frozenset(kept)
         if done:
             self.say(
@@ -124,14 +157,40 @@ class Tuning(as_found.Folder):
                 f"{', '.join(kept) or 'nothing'}; the rest is done again"
             )
 
-    def result(self, step):
-        """What a step that is done came to. Raises Refusal for one that is not."""
-        held = self.read(f"{step}.json")
-        if held is None:
-            raise Refusal(step, f"expected that step to be done before; run --only {step}")
-        return held["result"]
+    def _file(self, step: str) -> Path:
+        return self.folder / f"{step}.json"
 
-    def run(self, only=None):
+    def done(self, step: str) -> StepFile | None:
+        """The file of a step, its result of the type in STEP_TABLE; None where it is not done."""
+        held = tune_files.read_step(self._file(step), FILE_TYPES[step])
+        if held is None or step != "measure":
+            return held
+        between = self.read(tune_files.BETWEEN, SlowChange)
+        if between is None:
+            raise InputError(f"{self.folder / tune_files.BETWEEN}: expected that file")
+        shaken = self.read(tune_files.SHAKEN, Shaken)
+        return held._replace(result=MeasuredResponses(held.result, between, shaken))
+
+    def result(self, step: str) -> Any:
+        """The result of a step that is done, of its type in STEP_TABLE. Raises Refusal for a step
+        that is not done."""
+        held = self.done(step)
+        if held is None:
+            raise Refusal(step, "expected that step to be done before; do it alone first")
+        return held.result
+
+    def _keep(self, step: str, done: StepFile) -> None:
+        """Writes the files of a step, the one that says that it is done as the last."""
+        if isinstance(done.result, MeasuredResponses):
+            self.write(tune_files.BETWEEN, done.result.between)
+            if done.result.between.friction_N > 0:
+                self.write(tune_files.SHAKEN, done.result.shaken)
+            else:  # of a measurement that is replaced
+                (self.folder / tune_files.SHAKEN).unlink(missing_ok=True)
+            done = done._replace(result=done.result.levels)
+        tune_files.write_step(self.folder, step, done)
+
+    def run(self, only: str | None = None) -> TuningSummary:
         """Does the steps that are not done, or `only` that one, done or not; the summary. After a
         Refusal, or whatever else ends it early, the axis has what it had before."""
         self.step = only or STEPS[0]
@@ -139,73 +198,82 @@ class Tuning(as_found.Folder):
             if len(self.order.forces) < 2:
                 raise Refusal(
                     "levels", f"expected at least two forces, got {len(self.order.forces)}: what "
-                    "depends on the force cannot be told from what does not; give --force 30,150"
+                    "depends on the force cannot be told from what does not; give 30 and 150"
                 )  # fmt: skip
             with as_found.kept(self):
                 for self.step in (only,) if only else STEPS:
-                    self._do(self.step, bool(only))
+                    self._do(STEP_TABLE[self.step], bool(only))
         except (Refusal, Refused, NoAnswer) as error:
             refusal = error if isinstance(error, Refusal) else of_link(self.axis, error)
-            self.refused = {"step": self.step, "name": refusal.name, "text": refusal.text}
-            if refusal.lines:
-                self.refused["lines"] = refusal.lines
-                for line in ("to be added to the model:", *refusal.lines.splitlines()):
+            lines = refusal.lines or None
+            self.refused = StepRefusal(self.step, refusal.name, refusal.text, lines)
+            if lines:
+                for line in ("to be added to the model:", *lines.splitlines()):
                     self.say(line)
             raise refusal from None
         return self.summary()
 
-    def _do(self, step, again):
-        place = f"{STEPS.index(step) + 1}/{len(STEPS)}"
-        if not again and self.read(f"{step}.json") is not None:
-            self.say(f"{place} {step}: done before")
+    def _do(self, step: TuningStep, again: bool) -> None:
+        index = STEPS.index(step.name)
+        place = f"{index + 1}/{len(STEPS)} {step.name}"
+        if not again and self.done(step.name) is not None:
+            self.say(f"{place}: done before")
             return
-        for later in STEPS[STEPS.index(step) :]:  # would follow from what is replaced
-            if later == step or later not in self.kept:
-                (self.folder / f"{later}.json").unlink(missing_ok=True)
+        for later in STEPS[index:]:  # they follow from what is replaced
+            if later == step.name or later not in self.kept:
+                self._file(later).unlink(missing_ok=True)
         began, tick = time.monotonic(), self.axis.read("tick_count")
         try:
-            result, line = getattr(tune_steps, step)(self)
+            result = step.function(self, *map(self.result, step.takes))
         except (Refusal, Refused, NoAnswer) as error:
-            if step == STEPS[0] and isinstance(error, Refusal):  # as the axis was found
+            if step.name == STEPS[0] and isinstance(error, Refusal):  # as the axis was found
                 raise
             raise of_link(self.axis, error) from None
         took = time.monotonic() - began
         ticks = (self.axis.read("tick_count") - tick) % 2**32
-        times = {"seconds": round(took, 3), "axis_seconds": round(ticks / TICKS_PER_S, 3)}
-        self.write(f"{step}.json", times | {"result": result})
-        self.say(f"{place} {step}: {line} ({took:.1f} s)")
+        times = StepTimes(round(took, 3), round(ticks / TICKS_PER_S, 3))
+        self._keep(step.name, StepFile(times, result))
+        self.say(f"{place}: {step.line(self, result)} ({took:.1f} s)")
 
-    def summary(self):
-        """What is known so far, as `--json` prints it."""
-        done = {step: self.read(f"{step}.json") for step in STEPS}
-        held = {step: value["result"] for step, value in done.items() if value is not None}
-        fitted, designed = held.get("fit", {}), held.get("design", {})
-        levels = held.get("verify", {}).get("levels", {})
-        return {
-            "axis": self.axis.link.where,
-            "folder": str(self.folder),
-            "parameters": fitted.get("parameters"),
-            "bank": designed.get("bank"),
-            "worst": designed.get("worst"),
-            "p": designed.get("p"),
-            "on_fitted": designed.get("on_fitted"),
-            "limited_by": designed.get("limited_by"),
-            "cut": designed.get("cut") or None,
-            "cuts": [GainCut(**cut).text for cut in designed.get("gain_cuts", ())],
-            "simulated": [
-                *(row for row in designed.get("simulated", ()) if row["law"] == "design"),
-                *held.get("simulate", {}).get("contacts", ()),
-            ],
-            "holds": tune_fit.holds(self),
-            "Ms_predicted": designed.get("worst", {}).get("Ms"),
-            "Ms_verified": max((one["Ms"] for one in levels.values()), default=None),
-            "levels": levels or None,
-            "certificate_state": held.get("write", {}).get("certificate_state"),
-            "stored": held.get("store", {}).get("stored", False),
-            "times_p": designed.get("times_p"),
-            "friction": fitted.get("friction"),
-            "friction_lines": fitted.get("lines"),
-            "seconds": {step: done[step]["seconds"] for step in held},
-            "axis_seconds": {step: done[step]["axis_seconds"] for step in held},
-            "refused": self.refused,
-        }
+    def summary(self) -> TuningSummary:
+        """What is known so far."""
+        files = {step: held for step in STEPS if (held := self.done(step)) is not None}
+        known = TuningSummary(
+            axis=self.axis.link.where,
+            folder=str(self.folder),
+            seconds={step: held.times.seconds for step, held in files.items()},
+            axis_seconds={step: held.times.axis_seconds for step, held in files.items()},
+            refused=self.refused,
+        )
+        for held in files.values():
+            known = self._with(known, held.result)
+        fitted = files["fit"].result if "fit" in files else None
+        if "measure" in files:
+            known = replace(known, holds=tuple(tune_fit.holds(files["measure"].result, fitted)))
+        return known
+
+    def _with(self, known: TuningSummary, result: Any) -> TuningSummary:
+        """A summary with what the result of one more step adds."""
+        if isinstance(result, Fitted):
+            return replace(
+                known, parameters=result.parameters, friction=result.friction,
+                friction_lines=result.lines,
+            )  # fmt: skip
+        if isinstance(result, Designed):
+            return replace(
+                known, bank=result.bank, worst=result.worst, p=result.p,
+                on_fitted=result.on_fitted, limited_by=result.limited_by, cut=result.cut or None,
+                cuts=tuple(cut.text for cut in result.gain_cuts), times_p=result.times_p,
+                simulated=tuple(row for row in result.simulated if row.law == "design"),
+                Ms_predicted=result.worst.Ms,
+            )  # fmt: skip
+        if isinstance(result, Simulated):
+            return replace(known, simulated=known.simulated + result.contacts)
+        if isinstance(result, Written):
+            return replace(known, certificate_state=result.certificate_state)
+        if isinstance(result, Verified):
+            largest = max((level.Ms for level in result.levels.values()), default=None)
+            return replace(known, levels=result.levels or None, Ms_verified=largest)
+        if isinstance(result, Stored):
+            return replace(known, stored=result.stored)
+        return known

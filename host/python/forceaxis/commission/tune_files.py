@@ -1,152 +1,178 @@
-"""The files of a tuning's folder, and what is in them: one that is damaged is refused in one line.
+"""The files of a tuning's folder as typed results: a damaged file is refused in one line.
 
-A shape says what a JSON value has to be: a type; `[shape]` a list of it; `{key: shape}` an object
-with at least these keys; Each(shape) an object with any; Maybe(shape) it or null. A key whose shape
-is Newer(shape) may be missing, as it is in the folders of earlier versions.
+This is the boundary of those files. The dataclasses say what a file has to contain: a field with a
+default may be absent, as it is in the folders of earlier versions; keys without a field are left
+out.
 """
 
+import dataclasses
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from forceaxis import paths
 from forceaxis._core import InputError
+from forceaxis.commission.shake import Shaken
+from forceaxis.commission.tune_results import SlowChange, Verified
+from forceaxis.results import from_json, json_key, to_json
 
+T = TypeVar("T")
+
+FOUND, BEFORE, TUNE = "found.json", "before.json", "tune.json"
+BETWEEN, SHAKEN = "between.json", "shaken.json"
 # Files that a step writes and a later one reads: each has to be there where the step is done.
-WITH = {"measure": ("between.json",), "write": ("before.json",)}
-TOUCH_DOWN = ("time_s", "force_N", "predicted_N")  # columns of its file
-
-
-@dataclass(frozen=True)
-class Each:
-    """An object of any keys, whose values have a shape."""
-
-    of: Any
-
-
-@dataclass(frozen=True)
-class Newer:
-    """Of a key that earlier versions did not write: a shape, where it is there."""
-
-    of: Any
-
-
-@dataclass(frozen=True)
-class Maybe:
-    """A value of a shape, or null."""
-
-    of: Any
-
-
-NUMBER, RANGE = float, [float]
-LAW = {"gain": NUMBER}
-FIGURES = {"Ms": NUMBER}
-LEVEL = {"amplitude": int, "swing": NUMBER, "speed_rms": NUMBER}
-VERIFIED = {
-    "Ms": NUMBER, "Ms_error": NUMBER, "Ms_predicted": NUMBER, "Ms_hz": NUMBER, "bias_N": NUMBER,
-}  # fmt: skip
-RUB = {"name": str, "between": [str], "newton": NUMBER, "declared": bool}
-# A simulated contact, and a gain that was cut for one.
-CASE = {
-    "case": str, "law": str, "verdict": str, "peak_N": Maybe(NUMBER),
-    **dict.fromkeys(("static_error_percent", "settle_ms", "overshoot_percent"), Maybe(NUMBER)),
-    "losses": Newer(int), "losses_max": Newer(Maybe(int)), "saturated_ms": Newer(NUMBER),
-}  # fmt: skip
-CUT = {"force_gain": NUMBER, "failed": int, "simulated": int, "case": str, "why": str}
-RESULTS: dict[str, Any] = {
-    "check": {
-        "rest": {"reading": NUMBER, "noise_lsb": Maybe(NUMBER), "position": int},
-        "settings": Each((int, float, str)), "law": LAW | {"integral_rad_per_s": NUMBER},
-        "band_hz": RANGE, "before": LAW, "latency_ticks": int,
-    },
-    "free": LEVEL | {"glide": {"dead_zone": NUMBER, "rate": NUMBER, "codes": int, "rubs": bool}},
-    "measure": Each(LEVEL | {"bias_N": NUMBER}),
-    "fit": {
-        "values": Each(NUMBER), "best": Each(NUMBER), "over": [str], "friction": [RUB],
-        "parameters": Each({"value": NUMBER, "interval": RANGE, "unit": str}),
-        "lines": str, "own": Each(Each(NUMBER)),
-    },
-    "design": {
-        "bank": {
-            "force_gain": NUMBER, "integral_rad_per_s": NUMBER, "velocity_gain": NUMBER,
-            "sections": [RANGE],
-        },
-        "worst": FIGURES | {"fS_Hz": Maybe(NUMBER), "fT_Hz": Maybe(NUMBER)},
-        "p": dict, "objects": Each((int, float, str)), "contact_loss": Maybe(dict),
-        "on_fitted": Each(Maybe(dict)), "modes": [dict], "adc_bits": int, "cut": str,
-        "times_p": Maybe(NUMBER), "simulated": Newer([CASE]), "gain_cuts": Newer([CUT]),
-    },
-    "simulate": {"contacts": [CASE]},
-    "write": {"certificate_state": str, "objects": int},
-    "verify": {"levels": Each(VERIFIED)},
-    "store": {"stored": bool},
-}  # fmt: skip
-SHAKEN = {
-    "stiffness": NUMBER, "mass": NUMBER, "stiffness_error": NUMBER, "mass_error": NUMBER,
-    "hz": RANGE, "newton": RANGE, "rows": [RANGE],
-}  # fmt: skip
-SHAPES: dict[str, Any] = {
-    "tune.json": {"order": {"forces": RANGE, "over": [str], "model": str}, "model_sha256": str},
-    "found.json": {"axis": Each(int), "values": Each(int)},
-    "before.json": Each(int),
-    "between.json": {
-        "friction_N": NUMBER, "sticks": bool, "compliance": NUMBER, "sliding": NUMBER,
-        "low_N": NUMBER, "high_N": NUMBER,
-    },
-    "shaken.json": Maybe(SHAKEN),
-    **{
-        f"{step}.json": {"seconds": NUMBER, "axis_seconds": NUMBER, "result": shape}
-        for step, shape in RESULTS.items()
-    },
-}  # fmt: skip
-NEW_FOLDER = "delete the folder or give another --out"
-TO_DO = {
-    "tune.json": NEW_FOLDER,
-    "found.json": "switch the axis off and on, which puts back what a killed run had set, then "
+FILES_OF_STEP = {"measure": (BETWEEN,), "write": (BEFORE,)}
+TOUCH_DOWN_COLUMNS = ("time_s", "force_N", "predicted_N")
+NEW_FOLDER = "delete the folder or give another one"
+REMEDIES = {
+    TUNE: NEW_FOLDER,
+    FOUND: "switch the axis off and on, which puts back what a killed run had set, then "
     "delete that file",
-    "before.json": f"switch the axis off and on, then {NEW_FOLDER}",
-    "between.json": "delete measure.json, the step is done again",
-    "shaken.json": "delete that file and measure.json, the step is done again",
+    BEFORE: f"switch the axis off and on, then {NEW_FOLDER}",
+    BETWEEN: "delete measure.json, the step is done again",
+    SHAKEN: "delete that file and measure.json, the step is done again",
 }
+TYPE_WORDS = {
+    float: "a number", int: "an integer", str: "a text", bool: "true or false", dict: "an object",
+    list: "a list",
+}  # fmt: skip
 
 
-def read(file: Path) -> Any:
-    """The value of a JSON file of a tuning's folder, None where there is none. Raises InputError
-    for one that is damaged: it names what was expected where, and what to do."""
+@dataclasses.dataclass(frozen=True)
+class AxisState:
+    """What a run found on an axis. axis: raw identity; values: raw values of the objects."""
+
+    axis: dict[str, int]
+    values: dict[str, int]
+
+
+@dataclasses.dataclass(frozen=True)
+class StepTimes:
+    """How long a step took, s of wall time and of the axis' time."""
+
+    seconds: float
+    axis_seconds: float
+
+
+class StepFile(NamedTuple):
+    """The file of a step that is done; result: an instance of the step's result type."""
+
+    times: StepTimes
+    result: Any
+
+
+@dataclasses.dataclass(frozen=True)
+class TuningOrder:
+    """What `tune` is asked for. model: path or stem of the axis' model, whose values are what is
+    known of it; forces: N; over: texts NAME=PERCENT% or NAME=LOW..HIGH; priors: NAME=VALUE or
+    NAME=VALUE+-PERCENT% of what is known better or worse; states: ELEMENT=STATE, in which the model
+    is linearised; ms: largest permitted Ms; averages: of a response; travel_mm: bound of the
+    excitation; seed: of its noise."""
+
+    model: str
+    forces: tuple[float, ...]
+    over: tuple[str, ...]
+    priors: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+    ms: float = 2.0
+    force_max_N: float = math.inf
+    band_hz: tuple[float, ...] = (1.0, 100.0)
+    averages: int = 8
+    travel_mm: float = 1.0
+    seed: int = 1
+
+
+@dataclasses.dataclass(frozen=True)
+class TuningIdentity:
+    """Which tuning a folder holds: the order, the model's contents, the axis."""
+
+    order: TuningOrder
+    model_sha256: str
+    object_table_hash: int | None = None
+    serial_number: int | None = None
+
+
+def write(folder: Path, name: str, value: Any) -> None:
+    """Replaces a JSON file of a folder as a whole. value: a result or what JSON can hold."""
+    with paths.replacing(folder, name) as (file,):
+        text = json.dumps(to_json(value), indent=2, allow_nan=False)
+        file.write_text(text + "\n", encoding="utf-8")
+
+
+def write_step(folder: Path, step: str, done: StepFile) -> None:
+    """Replaces the file of a step."""
+    write(folder, f"{step}.json", to_json(done.times) | {"result": to_json(done.result)})
+
+
+def read(file: Path, kind: type[T]) -> T | None:
+    """The value of a JSON file, an instance of `kind`; None where there is no such file. Raises
+    InputError for a damaged file: it names what was expected where, and what to do."""
+    value = _json(file)
+    return None if value is None else _typed(value, kind, file)
+
+
+def read_step(file: Path, kind: Any) -> StepFile | None:
+    """The file of a step whose result is an instance of `kind`, as read()."""
+    value = _json(file)
+    if value is None:
+        return None
+    times = _typed(value, StepTimes, file)
+    if "result" not in value:
+        raise _damaged(file, "result: expected that key, it is missing")
+    return StepFile(times, _typed(value["result"], kind, file, "result"))
+
+
+def _json(file: Path) -> Any:
     if not file.exists():
         return None
-    todo = TO_DO.get(file.name, "delete that file, the step is done again")
     try:
-        value = json.loads(file.read_text(encoding="utf-8"), parse_constant=_no_number)
+        return json.loads(file.read_text(encoding="utf-8"), parse_constant=_not_a_number)
     except (ValueError, RecursionError):
-        raise InputError(f"{file}: expected JSON as a tuning writes it; {todo}") from None
-    if file.name in SHAPES:
-        wrong = _wrong(value, SHAPES[file.name], "")
-        if wrong:
-            raise InputError(f"{file}: {wrong}; {todo}")
-    return value
+        raise _damaged(file, "expected JSON as a tuning writes it") from None
 
 
-def check(folder: Path, read_response: Any) -> None:
-    """Reads every file of a folder that later steps read. read_response(path): of a response's
-    folder, raises InputError. Raises InputError for the first that is damaged or missing."""
-    held = {name: read(folder / name) for name in SHAPES}
-    for step, files in WITH.items():
+def _damaged(file: Path, what: str) -> InputError:
+    remedy = REMEDIES.get(file.name, "delete that file, the step is done again")
+    return InputError(f"{file}: {what}; {remedy}")
+
+
+def _not_a_number(text: str) -> None:
+    raise ValueError(text)
+
+
+def _typed(value: Any, kind: Any, file: Path, where: str = "") -> Any:
+    try:
+        return from_json(kind, _pruned(value, kind, where))
+    except _UnexpectedValue as wrong:
+        raise _damaged(file, str(wrong)) from None
+
+
+def check(
+    folder: Path, results: Mapping[str, Any], read_response: Callable[[Path], object]
+) -> None:
+    """Reads every file of a folder that later steps read. results: {step: type of its result};
+    read_response: reads the folder of a response and raises InputError. Raises InputError for the
+    first file that is damaged or missing."""
+    done = {step: read_step(folder / f"{step}.json", kind) for step, kind in results.items()}
+    kinds: dict[str, Any] = {
+        TUNE: TuningIdentity, FOUND: AxisState, BEFORE: dict[str, int], BETWEEN: SlowChange,
+        SHAKEN: Shaken,
+    }  # fmt: skip
+    for name, kind in kinds.items():
+        read(folder / name, kind)
+    for step, files in FILES_OF_STEP.items():
         for name in files:
-            if held[f"{step}.json"] is not None and held[name] is None:
+            if done[step] is not None and not (folder / name).exists():
                 raise InputError(
                     f"{folder / name}: expected that file beside {step}.json, it is missing; "
-                    f"{TO_DO[name]}"
+                    f"{REMEDIES[name]}"
                 )
-    responses = [("free", "free")] if held["free.json"] is not None else []
-    for name, level in (held["measure.json"] or {}).get("result", {}).items():
-        responses += [("measure", name)] + [("measure", f"{name}-small")] * ("small" in level)
-    for name in (held["verify.json"] or {}).get("result", {}).get("levels", {}):
-        responses.append(("verify", name))
-    for step, name in responses:
+    for step, name in _responses(done):
         try:
             read_response(folder / name)
         except InputError as error:
@@ -155,67 +181,110 @@ def check(folder: Path, read_response: Any) -> None:
         _check_touch_down(file)
 
 
+def _responses(done: Mapping[str, StepFile | None]) -> list[tuple[str, str]]:
+    """(step, folder) of each response that a step has measured."""
+    found = [("free", "free")] if done["free"] else []
+    if measured := done["measure"]:
+        for name, level in measured.result.items():
+            found += [("measure", name)] + [("measure", small_of(name))] * bool(level.small)
+    verified: Verified | None = done["verify"].result if done["verify"] else None
+    return found + [("verify", name) for name in (verified.levels if verified else ())]
+
+
+def small_of(name: str) -> str:
+    """Folder of the response with the smaller amplitude beside that of `name`."""
+    return f"{name}-small"
+
+
 def _check_touch_down(file: Path) -> None:
     try:
         table = np.genfromtxt(file, delimiter=",", names=True)
-        good = table.dtype.names == TOUCH_DOWN and table.ndim == 1 and len(table) > 1
+        good = table.dtype.names == TOUCH_DOWN_COLUMNS and table.ndim == 1 and len(table) > 1
         good = good and bool(np.isfinite(table["time_s"]).all())
     except (ValueError, UnicodeDecodeError, IndexError, TypeError):
         good = False
     if not good:
         raise InputError(
-            f"{file}: expected numbers below {', '.join(TOUCH_DOWN)} as a tuning writes them; "
-            "delete that file and verify.json, the step is done again"
+            f"{file}: expected numbers below {', '.join(TOUCH_DOWN_COLUMNS)} as a tuning writes "
+            "them; delete that file and verify.json, the step is done again"
         )
 
 
-def _no_number(text: str) -> None:
-    raise ValueError(text)
+class _UnexpectedValue(Exception):
+    """A value of another type than expected; the text says where."""
+
+    def __init__(self, where: str, expected: str, value: Any) -> None:
+        text = json.dumps(value)
+        got = text if len(text) <= 40 else f"{text[:40]}..."
+        super().__init__(f"{where + ': ' if where else ''}expected {expected}, got {got}")
 
 
-def _wrong(value: Any, shape: Any, where: str) -> str:
-    """What is wrong with a value, "" for nothing. where: its keys, with dots."""
-    if isinstance(shape, Newer):
-        return _wrong(value, shape.of, where)
-    if isinstance(shape, Maybe):
-        return "" if value is None else _wrong(value, shape.of, where)
-    if isinstance(shape, list):
-        if not isinstance(value, list):
-            return _expected(where, "a list", value)
-        parts = [(f"{where}[{i}]", one, shape[0]) for i, one in enumerate(value)]
-    elif isinstance(shape, dict | Each):
-        if not isinstance(value, dict):
-            return _expected(where, "an object", value)
-        keys = shape if isinstance(shape, dict) else value
-        parts = []
-        for key in keys:
-            name = f"{where}.{key}" if where else key
-            if key not in value:
-                if isinstance(shape, dict) and isinstance(shape[key], Newer):
-                    continue
-                return f"{name}: expected that key, it is missing"
-            parts.append((name, value[key], shape[key] if isinstance(shape, dict) else shape.of))
-    else:
-        kinds = shape if isinstance(shape, tuple) else (shape,)
-        return "" if any(_is(value, kind) for kind in kinds) else _expected(
-            where, " or ".join(NAMES[kind] for kind in kinds), value
-        )  # fmt: skip
-    return next((text for name, one, of in parts if (text := _wrong(one, of, name))), "")
+def _pruned(value: Any, kind: Any, where: str) -> Any:
+    """A JSON value without the keys that the dataclasses in `kind` lack. where: the keys that lead
+    to the value, with dots. Raises _UnexpectedValue."""
+    origin, arguments = get_origin(kind), get_args(kind)
+    if dataclasses.is_dataclass(kind):
+        return _pruned_object(value, kind, where)
+    if origin in (Union, UnionType):
+        return _pruned_union(value, arguments, where)
+    if origin is dict:
+        items = _instance(value, dict, where).items()
+        return {key: _pruned(one, arguments[1], _below(where, key)) for key, one in items}
+    if origin is tuple:
+        values = _instance(value, list, where)
+        count = len(values) if arguments[-1] is Ellipsis else len(arguments)
+        if len(values) != count:
+            raise _UnexpectedValue(where, f"a list of {count}", value)
+        kinds = arguments[:1] * count if arguments[-1] is Ellipsis else arguments
+        pairs = enumerate(zip(values, kinds, strict=True))
+        return [_pruned(one, of, f"{where}[{i}]") for i, (one, of) in pairs]
+    return value if kind is Any else _instance(value, kind, where)
 
 
-NAMES = {float: "a number", int: "an integer", str: "a text", bool: "true or false",
-         dict: "an object"}  # fmt: skip
+def _below(where: str, key: str) -> str:
+    return f"{where}.{key}" if where else key
+
+
+def _pruned_object(value: Any, kind: Any, where: str) -> dict[str, Any]:
+    table, hints, found = _instance(value, dict, where), get_type_hints(kind), {}
+    for field in dataclasses.fields(kind):
+        key = json_key(field)
+        if key in table:
+            found[key] = _pruned(table[key], hints[field.name], _below(where, key))
+        elif field.default is field.default_factory is dataclasses.MISSING:
+            raise _MissingKey(_below(where, key))
+    return found
+
+
+class _MissingKey(_UnexpectedValue):
+    def __init__(self, where: str) -> None:
+        Exception.__init__(self, f"{where}: expected that key, it is missing")
+
+
+def _pruned_union(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
+    if value is None and NoneType in kinds:
+        return None
+    kinds = tuple(kind for kind in kinds if kind is not NoneType)
+    for kind in kinds[:-1]:
+        try:
+            return _pruned(value, kind, where)
+        except _UnexpectedValue:
+            continue
+    if all(kind in TYPE_WORDS for kind in kinds) and not _is(value, kinds[-1]):
+        words = " or ".join(TYPE_WORDS[kind] for kind in kinds)
+        raise _UnexpectedValue(where, words, value)
+    return _pruned(value, kinds[-1], where)
+
+
+def _instance(value: Any, kind: Any, where: str) -> Any:
+    if not _is(value, kind):
+        raise _UnexpectedValue(where, TYPE_WORDS[kind], value)
+    return value
 
 
 def _is(value: Any, kind: type) -> bool:
+    """Whether a JSON value is of a type; a number is finite, an integer is a number too."""
     if kind is float:
-        return isinstance(value, int | float) and not isinstance(value, bool) and (
-            math.isfinite(value)
-        )  # fmt: skip
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return is_number and math.isfinite(value)
     return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))
-
-
-def _expected(where: str, what: str, value: Any) -> str:
-    text = json.dumps(value)
-    got = text if len(text) <= 40 else f"{text[:40]}..."
-    return f"{where + ': ' if where else ''}expected {what}, got {got}"

@@ -12,13 +12,24 @@ from forceaxis.commission import fit as joint_fit
 from forceaxis.commission import friction, known, residual, rubbing, shake, tune_measure
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
+from forceaxis.commission.tune_files import small_of
+from forceaxis.commission.tune_folder import FITTED_MODEL, RESPONSES_MODEL, TuningFolder
+from forceaxis.commission.tune_results import (
+    Fitted,
+    FreeResponse,
+    MeasuredResponses,
+    ParameterRow,
+    ResponseFigures,
+    Values,
+)
 from forceaxis.design.changes import contact_of
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
 from forceaxis.linear.plant_set import PlantSet
 
-RESPONSES, MODEL = "responses.toml", "model.toml"  # files of the folder
+Rubs = tuple[rubbing.Rub, ...]
+
 # Spreads of the logarithm of a damper for friction, where it slides and where it sticks and slips;
 # N s/m of one that sticks.
 DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
@@ -27,65 +38,72 @@ RATE_HZ, RATE_ERROR = 0.2, 0.015
 BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
 UNSURE = 0.2  # relative standard error of a mass that sines do not show
 SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
-AGAIN = 0.02  # by which what sines say changes: fitted again
+REFIT_CHANGE = 0.02  # relative change of what sines say, from which the fit is made again
 # What a design relies on of an axis that rubs: dampings within so many standard deviations of what
 # was known before, and the mass of a workpiece that does not slide within times and over so much.
 RELIED, UNWEIGHED = 1.0, 3.0
 DIFFER = 1e-4  # probability below which two amplitudes have two responses
 
 
-def fit(tuning) -> tuple[dict, str]:
+def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
     """The model's parameters from all responses and what was known before."""
     order, given = tuning.order, tuning.given
-    names = ["free", *(f"{force:g}N" for force in order.forces)]
-    rubs = _rubs(tuning)
-    path = tuning.folder / RESPONSES
+    every = ["free", *(f"{force:g}N" for force in order.forces)]
+    rubs = _rubs(tuning, free, measured)
+    path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
-    (tuning.folder / MODEL).unlink(missing_ok=True)
-    model, left_out = str(given), []
+    (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
     if rubs:
         dampers = rubbing.at_both_ends(given, rubs)
         path.write_text(rubbing.damped(given, dampers), encoding="utf-8")
-        model = str(path)
-        every, names = names, _closed(tuning, names, rubs)
-        left_out = [name for name in every if name not in names]
+        model, names = str(path), _closed(tuning, every, rubs, measured)
     else:
-        names += _differing(tuning, names[1:], model)
-    measured = [fit_response.read_response(tuning.folder / name, model) for name in names]
-    own = [_own(tuning, name, dampers) for name in names] if rubs else []
+        dampers, model = (), str(given)
+        names = every + _differing(tuning, measured, every[1:], model)
+    responses = [fit_response.read_response(tuning.folder / name, model) for name in names]
+    own = [_own(tuning, name, dampers, free, measured) for name in names] if rubs else []
     errors = [_error(name, rubs) for name in names] if rubs else []
     sheet = known.priors(model, order.over, order.priors)
-    before = sheet | _workpiece(tuning, rubs, order.priors)
+    before = sheet | _workpiece(tuning, rubs, measured)
     if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
-        free = fit_response.read_response(tuning.folder / "free", model)
-        measured.append(_rate(tuning, free))
+        apart = fit_response.read_response(tuning.folder / "free", model)
+        responses.append(_rate(free, apart))
         own.append({})
         errors.append(joint_fit.MODEL_ERROR)
-    asked = {"own": own, "errors": errors, "states": known.states_of(model, tuning.states)}
-    found = joint_fit.joint(model, before, measured, order.over, **asked)
-    again = _workpiece(tuning, rubs, order.priors, found.best)
-    if any(abs(p.value / before[n].value - 1) > AGAIN for n, p in again.items()):
+    asked: dict[str, Any] = {
+        "own": own, "errors": errors, "states": known.states_of(model, tuning.states)
+    }  # fmt: skip
+    found = joint_fit.joint(model, before, responses, order.over, **asked)
+    again = _workpiece(tuning, rubs, measured, found.best)
+    if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
         before |= again  # sines tell more once the sensor's stiffness is known
-        found = joint_fit.joint(model, before, measured, order.over, **asked)
+        found = joint_fit.joint(model, before, responses, order.over, **asked)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
+    assert found.plants is not None and found.intervals is not None  # of an accepted fit
     relied: list[str] = []
     if rubs:
-        found.values, found.plants, relied = _relied(tuning, found.plants, sheet)
+        found.values, found.plants, relied = _relied(tuning, found.plants, sheet, rubs, measured)
     units = {n: unit for n, (_, unit) in linear.facts(model).parameters.items()}
-    rows = {
-        n: {"value": v, "interval": list(found.intervals[n]), "unit": units[n]}
-        for n, v in found.best.items()
-    }
-    named = plant_set.ranges_of(model, order.over)
-    text = ", ".join(f"{n} = {found.values[n]:.5g} {units[n]}" for n in named)
-    result = found.summary() | {"parameters": rows} | _friction(tuning, rubs)
-    result |= {"left_out": left_out, "relied": relied, "together": list(found.plants.together)}
-    result["own"] = {n: one for n, one in zip(names, found.own, strict=False)} if rubs else {}
-    return result, f"{text}, p = {found.p:.2g}"
+    intervals = found.intervals
+    rows = {n: ParameterRow(v, intervals[n], units[n]) for n, v in found.best.items()}
+    return Fitted(
+        **vars(found.summary()), parameters=rows, friction=rubs, lines=_model_lines(tuning, rubs),
+        left_out=tuple(name for name in every if name not in names) if rubs else (),
+        relied=tuple(relied), together=tuple(found.plants.together),
+        own=dict(zip(names, found.own, strict=False)) if rubs else {},
+    )  # fmt: skip
 
 
-def _explained(tuning, found) -> tuple[str, str]:
+def fit_line(tuning: TuningFolder, done: Fitted) -> str:
+    """What `fit` says when it ends: the varied parameters."""
+    named = plant_set.ranges_of(done.model, tuning.order.over)
+    rows = done.parameters
+    text = ", ".join(f"{n} = {done.values[n]:.5g} {rows[n].unit}" for n in named)
+    return f"{text}, p = {done.p_value:.2g}"
+
+
+def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, str]:
     """(why a fit was rejected, what would explain it as TOML)."""
     if found.rejected != "chi2":
         return found.text, ""
@@ -99,17 +117,18 @@ def _explained(tuning, found) -> tuple[str, str]:
     return text, residual.lines_of(tried)
 
 
-def _rubs(tuning) -> tuple[rubbing.Rub, ...]:
+def _rubs(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Rubs:
     """The friction that was found, and that the model has."""
-    table = tuning.read(f"{tune_measure.BETWEEN}.json")["friction_N"]
-    return rubbing.rubs(tuning.given, tune_measure.moving_N(tuning), table)
+    moving_N = tune_measure.moving_N(tuning, free)
+    return rubbing.rubs(tuning.given, moving_N, measured.between.friction_N)
 
 
-def _friction(tuning, rubs) -> dict[str, Any]:
-    """What is said of the friction; writes the model that has it."""
+def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
+    """The friction that the model lacks, as TOML. Says it, and writes the model that has it."""
     if not rubs:
-        return {"friction": [], "lines": ""}
-    (tuning.folder / MODEL).write_text(rubbing.with_friction(tuning.given, rubs), encoding="utf-8")
+        return ""
+    text = rubbing.with_friction(tuning.given, rubs)
+    (tuning.folder / FITTED_MODEL).write_text(text, encoding="utf-8")
     lines = rubbing.lines(rubs)
     for rub in rubs:
         tuning.say(f"dry friction of {rub.newton:.3g} N between {' and '.join(rub.between)}")
@@ -117,10 +136,12 @@ def _friction(tuning, rubs) -> dict[str, Any]:
         tuning.say("the model lacks it; this tuning goes on with it, add to your model:")
         for line in lines.splitlines():
             tuning.say(line)
-    return {"friction": [asdict(rub) for rub in rubs], "lines": lines}
+    return lines
 
 
-def _closed(tuning, names: list[str], rubs) -> list[str]:
+def _closed(
+    tuning: TuningFolder, names: list[str], rubs: Rubs, measured: MeasuredResponses
+) -> list[str]:
     """The responses in which the play of the gear stays taken up: where what moves the load back
     is less than its friction the motor goes to and fro in the play, and no linear model is its.
     Raises Refusal where none in contact is left."""
@@ -129,8 +150,7 @@ def _closed(tuning, names: list[str], rubs) -> list[str]:
     newton = sum(rub.newton for rub in rubs if not rubbing.of_workpiece(tuning.given, rub))
     if not newton:
         return names
-    held = tuning.result("measure")
-    kept = [n for n in names if n != "free" and held[n]["bias_N"] - held[n]["swing"] / 2 > newton]
+    kept = [n for n, level in measured.levels.items() if level.bias_N - level.swing / 2 > newton]
     if not kept:
         raise Refusal(
             "play", f"expected a force that keeps the play of the gear taken up, {newton:.3g} N of "
@@ -142,21 +162,21 @@ def _closed(tuning, names: list[str], rubs) -> list[str]:
     return kept
 
 
-def _own(tuning, name: str, rubs) -> dict[str, Prior]:
+def _own(
+    tuning: TuningFolder, name: str, rubs: Rubs, free: FreeResponse, measured: MeasuredResponses
+) -> dict[str, Prior]:
     """{parameter: Prior} of the dampers that stand for friction in a response."""
     facts = linear.facts(tuning.given)
     scale = abs(facts.required_encoder.scale)
-    slow = tuning.read(f"{tune_measure.BETWEEN}.json")
-    about = tuning.result("free" if name == "free" else "measure")
-    about = about if name == "free" else about[name]
-    compliance = slow["compliance"] + slow["sliding"]  # counts a newton
-    speed = about["speed_rms"] / scale
+    about: ResponseFigures = free if name == "free" else measured.levels[name]
+    compliance = measured.between.compliance + measured.between.sliding  # counts a newton
+    speed = about.speed_rms / scale
     found = {}
     for rub in rubs:
         on_table = rubbing.of_workpiece(tuning.given, rub)
         if on_table and name == "free":
             continue
-        if on_table and about["swing"] / 2 < 1.2 * rub.newton:
+        if on_table and about.swing / 2 < 1.2 * rub.newton:
             found[rub.damping] = Prior(STUCK, DAMPED)
         elif rub.newton > 0:
             moves = speed if name == "free" else speed * compliance
@@ -165,53 +185,56 @@ def _own(tuning, name: str, rubs) -> dict[str, Prior]:
     return found
 
 
-def _error(name: str, rubs) -> float:
+def _error(name: str, rubs: Rubs) -> float:
+    """What no model explains of a response, relative."""
     sticks = any(rub.name == rubbing.TABLE for rub in rubs) and name != "free"
     return STICKING_ERROR if sticks else SLIDING_ERROR
 
 
-def _rate(tuning, free: Measurement) -> Measurement:
+def _rate(free: FreeResponse, apart: Measurement) -> Measurement:
     """The speed for each code while the axis slides, as a response of one line: no friction is in
     it, since it slides one way."""
-    rate = tuning.result("free")["glide"]["rate"]
-    exact = rate / (2j * np.pi * RATE_HZ)
+    exact = complex(free.glide.rate / (2j * np.pi * RATE_HZ))
     one = np.ones(1)
     return replace(
-        free, frequency_hz=RATE_HZ * one, response=exact * one, coherence=one, floor=0 * one,
+        apart, frequency_hz=RATE_HZ * one, response=np.full(1, exact), coherence=one, floor=0 * one,
         variance=(RATE_ERROR * abs(exact)) ** 2 * one,
     )  # fmt: skip
 
 
-def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
+def _workpiece(
+    tuning: TuningFolder, rubs: Rubs, measured: MeasuredResponses, best: Values | None = None
+) -> dict[str, Prior]:
     """Priors of a workpiece that rubs on its table, by the way between the forces and by sines;
     best: {parameter: value} of a fit, if there was one."""
     if not any(rubbing.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
         return {}
-    slow, shaken = (tuning.read(f"{n}.json") for n in (tune_measure.BETWEEN, tune_measure.SHAKEN))
+    sliding, shaken = measured.between.sliding, measured.shaken
     stiffness, mass = workpiece_names(tuning.given)
     sensor, damping = sensor_names(tuning.given)
     if shaken and best and sensor in best:
-        shaken = asdict(shake.of_sines(shaken["rows"], best[sensor], best.get(damping, 0.0)))
+        shaken = shake.of_sines(shaken.rows, best[sensor], best.get(damping or "", 0.0))
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
-    given, found = {text.partition("=")[0] for text in priors}, {}
-    if stiffness and slow["sliding"]:
-        found[stiffness] = Prior(scale / slow["sliding"], BETWEEN_ERROR)
+    given = {text.partition("=")[0] for text in tuning.order.priors}
+    found: dict[str, Prior] = {}
+    if stiffness and sliding:
+        found[stiffness] = Prior(scale / sliding, BETWEEN_ERROR)
         if shaken:
-            sure = max(SHAKEN_ERROR, shaken["stiffness_error"])
+            sure = max(SHAKEN_ERROR, shaken.stiffness_error)
             weights = np.array([BETWEEN_ERROR**-2, sure**-2])
-            values = np.log([found[stiffness].value, shaken["stiffness"]])
+            values = np.log([found[stiffness].value, shaken.stiffness])
             found[stiffness] = Prior(
                 float(np.exp(weights @ values / weights.sum())), float(weights.sum() ** -0.5)
             )
-    if mass and _mass_shows(shaken):
-        found[mass] = Prior(shaken["mass"], max(SHAKEN_ERROR, shaken["mass_error"]))
+    if mass and shaken and _mass_shows(shaken):
+        found[mass] = Prior(shaken.mass, max(SHAKEN_ERROR, shaken.mass_error))
     elif mass and mass not in given:  # see _relied()
         table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
         if not all(rub.declared for rub in table):
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, "
                 f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
-                f"not show; add to the model what was found, and give --prior {mass}=KG as it "
+                f"not show; add to the model what was found, and give the prior {mass}=KG as it "
                 f"weighs: without, {UNWEIGHED:g} times less and more than the model has are taken",
                 rubbing.lines(rubs),
             )  # fmt: skip
@@ -219,13 +242,17 @@ def _workpiece(tuning, rubs, priors, best=None) -> dict[str, Prior]:
     return {name: prior for name, prior in found.items() if name not in given}
 
 
-def _mass_shows(shaken: dict | None) -> bool:
+def _mass_shows(shaken: shake.Shaken | None) -> bool:
     """Whether sines have made a workpiece slide so much that its mass shows."""
-    return shaken is not None and shaken["mass_error"] < UNSURE
+    return shaken is not None and shaken.mass_error < UNSURE
 
 
 def _relied(
-    tuning, plants: PlantSet, sheet: dict[str, Prior]
+    tuning: TuningFolder,
+    plants: PlantSet,
+    sheet: dict[str, Prior],
+    rubs: Rubs,
+    measured: MeasuredResponses,
 ) -> tuple[dict[str, float], PlantSet, list[str]]:
     """What a design may rely on of an axis that rubs: (values, PlantSet, a line for each parameter
     that is not as fitted). plants: about the fitted values; sheet: what was known before.
@@ -249,15 +276,14 @@ def _relied(
             )
     _, mass = workpiece_names(tuning.given)
     given = {text.partition("=")[0] for text in tuning.order.priors}
-    table = [rub for rub in _rubs(tuning) if rubbing.of_workpiece(tuning.given, rub)]
-    shaken = tuning.read(f"{tune_measure.SHAKEN}.json")
-    unseen = any(rub.newton > 0 for rub in table) and not _mass_shows(shaken)
+    table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
+    unseen = any(rub.newton > 0 for rub in table) and not _mass_shows(measured.shaken)
     if unseen and mass in ranges and mass not in given:
         value, least, most = ranges[mass]
         ranges[mass] = (value, least / UNWEIGHED, most * UNWEIGHED)
         lines.append(
             f"{mass} from {ranges[mass][1]:.4g} to {ranges[mass][2]:.4g} kg: the workpiece "
-            f"does not slide, so its mass does not show; --prior {mass}=KG narrows that"
+            f"does not slide, so its mass does not show; the prior {mass}=KG narrows that"
         )
     for line in lines:
         tuning.say(f"designed for {line}")
@@ -287,19 +313,23 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
     )  # fmt: skip
 
 
-def _differing(tuning, names, model) -> list[str]:
-    """Folders of the smaller amplitude whose response is another than that of the larger one."""
-    found = []
+def _differing(
+    tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
+) -> list[str]:
+    """Folders of the smaller amplitude whose response is another than that of the larger one; the
+    result of `measure` says so from then on."""
+    found, levels = [], dict(measured.levels)
     for name in names:
-        if not (tuning.folder / (small := tune_measure.small_of(name))).exists():
+        small = small_of(name)
+        if not (tuning.folder / small).exists():
             continue
         one, other = (fit_response.read_response(tuning.folder / n, model) for n in (name, small))
         if _probability(one, other) < DIFFER:
             tuning.say(f"{name}: the smaller amplitude has another response")
-            measured = tuning.read("measure.json")
-            measured["result"][name]["differs"] = True
-            tuning.write("measure.json", measured)
+            levels[name] = replace(levels[name], differs=True)
             found.append(small)
+    if found:
+        tuning.replace_levels(levels)
     return found
 
 
@@ -314,38 +344,33 @@ def _probability(one: Measurement, other: Measurement) -> float:
     return float(stats.chi2.sf(size, 2 * len(ratio)))
 
 
-def holds(tuning) -> list[str]:
+def holds(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
     """Over which forces and amplitudes what is promised was seen to hold, and what was not visited;
-    a line each, [] before anything was measured."""
-    held, between = tuning.read("measure.json"), tuning.read(f"{tune_measure.BETWEEN}.json")
-    if held is None or between is None:
-        return []
+    a line each. fitted: None before the fit."""
+    between, rubs = measured.between, fitted.friction if fitted else ()
     lines = [
-        f"between {between['low_N']:.3g} and {between['high_N']:.3g} N the axis was moved slowly: "
+        f"between {between.low_N:.3g} and {between.high_N:.3g} N the axis was moved slowly: "
         "forces outside were not visited"
     ]
-    fitted = (tuning.read("fit.json") or {}).get("result", {})
-    rubs = fitted.get("friction")
-    lines += [f"designed for {line}" for line in fitted.get("relied", ())]
-    if fitted.get("left_out"):
+    lines += [f"designed for {line}" for line in (fitted.relied if fitted else ())]
+    if fitted and fitted.left_out:
         lines.append(
-            f"the play of the gear opens at {', '.join(fitted['left_out'])}: these responses were "
+            f"the play of the gear opens at {', '.join(fitted.left_out)}: these responses were "
             "left out, what is promised holds where the play stays taken up"
         )
-    for about in held["result"].values():
-        small = about.get("small")
-        text = f"with {about['bias_N']:.3g} N: noise of {about['amplitude']} codes, "
-        text += f"{about['swing']:.3g} N from peak to peak"
-        if small:
-            text += f", and {small['amplitude']} codes, {small['swing']:.3g} N"
-            same = "the same response" if not about.get("differs") else "another response"
+    for level in measured.levels.values():
+        text = f"with {level.bias_N:.3g} N: noise of {level.amplitude} codes, "
+        text += f"{level.swing:.3g} N from peak to peak"
+        if level.small:
+            text += f", and {level.small.amplitude} codes, {level.small.swing:.3g} N"
+            same = "another response" if level.differs else "the same response"
             text += "" if rubs else f", {same}"
         lines.append(text)
-    shaken = tuning.read(f"{tune_measure.SHAKEN}.json")
+    shaken = measured.shaken
     if rubs and shaken:
         lines.append(
-            f"sines of {min(shaken['hz']):.3g} to {max(shaken['hz']):.3g} Hz with "
-            f"{min(shaken['newton']):.3g} to {max(shaken['newton']):.3g} N made the workpiece slide"
+            f"sines of {min(shaken.hz):.3g} to {max(shaken.hz):.3g} Hz with "
+            f"{min(shaken.newton):.3g} to {max(shaken.newton):.3g} N made the workpiece slide"
         )
     if rubs:
         lines.append(

@@ -1,12 +1,25 @@
 """The page of a tuning: responses, margins, contact as predicted and as measured."""
 
 import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from forceaxis import paths
-from forceaxis.commission import as_found, contact, known, tune_fit
+from forceaxis.commission import as_found, contact, known
+from forceaxis.commission.tune import Tuning
+from forceaxis.commission.tune_folder import RESPONSES_MODEL
+from forceaxis.commission.tune_results import (
+    Fitted,
+    NoProportional,
+    SetFigures,
+    TuningSummary,
+    Values,
+)
 from forceaxis.design import outcome
 from forceaxis.design.cases import read_contacts
 from forceaxis.drawing import (
@@ -21,6 +34,9 @@ from forceaxis.drawing import (
     uri,
 )
 from forceaxis.identify import fit
+from forceaxis.identify.measurement import Measurement
+from forceaxis.linear.over import Figures
+from forceaxis.results import to_json
 from forceaxis.words import plain
 
 ALT = "Response with its 95 % band beside the fitted model's, and its coherence"
@@ -44,35 +60,34 @@ FIGURES = (
     ("Ms", "Ms"),
     ("gain margin", "gain_margin"),
 )
-STANDS = 0.02  # of the set-point: a touch-down is drawn until it stays so near
+SETTLED_SHARE = 0.02  # of the set-point: a touch-down is drawn until it stays so near
 SIZE_IN = 4.2  # width of a figure; three stand side by side, one on a telephone
 
 
-def write(tuning, summary):
+def write(tuning: Tuning, summary: TuningSummary) -> None:
     """Writes FILE into the tuning's folder, of what is done so far."""
     order, folder = tuning.order, tuning.folder
     names = [*(["free"] if (folder / "free").exists() else [])]
     names += [n for f in order.forces if (folder / (n := f"{f:g}N")).exists()]
-    fitted = (tuning.read("fit.json") or {}).get("result") or {}
-    values, own = fitted.get("best") or {}, fitted.get("own") or {}
+    done = tuning.done("fit")
+    fitted: Fitted | None = done.result if done else None
     touched = [f for f in order.forces if (folder / f"{contact.name(f)}.csv").exists()]
     parts = [
-        f"<h1>Tuned: {html.escape(summary['axis'])}</h1>",
+        f"<h1>Tuned: {html.escape(summary.axis)}</h1>",
         _verdict(tuning, summary),
         _margins(summary),
     ]
-    if touched and summary["levels"]:
+    if touched and summary.levels:
         figures = [_touch_down(folder, force) for force in touched]
         about = "Touch-down with the new law: the reading, and that of the fitted plant with the "
         parts += ["<h2>Contact, measured and predicted</h2>", f"<p>{about}firmware.</p>"]
         parts.append(_images(figures, "Force over time, measured and predicted"))
     parts += [_simulated(summary), _verified(summary)]
     if names:
-        slides = folder / tune_fit.RESPONSES  # where friction is a damper
-        model = str(slides) if slides.exists() else tuning.given
-        measured = [_read(tuning, name, model) for name in names]
+        slides = folder / RESPONSES_MODEL  # where friction is a damper
+        model = slides if slides.exists() else tuning.given
         figures = [
-            _response(n, one, own.get(n) or values) for n, one in zip(names, measured, strict=True)
+            _response(name, _read(tuning, name, model), _values(fitted, name)) for name in names
         ]
         parts += ["<h2>Responses</h2>", _images(figures, ALT)]
     parts += [_fitted(summary), _steps(summary)]
@@ -80,113 +95,121 @@ def write(tuning, summary):
         file.write_text(HEAD.format(style=page_style()) + "".join(parts), encoding="utf-8")
 
 
-def _read(tuning, name, model):
-    """The Measurement of a folder of responses, in the states that --mode names."""
+def _values(fitted: Fitted | None, name: str) -> Values:
+    """The fitted values with what one response has of its own; {} before the fit."""
+    return (fitted.own.get(name) or fitted.best) if fitted else {}
+
+
+def _read(tuning: Tuning, name: str, model: Path) -> Measurement:
+    """The Measurement of a folder of responses, in the states of the order."""
     states = known.states_of(model, tuning.states)
     modes = known.states_apart(model, states) if name == "free" else states
     return fit.read_response(tuning.folder / name, model, modes=modes)
 
 
-def _verdict(tuning, summary):
-    """What became of it, and what limits the law."""
-    text = ""
-    if summary["refused"]:
-        refused = summary["refused"]
-        why = f"Refused in step {refused['step']}, {refused['name']}: {refused['text']}."
+def _verdict(tuning: Tuning, summary: TuningSummary) -> str:
+    """The result of the tuning, and what limits the law."""
+    text, refused = "", summary.refused
+    if refused:
+        why = f"Refused in step {refused.step}, {refused.name}: {refused.text}."
         lost = (tuning.folder / as_found.FILE).exists()
         then = "The next run puts back what it had." if lost else "The axis has its law of before."
         text = f'<p class="refused">{html.escape(why)} {then}</p>'
-        if refused.get("lines"):
-            text += f"<p>To be added to the model:</p><pre>{html.escape(refused['lines'])}</pre>"
-    elif summary["stored"]:
+        if refused.lines:
+            text += f"<p>To be added to the model:</p><pre>{html.escape(refused.lines)}</pre>"
+    elif summary.stored:
         text = "<p>Measured, designed, verified and stored.</p>"
-    text += "".join(f"<p>{html.escape(one)}</p>" for one in (
-        summary["cut"], summary["limited_by"]) if one)  # fmt: skip
-    if summary["holds"]:
-        items = "".join(f"<li>{html.escape(line)}</li>" for line in summary["holds"])
+    text += "".join(
+        f"<p>{html.escape(one)}</p>" for one in (summary.cut, summary.limited_by) if one
+    )
+    if summary.holds:
+        items = "".join(f"<li>{html.escape(line)}</li>" for line in summary.holds)
         text += f"<h2>Where this holds</h2><ul>{items}</ul>"
-    if summary["friction"]:
+    if summary.friction:
         rows = [["dry friction between", "N", "in the model"]]
-        for rub in summary["friction"]:
-            known = "yes" if rub["declared"] else "no"
-            rows.append([" and ".join(rub["between"]), _number(rub["newton"]), known])
+        for rub in summary.friction:
+            declared = "yes" if rub.declared else "no"
+            rows.append([" and ".join(rub.between), _number(rub.newton), declared])
         text += "<h2>Friction</h2>" + _rows(rows)
-    if summary["friction_lines"]:
-        text += f"<p>Add to the model:</p><pre>{html.escape(summary['friction_lines'])}</pre>"
+    if summary.friction_lines:
+        text += f"<p>Add to the model:</p><pre>{html.escape(summary.friction_lines)}</pre>"
     return text
 
 
-def _margins(summary):
+def _margins(summary: TuningSummary) -> str:
     """The law of before, P and the designed one, on the fitted plant and over the set."""
-    fitted, rows = summary["on_fitted"] or {}, []
-    for name, worst in (
-        ("before, on the fitted plant", fitted.get("before")),
-        ("designed, on the fitted plant", fitted.get("designed")),
-        ("P at the same margins, over the set", summary["p"]),
-        ("designed, over the set", summary["worst"]),
-    ):
-        if worst and worst.get("stable", True):
-            rows.append([name, *(_number(worst.get(key)) for _, key in FIGURES)])
-        elif worst:
-            rows.append([name, "unstable"])
-        elif name in fitted or (fitted and name.startswith("before")):
-            rows.append([name, "no law"])
+    rows = []
+    for name, loop in (summary.on_fitted or {}).items():
+        label = f"{name}, on the fitted plant"
+        if loop is None:
+            rows += [[label, "no law"]] if name == "before" else []
+        else:
+            rows.append(_figures(label, loop) if loop.stable else [label, "unstable"])
+    p = summary.p
+    if p:
+        rows.append(_figures("P at the same margins, over the set", p))
+    if summary.worst:
+        rows.append(_figures("designed, over the set", summary.worst))
     if not rows:
         return ""
     head = ["law", *(text for text, _ in FIGURES)]
     return "<h2>Margins, old and new</h2>" + _rows([head, *rows]) + TERMS
 
 
-def _simulated(summary):
+def _figures(label: str, figures: SetFigures | NoProportional | Figures) -> list[str]:
+    """A row of a table with the FIGURES of a law."""
+    return [label, *(_number(getattr(figures, name, None)) for _, name in FIGURES)]
+
+
+def _simulated(summary: TuningSummary) -> str:
     """What each simulated case came to, and what was cut for it."""
-    rows = read_contacts(summary["simulated"])
-    if not (rows or summary["cuts"]):
+    rows = read_contacts([to_json(row) for row in summary.simulated])
+    if not (rows or summary.cuts):
         return ""
     text = "<h2>Contact, simulated with the fitted plant and the firmware</h2>"
     if rows:
         drop = outcome.CASE_HEAD.index("law")
         lines = [outcome.CASE_HEAD, *outcome.cases(rows)]
         text += _rows([[*line[:drop], *line[drop + 1 :]] for line in lines]) + CASES
-    if summary["cuts"]:
-        items = "".join(f"<li>{html.escape(cut)}</li>" for cut in summary["cuts"])
+    if summary.cuts:
+        items = "".join(f"<li>{html.escape(cut)}</li>" for cut in summary.cuts)
         text += (
             f"<p>What the simulation took off the designed gain, a tenth each:</p><ul>{items}</ul>"
         )
     return text
 
 
-def _verified(summary):
+def _verified(summary: TuningSummary) -> str:
     """The measured peaks of |S|."""
-    if not summary["levels"]:
+    if not summary.levels:
         return ""
     rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
-    for level in summary["levels"].values():
-        error = 2 * level["Ms_error"]
-        numbers = (level["Ms"], level["Ms_predicted"], level["Ms_hz"])
-        Ms, predicted, at = map(_number, numbers)
-        rows.append([f"{level['bias_N']:.3g} N", Ms, plain(error, 2), predicted, at])
+    for level in summary.levels.values():
+        Ms, predicted, at = map(_number, (level.Ms, level.Ms_predicted, level.Ms_hz))
+        rows.append([f"{level.bias_N:.3g} N", Ms, plain(2 * level.Ms_error, 2), predicted, at])
     return "<h2>Peak of |S|, measured with the law and predicted</h2>" + _rows(rows)
 
 
-def _fitted(summary):
+def _fitted(summary: TuningSummary) -> str:
     """The parameters with their intervals."""
-    if not summary["parameters"]:
+    if not summary.parameters:
         return ""
     rows = [["parameter", "value", "95 % interval", "unit"]]
-    for name, row in summary["parameters"].items():
-        ends = " to ".join(_number(end) for end in row["interval"])
-        rows.append([name, _number(row["value"]), ends, row["unit"]])
+    for name, row in summary.parameters.items():
+        ends = " to ".join(_number(end) for end in row.interval)
+        rows.append([name, _number(row.value), ends, row.unit])
     return "<h2>What the responses say of the axis</h2>" + _rows(rows)
 
 
-def _steps(summary):
-    if not summary["seconds"]:
+def _steps(summary: TuningSummary) -> str:
+    """How long each step took."""
+    if not summary.seconds:
         return ""
-    rows = [["step", "s"], *([step, f"{took:.1f}"] for step, took in summary["seconds"].items())]
+    rows = [["step", "s"], *([step, f"{took:.1f}"] for step, took in summary.seconds.items())]
     return "<h2>Steps</h2>" + _rows(rows)
 
 
-def _rows(rows):
+def _rows(rows: Sequence[Sequence[Any]]) -> str:
     lines = [
         "".join(
             f"<{tag}{' class=number' if column else ''}>{html.escape(str(cell))}</{tag}>"
@@ -197,11 +220,11 @@ def _rows(rows):
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
-def _number(value):
+def _number(value: float | None) -> str:
     return "-" if value is None else plain(value, 4)
 
 
-def _touch_down(folder, force_N):
+def _touch_down(folder: Path, force_N: float) -> Figure:
     """Figure: the recorded reading and the predicted one."""
     held = np.genfromtxt(folder / f"{contact.name(force_N)}.csv", delimiter=",", names=True)
     figure, ax = plt.subplots(figsize=(SIZE_IN, 2.8))
@@ -209,7 +232,7 @@ def _touch_down(folder, force_N):
     expected, measured = held["predicted_N"], held["force_N"]
     ax.plot(held["time_s"], expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
     ax.plot(held["time_s"], measured, color=INK, linewidth=0.8, label="measured")
-    within = STANDS * force_N + np.ptp(measured[held["time_s"] < -0.02])
+    within = SETTLED_SHARE * force_N + np.ptp(measured[held["time_s"] < -0.02])
     far = np.maximum(abs(expected - force_N), abs(measured - force_N)) > within
     settled = held["time_s"][np.flatnonzero(far)[-1]]
     ax.set_xlim(-0.05, min(settled + 0.2, held["time_s"][-1]))
@@ -221,7 +244,7 @@ def _touch_down(folder, force_N):
     return figure
 
 
-def _response(name, one, values):
+def _response(name: str, one: Measurement, values: Values) -> Figure:
     """Figure: a response with its band and the fitted model's, coherence below."""
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, figsize=(SIZE_IN, 5.6), sharex=True, height_ratios=(3, 2, 1)
@@ -253,6 +276,6 @@ def _response(name, one, values):
     return figure
 
 
-def _images(figures, alt):
+def _images(figures: Sequence[Figure], alt: str) -> str:
     tags = [f'<img alt="{alt}" src="{uri(figure)}">' for figure in figures]
     return f'<div class="figures">{"".join(tags)}</div>'

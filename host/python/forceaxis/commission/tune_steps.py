@@ -1,7 +1,12 @@
-"""The steps of a tuning. Each takes a tune.Tuning and gives (result for JSON, a line)."""
+"""The steps of a tuning but those that measure and fit.
+
+Each takes the folder and the results of earlier steps, and gives its own result.
+"""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,152 +15,212 @@ from forceaxis._core import InputError
 from forceaxis.axis import bounds, params, quantity
 from forceaxis.axis.link import REASONS, SCALE_WITHIN, Refused
 from forceaxis.commission import analyzer, as_found, contact, known, margins
+from forceaxis.commission.level import Rest
 from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal
-from forceaxis.commission.tune_fit import fit
+from forceaxis.commission.tune_files import BEFORE, TuningOrder
+from forceaxis.commission.tune_folder import TuningFolder
 from forceaxis.commission.tune_measure import (
+    Taking,
     analyzer_of,
-    free,
-    measure,
     next_amplitude,
     objects_of,
     off,
     reach,
-    taken,
+)
+from forceaxis.commission.tune_results import (
+    Checked,
+    Designed,
+    Fitted,
+    LawKeys,
+    MeasuredResponses,
+    Settings,
+    Simulated,
+    Stored,
+    Verified,
+    VerifiedResponse,
+    Written,
 )
 from forceaxis.design import files, for_set, outcome
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.design.grid import HF_DEFAULT, hf_most
-from forceaxis.linear import loops, plant_set, working
+from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
-from forceaxis.results import to_json
+from forceaxis.results import from_json, to_json
 
-__all__ = (
-    "check", "design", "fit", "free", "measure", "simulate", "store", "verify", "write",
-)  # fmt: skip
-
-SHARE = 1 / 6  # of the linear limit: the gain to measure with
-SPREAD = (0.3, 1.0, 3.0)  # of stiffnesses and masses of the set, over which that limit is taken
+LIMIT_FACTOR = 1 / 6  # of the linear limit: the gain to measure with
+SPREAD_FACTORS = (0.3, 1.0, 3.0)  # of the set's stiffnesses and masses, for that limit
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)  # of the integral to measure with
-CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force stands within seconds
-COHERENT = 0.9
-MS_WITHIN = 0.3
-NEAR = 0.15  # of the limiting frequency
-MORE_AVERAGES = 4  # times as many
+CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force settles within seconds
+MS_TOLERANCE = 0.3  # of a measured Ms above its prediction
+AVERAGES_FACTOR = 4  # times as many averages where no line is certain
 # How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
-FELT, LEAST_CONTACT = 8.0, 0.25  # of the noise, and counts: a reading above is a contact
-TOUCH_N = 10.0  # peak of the force that a touch-down makes by the axis' momentum alone
-PAYS = 1.7  # times P's bandwidth, below which it is said what limits
-BEFORE = "before.json"
+# A reading above so many times the noise, and above so many force counts, is a contact.
+CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
+IMPACT_PEAK_N = 10.0  # peak of the force that a touch-down makes by the axis' momentum alone
+BANDWIDTH_FACTOR = 1.7  # times P's bandwidth, below which it is said what limits
 NO_MEMORY = -10  # of REASONS
 
 
-def check(tuning):
+@dataclass(frozen=True)
+class AxisSettings:
+    """Objects of an axis, in engineering values, that `check` compares with the model."""
+
+    adc_bits: int
+    force_zero_code: int
+    force_scale: float
+    calibration_date: int
+    position_gain: float
+    velocity_gain: float
+    fault: str
+    latency_ticks: int
+    force_sign: int
+    approach_velocity_max: float
+    contact_force: float
+
+
+def check(tuning: TuningFolder) -> Checked:
     """The axis at rest, and its converters those of the model."""
     axis, model = tuning.axis, tuning.model
-    held = axis.get(
-        "adc_bits", "force_zero_code", "force_scale", "calibration_date", "position_gain",
-        "velocity_gain", "fault", "latency_ticks", "force_sign", "approach_velocity_max",
-        "contact_force",
-    )  # fmt: skip
-    if held["fault"] != "none":
-        left = f"; {LEFT}" if held["fault"] in ORPHANED else ""
-        raise Refusal(
-            "fault", f"expected an axis without a fault, got {held['fault']}; "
-            f"`forceaxis axis reset` resets it{left}"
-        )  # fmt: skip
+    held = AxisSettings(**axis.get(*AxisSettings.__dataclass_fields__))
     facts = linear.facts(model)
-    if facts.reading is None or facts.encoder is None or not facts.contacts:
-        raise InputError(f"{model}: expected a force reading, an encoder and a contact")
-    if held["adc_bits"] != facts.reading.bits:
-        raise Refusal(
-            "adc", f"expected an ADC of {facts.reading.bits} bits as the model's, the axis "
-            f"has {held['adc_bits']}: set adc_bits or the model"
-        )  # fmt: skip
-    most = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
-    if max(tuning.order.forces) >= most:
-        raise Refusal(
-            "force", f"expected forces below {most:.4g} N, whose swing stays below force_max, got "
-            f"{max(tuning.order.forces):g} N"
-        )  # fmt: skip
-    bounds.expect_readable(
-        axis, max(tuning.order.forces), analyzer.SWING, abs(facts.required_reading.per_count)
-    )
-    settings = {}
-    scale = 1e6 * abs(facts.required_reading.per_count)
-    if abs(held["force_scale"] / scale - 1) > SCALE_WITHIN:
-        if not quantity.never_set(held["force_scale"], held["calibration_date"]):
-            raise Refusal(
-                "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
-                f"{held['force_scale']:g}: calibrate it, or set the model"
-            )  # fmt: skip
-        settings["force_scale"] = max(1, round(scale))  # never calibrated
-    if not held["position_gain"]:
-        moves = known.states_apart(str(model), tuning.states)
-        loop = loops.force_loop(str(model), modes=moves, output="encoder", free=True)
-        gain = loop.limit().stable_to
-        highest = 256.0 if gain is None else gain / facts.volts_per_code
-        settings["position_gain"] = max(1, math.floor(SHARE * min(highest, 256.0) * 256)) / 256
-    slow, own = _approach_velocity(model, facts), held["approach_velocity_max"]
-    if own > slow or own == objects.default("approach_velocity_max"):
-        settings["approach_velocity_max"] = slow
-        if own != objects.default("approach_velocity_max"):
-            tuning.say(
-                f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
-                f"of the axis its momentum alone would strike with more than {TOUCH_N:g} N"
-            )
+    _expect_axis_of_model(tuning, held, facts)
+    settings = _sensor_settings(held, facts) | _position_settings(tuning, held, facts)
+    settings |= _approach_settings(tuning, held, facts)
     rest = analyzer_of(tuning).rest()
-    if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
-        raise Refusal(
-            "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
-            f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
-            "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
-            "[[adc]] (`forceaxis new --sensor-noise-n`)"
-        )  # fmt: skip
-    if rest.noise_lsb is not None and held["contact_force"] == objects.default("contact_force"):
-        # A law that is weak stands lightly, below a coarse threshold; its integral waits there.
-        felt = FELT * rest.noise_lsb * 2.0 ** (8 - held["adc_bits"])
-        felt = max(felt, 2 * abs(rest.reading), LEAST_CONTACT)
-        settings["contact_force"] = min(round(256 * felt) / 256, held["contact_force"])
+    _expect_noise(rest)
+    settings |= _contact_settings(held, rest)
     for line in working.lines({"mode_text": working.working(model, None, tuning.states).text}):
         tuning.say(line)
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
-    result = {
-        "rest": vars(rest), "settings": settings, "law": bank.keys(), "band_hz": [low, high],
-        "before": margins.law_in_force(axis).keys(), "latency_ticks": held["latency_ticks"],
-    }  # fmt: skip
+    return Checked(
+        rest, settings, LawKeys.of(bank), (low, high), LawKeys.of(margins.law_in_force(axis)),
+        held.latency_ticks,
+    )  # fmt: skip
+
+
+def check_line(tuning: TuningFolder, done: Checked) -> str:
+    """What `check` says when it ends."""
+    rest, law = done.rest, done.law.bank
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
-    law = f"gain {bank.force_gain:.3g} and integral {bank.integral_rad_per_s:.3g} 1/s"
-    text = f"at rest, reading {rest.reading:.2g} force counts{noise}; to be measured with {law}"
-    if settings:
-        text += f"; as of the model: {', '.join(settings)}"
-    return result, text
+    text = (
+        f"at rest, reading {rest.reading:.2g} force counts{noise}; to be measured with gain "
+        f"{law.force_gain:.3g} and integral {law.integral_rad_per_s:.3g} 1/s"
+    )
+    return text + (f"; as of the model: {', '.join(done.settings)}" if done.settings else "")
 
 
-def _approach_velocity(model, facts):
-    """Count/s of an approach whose momentum makes TOUCH_N in the contact's spring."""
+def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> None:
+    """Refuses an axis with a fault, another ADC than the model's, or forces beyond its bounds."""
+    if held.fault != "none":
+        left = f"; {LEFT}" if held.fault in ORPHANED else ""
+        raise Refusal(
+            "fault", f"expected an axis without a fault, got {held.fault}; "
+            f"`forceaxis axis reset` resets it{left}"
+        )  # fmt: skip
+    if facts.reading is None or facts.encoder is None or not facts.contacts:
+        raise InputError(f"{tuning.model}: expected a force reading, an encoder and a contact")
+    if held.adc_bits != facts.reading.bits:
+        raise Refusal(
+            "adc", f"expected an ADC of {facts.reading.bits} bits as the model's, the axis "
+            f"has {held.adc_bits}: set adc_bits or the model"
+        )  # fmt: skip
+    largest_N = max(tuning.order.forces)
+    most_N = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
+    if largest_N >= most_N:
+        raise Refusal(
+            "force", f"expected forces below {most_N:.4g} N, whose swing stays below force_max, "
+            f"got {largest_N:g} N"
+        )  # fmt: skip
+    bounds.expect_readable(
+        tuning.axis, largest_N, analyzer.SWING, abs(facts.required_reading.per_count)
+    )
+
+
+def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
+    """force_scale of an axis that was never calibrated; another scale than the model's is
+    refused."""
+    scale = 1e6 * abs(facts.required_reading.per_count)
+    if abs(held.force_scale / scale - 1) <= SCALE_WITHIN:
+        return {}
+    if not quantity.never_set(held.force_scale, held.calibration_date):
+        raise Refusal(
+            "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
+            f"{held.force_scale:g}: calibrate it, or set the model"
+        )  # fmt: skip
+    return {"force_scale": max(1, round(scale))}
+
+
+def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
+    """position_gain of an axis that has none, by the limit of the model."""
+    if held.position_gain:
+        return {}
+    moves = known.states_apart(str(tuning.model), tuning.states)
+    loop = loops.force_loop(str(tuning.model), modes=moves, output="encoder", free=True)
+    gain = loop.limit().stable_to
+    highest = 256.0 if gain is None else gain / facts.volts_per_code
+    return {"position_gain": max(1, math.floor(LIMIT_FACTOR * min(highest, 256.0) * 256)) / 256}
+
+
+def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
+    """approach_velocity_max of an axis whose momentum would strike too hard, or as delivered."""
+    slow, own = _approach_velocity(tuning.model, facts), held.approach_velocity_max
+    delivered = objects.default("approach_velocity_max")
+    if own <= slow and own != delivered:
+        return {}
+    if own != delivered:
+        tuning.say(
+            f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
+            f"of the axis its momentum alone would strike with more than {IMPACT_PEAK_N:g} N"
+        )
+    return {"approach_velocity_max": slow}
+
+
+def _expect_noise(rest: Rest) -> None:
+    """Refuses readings whose rounding hides the response."""
+    if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
+        raise Refusal(
+            "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
+            f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
+            "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
+            "[[adc]] (sensor_noise_n of its data sheet)"
+        )  # fmt: skip
+
+
+def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
+    """contact_force as low as the noise permits, where nobody has set it: a weak law presses with
+    less than a coarse threshold, and its integral waits there."""
+    if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
+        return {}
+    counts = CONTACT_NOISE_FACTOR * rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
+    counts = max(counts, 2 * abs(rest.reading), CONTACT_COUNTS_MIN)
+    return {"contact_force": min(round(256 * counts) / 256, held.contact_force)}
+
+
+def _approach_velocity(model: Path, facts: PlantFacts) -> int:
+    """Count/s of an approach whose momentum makes IMPACT_PEAK_N in the contact's spring."""
     with Design(str(model)) as plant:
         contact = contact_of(plant.table)
         stiffness = contact and value_of(plant, contact.get("stiffness"))
-    if not stiffness:
+    if not stiffness or contact is None:
         raise InputError(f"{model}: contact: expected one, with a stiffness")
     far = contact["between"][1]
     mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
-    speed = min(simulation.APPROACH_M_PER_S, TOUCH_N / math.sqrt(stiffness * mass))
+    speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * mass))
     return max(1, round(speed * abs(facts.required_encoder.scale)))
 
 
-def measuring_law(tuning):
-    """(bank that the axis bears by what is known of it, with a reserve; highest frequency, Hz, at
-    which it may lose stability). Its integral makes the reading stand where it is to."""
+def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
+    """(bank with which the axis is stable by what is known of it, with a margin; highest frequency,
+    Hz, at which it may lose stability). Its integral brings the reading to its target."""
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
-    factors = np.array(np.meshgrid(*[SPREAD] * len(values))).T.reshape(-1, len(values))
+    factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
     members = [{n: f * values[n] for n, f in zip(values, row, strict=True)} for row in factors]
-    best = None
+    best: tuple[float, Bank, float] | None = None
     for rate in RATES_RAD_PER_S:
         bank, gains, highest, slowest = Bank(1.0, rate), [256.0], 0.0, math.inf
         spec = loops.LoopSpec("bank", "zoh+1", bank=bank)
@@ -170,76 +235,87 @@ def measuring_law(tuning):
             )
             static = abs(plant.at(0.0).item()) * linear.facts(model).volts_per_code
             slowest = min(slowest, rate * static)
-        gain = max(1, math.floor(SHARE * min(gains) * 256)) / 256
+        gain = max(1, math.floor(LIMIT_FACTOR * min(gains) * 256)) / 256
         if best is None or gain * slowest > best[0]:
             best = gain * slowest, replace(bank, force_gain=gain), highest
         if best[0] > CROSSOVER_RAD_PER_S:
             break
+    assert best is not None  # RATES_RAD_PER_S is not empty
     return best[1].quantised(), best[2]
 
 
-def design(tuning):
+def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
     """A bank for the set about what was fitted."""
     order = tuning.order
-    fitted = tuning.result("fit")
     asked = outcome.DesignOrder(
-        str(tuning.model), over=tuple(fitted["over"]), overrides=fitted["values"],
-        together=tuple(fitted.get("together") or ({},)), ms=order.ms,
-        ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning), ramp_s=simulation.RAMP_S,
-        firmware=contact.firmware_of(tuning), states=tuning.states, forces_N=order.forces,
+        str(tuning.model), over=fitted.over, overrides=fitted.values,
+        together=fitted.together or ({},), ms=order.ms,
+        ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
+        firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
     )  # fmt: skip
     try:
         found = for_set.design(asked, None, tuning.say)
     except (InputError, _core.SimulationError) as error:
         raise Refusal("design", str(error)) from None
-    worst = found.worst
-    result = to_json(found.result())
-    checked = tuning.result("check")
-    laws = {"before": contact.bank_of(checked["before"]), "designed": found.bank}
-    result["on_fitted"] = to_json(margins.on_fitted(tuning, laws, checked["latency_ticks"]))
-    result["objects"] = objects_of(
-        tuning, found.bank, found.loss_objects, worst.largest_ms, found.ranges, found.units
-    )
-    result["cut"] = _cut(result)
-    if result["cut"]:
-        tuning.say(result["cut"])
-    result["times_p"] = times = _times_p(result)
-    line = f"{found.chosen}, fS {worst.fS_Hz:.3g} Hz, Ms {worst.Ms:.3g}"
-    if times is not None and times < PAYS:
-        result["limited_by"] = (
-            f"P alone has {result['p']['fS_Hz']:.3g} Hz at the same margins, the bank {times:.3g} "
-            f"times that. {found.limited_by}"
+    laws = {"before": checked.before.bank, "designed": found.bank}
+    ms = found.worst.largest_ms
+    # The design as `forceaxis design --json` has it, and what a tuning adds.
+    table: dict[str, Any] = to_json(found.result())
+    table |= {
+        "on_fitted": {}, "cut": "", "times_p": None,
+        "objects": objects_of(tuning, checked, found.bank, found.loss_objects, ms, found.plants),
+    }  # fmt: skip
+    done = from_json(Designed, table, "design")
+    done = replace(
+        done, on_fitted=margins.on_fitted(tuning, fitted, laws, checked.latency_ticks),
+        cut=_cut(done), times_p=_times_p(done),
+    )  # fmt: skip
+    if done.cut:
+        tuning.say(done.cut)
+    if done.times_p is not None and done.times_p < BANDWIDTH_FACTOR:
+        limited_by = (
+            f"P alone has {done.p.fS_Hz:.3g} Hz at the same margins, the bank {done.times_p:.3g} "
+            f"times that. {done.limited_by}"
         )
-        tuning.say(result["limited_by"])
-    return result, line + ("" if times is None else f", {times:.3g} times P's bandwidth")
+        tuning.say(limited_by)
+        done = replace(done, limited_by=limited_by)
+    return done
 
 
-def _cut(designed):
+def design_line(tuning: TuningFolder, done: Designed) -> str:
+    """What `design` says when it ends."""
+    line = f"{done.chosen}, fS {done.worst.fS_Hz:.3g} Hz, Ms {done.worst.Ms:.3g}"
+    times = done.times_p
+    return line + ("" if times is None else f", {times:.3g} times P's bandwidth")
+
+
+def _cut(designed: Designed) -> str:
     """What simulated contacts took of the gain that the search had found, why; "": nothing."""
-    times, chosen = designed["gain_reductions"], designed["chosen"]
+    times, chosen = designed.gain_reductions, designed.chosen
     if not times:
         return ""
-    searched = next((s["worst"] for s in designed["structures"] if s["name"] == chosen), None)
-    why = [f": {cut['case']}, {cut['why']}" for cut in designed.get("gain_cuts", ())][:1]
+    left = designed.worst
+    searched = next((s.worst for s in designed.structures if s.name == chosen), None)
+    why = [f": {cut.case}, {cut.why}" for cut in designed.gain_cuts][:1]
     return (
         f"{chosen} x {simulation.BACKOFF**times:.3g}: contacts simulated with the fitted plant did "
         f"not settle at the designed gain{''.join(why)}"
-        + (f"; the search had reached fS {searched['fS_Hz']:.3g} Hz and Ms {searched['Ms']:.3g}, "
-           f"left are {designed['worst']['fS_Hz']:.3g} Hz and {designed['worst']['Ms']:.3g}"
-           if searched and searched.get("fS_Hz") and designed["worst"].get("fS_Hz") else "")
+        + (f"; the search had reached fS {searched.fS_Hz:.3g} Hz and Ms {searched.Ms:.3g}, "
+           f"left are {left.fS_Hz:.3g} Hz and {left.Ms:.3g}"
+           if searched and searched.fS_Hz and left.fS_Hz else "")
     )  # fmt: skip
 
 
-def _times_p(designed):
+def _times_p(designed: Designed) -> float | None:
     """Bandwidth of the bank over that of P, None where P has none."""
-    p = designed["p"].get("fS_Hz")
-    return designed["worst"]["fS_Hz"] / p if p else None
+    p, bank = designed.p.fS_Hz, designed.worst.fS_Hz
+    return bank / p if p and bank is not None else None
 
 
-def _hf_gain(tuning):
+def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
     """Codes per 8-bit count at high frequency: the firmware's bound is for a noise of one code, and
     what a law makes of the noise is to leave the drive linear."""
-    noise = tuning.result("check")["rest"]["noise_lsb"]
+    noise = checked.rest.noise_lsb
     if noise is None:
         return None
     bits = linear.facts(tuning.model).required_reading.bits
@@ -251,24 +327,28 @@ def _hf_gain(tuning):
     return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
 
 
-def simulate(tuning):
+def simulate(
+    tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
+) -> Simulated:
     """Contact, strikes and random members of the set, with the fitted plant and the firmware."""
-    rows = contact.simulated(tuning)
-    kinds = [row["kind"] for row in rows]
+    return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
+
+
+def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
+    """What `simulate` says when it ends."""
+    kinds = [row.kind for row in done.contacts]
     errors = ", ".join(
-        f"{row['static_error_percent']:.2g} %" for row in rows if row["kind"] == "contact"
+        f"{row.static_error_percent:.2g} %" for row in done.contacts if row.kind == "contact"
     )
     text = f"{kinds.count('contact')} contacts, {kinds.count('strike')} strikes and "
-    text += f"{kinds.count('set')} of the set settle, static error {errors}"
-    return {"contacts": rows}, text
+    return text + f"{kinds.count('set')} of the set settle, static error {errors}"
 
 
-def write(tuning):
+def write(tuning: TuningFolder, designed: Designed) -> Written:
     """The bank into the axis; what was there before is kept in a file first."""
-    axis = tuning.axis
-    values = tuning.result("design")["objects"]
+    axis, values = tuning.axis, designed.objects
     off(axis)
-    if tuning.read(BEFORE) is None:
+    if tuning.read(BEFORE, as_found.RawValues) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
         tuning.write(BEFORE, axis.link.read(names))
     try:
@@ -280,109 +360,121 @@ def write(tuning):
         raise Refusal(
             "bank" if state == "valid" else state, f"expected it to be taken, {error}"
         ) from None
-    state = axis.get(f"bank_state_{files.BANK}", f"certificate_state_{files.BANK}")
-    certificate = state[f"certificate_state_{files.BANK}"]
+    certificate = axis.read(f"certificate_state_{files.BANK}")
     if certificate != "fits":
         put_back(tuning)
         raise Refusal("certificate", f"expected one that fits, it is {certificate}")
     as_found.expect(tuning, axis.link.read(list(values)))
-    return {
-        "certificate_state": certificate,
-        "objects": len(values),
-    }, f"{len(values)} objects, certificate fits"
+    return Written(certificate, len(values))
 
 
-def _ensure_written(tuning):
+def write_line(tuning: TuningFolder, done: Written) -> str:
+    """What `write` says when it ends."""
+    return f"{done.objects} objects, certificate {done.certificate_state}"
+
+
+def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
     """Writes the bank again into an axis that lost it, by a power cut or a reset."""
-    wanted = tuning.result("design")["objects"]
     names = ("force_bank", f"bank_crc_{files.BANK}")
-    if any(value != wanted[name] for name, value in tuning.axis.get(*names).items()):
+    if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
         tuning.say("the axis has lost the bank since; it is written again")
-        write(tuning)
+        write(tuning, designed)
 
 
-def put_back(tuning):
+def put_back(tuning: TuningFolder) -> None:
     """The objects as they were before write(), which is to be done again."""
-    as_found.expect(tuning, tuning.read(BEFORE))
+    before = tuning.read(BEFORE, as_found.RawValues)
+    if before is None:
+        raise InputError(f"{tuning.folder / BEFORE}: expected that file, it is missing")
+    as_found.expect(tuning, before)
     as_found.put_back(tuning)
     for name in ("write.json", BEFORE):  # another write() may find another law
         (tuning.folder / name).unlink(missing_ok=True)
 
 
-def verify(tuning):
+def verify(
+    tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
+    checked: Checked, fitted: Fitted,
+) -> Verified:  # fmt: skip
     """The responses once more, with the bank in force, and Ms of its loop as measured."""
-    tuning.result("write")
-    _ensure_written(tuning)
-    designed = tuning.result("design")
-    bank = contact.bank_of(designed["bank"])
-    late = tuning.axis.read("latency_ticks")
-    high = min(BAND_OF_FT * designed["worst"]["fT_Hz"], HIGHEST_HZ)
+    _ensure_written(tuning, designed)
+    fT_Hz = designed.worst.fT_Hz
+    high = HIGHEST_HZ if fT_Hz is None else min(BAND_OF_FT * fT_Hz, HIGHEST_HZ)
+    low, own = tuning.order.band_hz
     order = replace(
-        tuning.order,
-        band_hz=(tuning.order.band_hz[0], max(high, tuning.order.band_hz[1])),
-        averages=max(5, tuning.order.averages // 2),
+        tuning.order, band_hz=(low, max(high, own)), averages=max(5, tuning.order.averages // 2)
     )
-    measured = tuning.result("measure")[f"{order.forces[0]:g}N"]["amplitude"]
-    levels, lines, first = {}, [], max(1, measured // 4)
+    fitted_axis = contact.FittedAxis(tuning, checked, fitted, designed)
+    levels: dict[str, VerifiedResponse] = {}
+    first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)
     try:
         for force in order.forces:
-            name = f"verified-{force:g}N"
-            touched = []
-
-            def take(measures, force=force, touched=touched):
-                level = measures.contact(force, True)
-                touched.append(measures.touched)
-                return level
-
-            for more in (1, MORE_AVERAGES):  # where the drive bears little, noise takes its time
-                asked = replace(order, averages=more * order.averages)
-                done, about = taken(
-                    tuning,
-                    name,
-                    take,
-                    reach(tuning),
-                    asked,
-                    first,
-                    contact.Touching,
-                    rubs=bool(tuning.result("fit").get("friction")),
-                )
-                found = margins.peaks(tuning, bank, late, done)
-                if found:
-                    order = asked
-                    break
-                tuning.say("no line is sure yet: more averages")
-            else:
+            about, order = _verified(fitted_axis, force, first, order)
+            first = next_amplitude(about.amplitude, force, order.forces)
+            levels[f"verified-{force:g}N"] = about
+            if about.Ms - 2 * about.Ms_error > about.Ms_predicted + MS_TOLERANCE:
                 raise Refusal(
-                    "verify", "expected lines at which the loop's response is sure, got none"
-                )
-            about |= contact.write(tuning, touched[-1]) | found
-            first = next_amplitude(about["amplitude"], force, order.forces)
-            levels[name] = about
-            if about["Ms"] - 2 * about["Ms_error"] > about["Ms_predicted"] + MS_WITHIN:
-                raise Refusal(
-                    "verify", f"expected Ms {about['Ms_predicted']:.3g} with {force:g} N, at most "
-                    f"{MS_WITHIN:g} more, got {about['Ms']:.3g} +-{2 * about['Ms_error']:.2g}"
+                    "verify", f"expected Ms {about.Ms_predicted:.3g} with {force:g} N, at most "
+                    f"{MS_TOLERANCE:g} more, got {about.Ms:.3g} +-{2 * about.Ms_error:.2g}"
                 )  # fmt: skip
-            lines.append(f"{force:g} N Ms {about['Ms']:.3g}, predicted {about['Ms_predicted']:.3g}")
     except Refusal as refusal:
         put_back(tuning)
         raise Refusal(refusal.name, f"{refusal.text}; the law before is in force again") from None
-    return {"levels": levels}, "; ".join(lines)
+    return Verified(levels)
 
 
-def store(tuning):
+def _verified(
+    fitted_axis: contact.FittedAxis, force: float, first: int, order: TuningOrder
+) -> tuple[VerifiedResponse, TuningOrder]:
+    """(the response at a force with its Ms, the order with the averages that it took)."""
+    tuning, touched = fitted_axis.tuning, []
+
+    def take(measures: contact.Touching) -> Any:
+        level = measures.contact(force, True)
+        touched.append(measures.touch)
+        return level
+
+    rubs = bool(fitted_axis.fitted.friction)
+    for factor in (1, AVERAGES_FACTOR):  # small amplitudes need more averages
+        asked = replace(order, averages=factor * order.averages)
+        taking = Taking(f"verified-{force:g}N", take, reach(tuning), asked, first,
+                        contact.Touching, rubs=rubs)  # fmt: skip
+        level, figures = taking.run(tuning)
+        peak = margins.peaks(fitted_axis, level)
+        if peak:
+            peaks = contact.write(fitted_axis, touched[-1])
+            row = VerifiedResponse(**(vars(figures) | vars(peak) | vars(peaks)))
+            return row, asked
+        tuning.say("no line is sure yet: more averages")
+    raise Refusal("verify", "expected lines at which the loop's response is sure, got none")
+
+
+def verify_line(tuning: TuningFolder, done: Verified) -> str:
+    """What `verify` says when it ends."""
+    pairs = zip(tuning.order.forces, done.levels.values(), strict=True)
+    return "; ".join(
+        f"{force:g} N Ms {level.Ms:.3g}, predicted {level.Ms_predicted:.3g}"
+        for force, level in pairs
+    )
+
+
+def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Stored:
     """Parameters and certificate over a power cut."""
-    tuning.result("verify")
-    _ensure_written(tuning)
+    _ensure_written(tuning, designed)
     axis = tuning.axis
     off(axis)
     try:
         params.store(axis)
     except Refused as error:
         if REASONS[NO_MEMORY] in str(error):
-            return {"stored": False, "why": str(error)}, f"not stored: {error}"
+            return Stored(False, str(error))
         put_back(tuning)
         raise Refusal(
             "store", f"expected it to keep the law, {error}; the law before is in force again"
         ) from None
-    return {"stored": True}, "parameters and certificate are stored"
+    return Stored(True)
+
+
+def store_line(tuning: TuningFolder, done: Stored) -> str:
+    """What `store` says when it ends."""
+    return "parameters and certificate are stored" if done.stored else f"not stored: {done.why}"

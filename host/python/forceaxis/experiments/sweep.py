@@ -14,7 +14,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,12 +33,18 @@ from forceaxis.experiments.points import (
     random_points,
     unit_of,
 )
-from forceaxis.experiments.run_result import Columns, Converters, read_converters
+from forceaxis.experiments.run_result import Columns, read_converters
+from forceaxis.experiments.sweep_result import (
+    FailedPoint,
+    LonePoint,
+    Sweep,
+    SweepCounts,
+    SweepResult,
+)
 from forceaxis.experiments.sweep_runs import (
     Cluster,
     Here,
     Journal,
-    Outcome,
     Row,
     Runner,
     boundaries,
@@ -47,7 +52,6 @@ from forceaxis.experiments.sweep_runs import (
     run_columns,
 )
 from forceaxis.experiments.verdicts import VERDICTS, stability
-from forceaxis.results import json_field, to_json
 from forceaxis.words import counted, option_words
 
 FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
@@ -108,95 +112,6 @@ class SweepPlan:
     def rows(self, points: Sequence[Point]) -> list[Row]:
         """Points as {name: value}."""
         return [dict(zip(self.names, point, strict=True)) for point in points]
-
-
-@dataclass(frozen=True)
-class SweepCounts:
-    """Numbers of points and runs, and of points by their results."""
-
-    points: int
-    runs: int
-    resumed: int  # runs that the journal had
-    failed: int
-    boundaries: int | None = json_field(omit_none=True)  # of a search alone
-    stable: int | None = json_field(omit_none=True)  # of a sweep without search alone
-    unstable: int | None = json_field(omit_none=True)
-    not_met: int | None = json_field(omit_none=True)
-    never_in_contact: int | None = json_field(omit_none=True)
-
-    def of(self, verdict: str) -> int:
-        """The number of points with this verdict."""
-        return int(getattr(self, verdict) or 0)
-
-
-@dataclass(frozen=True)
-class FailedPoint:
-    """A point whose run failed."""
-
-    index: int
-    values: Row
-    error: str
-
-
-@dataclass(frozen=True)
-class LonePoint:
-    """A point whose verdict differs from that of all its neighbours. around and alike: the number
-    of points around it that were run too, and of those with its verdict; None: none were run."""
-
-    values: Row
-    verdict: str
-    around: int | None = None
-    alike: int | None = None
-
-
-@dataclass(frozen=True)
-class SweepResult:
-    """The result of a sweep without its columns."""
-
-    experiment: str
-    title: str
-    parameters: dict[str, str]  # name -> unit
-    counts: SweepCounts
-    failures: list[FailedPoint]  # the first SHOWN_FAILURES
-    warnings: list[str]
-    refined: bool
-    alone: list[LonePoint]
-    seed: int | None  # of random points
-    inputs_hash: str
-    firmware_hash: str
-    simulator_hash: str
-    objects_hash: str
-    where: str  # the runs were done
-    seconds: float
-    command: str  # that repeats the sweep
-
-
-@dataclass
-class Sweep:
-    """A finished sweep: its result, and one row a point as columns.
-
-    Columns: index, the parameters, then of a run: verdict, fault, error, METRICS, edge_margin,
-    trace_hash; of a boundary search: boundary (the last stable value), unstable_at (the first
-    one beyond it that is not stable), beyond (its verdict), note (why there is none), error, runs.
-    NaN and "" stand for nothing.
-    """
-
-    result: SweepResult
-    columns: Columns
-    axes: list[SweepParameter]  # of the points
-    search: SweepParameter | None
-    runs: list[tuple[float, Outcome]]  # of a search without axes: (value, outcome)
-    converters: Converters  # of the model, {} if the sweep changes it
-    closer: Columns  # columns of the points around those that stand alone
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        """The result as `forceaxis sweep --json` prints it; values stand beside their point."""
-        found: dict[str, Any] = to_json(self.result)
-        for points in (found["failures"], found["alone"]):
-            for point in points:
-                point |= point.pop("values")
-        return found
 
 
 def plan(request: SweepRequest) -> SweepPlan:

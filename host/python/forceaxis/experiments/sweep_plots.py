@@ -17,7 +17,7 @@ from forceaxis import objects
 from forceaxis.drawing import AREA, INK, VERDICT, legend, plain_ticks, style
 from forceaxis.experiments.points import SweepParameter
 from forceaxis.experiments.run_result import Array
-from forceaxis.experiments.sweep import Sweep
+from forceaxis.experiments.sweep_result import Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 

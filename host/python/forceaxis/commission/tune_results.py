@@ -1,0 +1,399 @@
+"""Results of the steps of a tuning, as the files of its folder keep them.
+
+Each step has one frozen dataclass. `forceaxis.results` makes JSON of it and the dataclass of the
+JSON, so the names of the fields are the keys of the files. A field with a default may be absent in
+the folder of an earlier version. Forces are in N, frequencies in Hz, stiffnesses in N/m, masses in
+kg, positions in encoder counts, amplitudes in DAC codes.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from forceaxis.commission import friction, shake
+from forceaxis.commission.fit import JointSummary
+from forceaxis.commission.level import Abort, Rest
+from forceaxis.commission.rubbing import Rub
+from forceaxis.design import cases, outcome
+from forceaxis.linear import over
+from forceaxis.linear.bank import Bank
+from forceaxis.results import json_field
+
+Setting = int | float | str  # engineering value of an object, or the text of an enumeration
+Settings = dict[str, Setting]  # {object: Setting}
+Values = dict[str, float]  # {parameter of the model: SI value}
+Range = tuple[float, float]  # low, high
+Sections = tuple[tuple[float, ...], ...]  # of a bank: (b0, b1, b2, a1, a2) each
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawKeys:
+    """A bank in the keys of an experiment; a key of a value 0 is absent."""
+
+    gain: float
+    integral_rad_per_s: float | None = json_field(omit_none=True)
+    velocity_gain: float | None = json_field(omit_none=True)
+    sections: Sections | None = json_field(omit_none=True)
+
+    @classmethod
+    def of(cls, bank: Bank) -> "LawKeys":
+        return cls(
+            gain=bank.force_gain,
+            integral_rad_per_s=bank.integral_rad_per_s or None,
+            velocity_gain=bank.velocity_gain or None,
+            sections=bank.sections or None,
+        )
+
+    @property
+    def bank(self) -> Bank:
+        return Bank(
+            self.gain, self.integral_rad_per_s or 0.0, self.velocity_gain or 0.0,
+            self.sections or (),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Result of `check`. settings: what the axis lacks and the model says; law: measured with;
+    band_hz: of the responses; before: the law that the axis has; latency_ticks: of its output."""
+
+    rest: Rest
+    settings: Settings
+    law: LawKeys
+    band_hz: Range
+    before: LawKeys
+    latency_ticks: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResponseFigures:
+    """A measured response. swing: from peak to peak, N in contact, counts apart; speed_rms: of the
+    output by the waveform alone, N/s in contact, counts/s apart; see level.Level."""
+
+    amplitude: int
+    swing: float
+    speed_rms: float
+    coherence_median: float | None = None
+    random_error_median: float | None = None
+    bias_N: float | None = None
+    force_min_N: float | None = None
+    force_max_N: float | None = None
+    noise_lsb: float | None = None
+    distorted: float | None = None
+    aborts: tuple[Abort, ...] = ()
+    of_loop: bool = False
+
+
+@dataclass(frozen=True)
+class GlideFigures:
+    """friction.Glide, and whether the axis rubs apart. Dead zone and difference in codes; rate:
+    counts/s a code."""
+
+    dead_zone: float
+    rate: float
+    codes: int
+    rubs: bool
+    difference: float = 0.0
+
+    @classmethod
+    def of(cls, glide: friction.Glide) -> "GlideFigures":
+        return cls(glide.dead_zone, glide.rate, glide.codes, glide.rubs, glide.difference)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeResponse(ResponseFigures):
+    """Result of `free`: the response out of contact, after the friction of what moves."""
+
+    glide: GlideFigures
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressedResponse(ResponseFigures):
+    """The response at one force. small: with the smaller amplitude; differs: `fit` found that it is
+    another response."""
+
+    bias_N: float = field()
+    small: ResponseFigures | None = json_field(omit_none=True)
+    differs: bool | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowChange:
+    """friction.Slow between the smallest and the largest force, in the keys of its file: force_N
+    and way are the means of the record, (n,) N and counts."""
+
+    friction_N: float
+    sticks: bool
+    compliance: float
+    sliding: float
+    low_N: float
+    high_N: float
+    softest_N: float | None = None
+    softest: float | None = None
+    way: tuple[float, ...] = ()
+    force_N: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class MeasuredResponses:
+    """Result of `measure`. levels: {folder of the response: figures}; shaken: None where no sine
+    made the workpiece slide. It has three files."""
+
+    levels: dict[str, PressedResponse]
+    between: SlowChange
+    shaken: shake.Shaken | None
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A fitted parameter: SI value, 95 % interval, unit."""
+
+    value: float
+    interval: Range
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted(JointSummary):
+    """Result of `fit`. values: what a design relies on; own: {response: values with what it alone
+    has}; friction, lines: found dry friction, and the TOML that the model lacks; left_out:
+    responses in which the play of the gear opens; relied: parameters that are not as fitted, in
+    words; together: values that change together."""
+
+    values: Values = field()
+    over: tuple[str, ...] = field()
+    parameters: dict[str, ParameterRow]
+    friction: tuple[Rub, ...]
+    lines: str
+    own: dict[str, Values]
+    left_out: tuple[str, ...] = ()
+    relied: tuple[str, ...] = ()
+    together: tuple[Values, ...] = ({},)
+
+
+@dataclass(frozen=True)
+class LawFigures:
+    """A bank as `forceaxis design --json` has it. hf_gain: codes per 8-bit count at high
+    frequency."""
+
+    force_gain: float
+    integral_rad_per_s: float
+    sections: Sections
+    velocity_gain: float
+    hf_gain: float | None = json_field(omit_none=True)
+
+    @property
+    def bank(self) -> Bank:
+        return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetFigures:
+    """The worst figures of a law over a set; member: the slowest one."""
+
+    fS_Hz: float | None
+    fT_Hz: float | None
+    Ms: float | None
+    Ms_late: float | None = json_field(omit_none=True)
+    gain_margin: float | None = None
+    phase_margin_deg: float | None = None
+    static_error: float | None = json_field(omit_none=True)
+    member: dict[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProportionalFigures(SetFigures):
+    """SetFigures of the proportional law with its gain."""
+
+    force_gain: float
+
+
+@dataclass(frozen=True)
+class NoProportional:
+    """No gain of the proportional law keeps the margins."""
+
+    force_gain: float = 0.0
+    fS_Hz = None
+
+
+@dataclass(frozen=True)
+class StructureFigures:
+    """A structure of the search; worst: None where no gain of it keeps the margins."""
+
+    name: str
+    bank: LawFigures | None = json_field(omit_none=True)
+    worst: SetFigures | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedLoop(over.Figures):
+    """Figures of a law on the fitted plant."""
+
+    law: LawKeys
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactRow:
+    """A simulated contact as design.cases.SimulatedContact has it. kind: "contact", "strike" or
+    "set"; missed: rows of limits; None: there is no such value."""
+
+    case: str
+    law: str
+    verdict: str
+    peak_N: float | None
+    static_error_percent: float | None
+    settle_ms: float | None
+    overshoot_percent: float | None
+    kind: str | None = json_field(omit_none=True)
+    member: dict[str, float | str] = field(default_factory=dict)
+    latency_ticks: int = 0
+    fault: str = "none"
+    missed: tuple[dict[str, Any], ...] = ()
+    losses: int | None = json_field(omit_none=True)
+    losses_max: int | None = None
+    saturated_ms: float | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Designed:
+    """Result of `design`: what `forceaxis design --json` prints, and on_fitted, {"before",
+    "designed": figures on the fitted plant, None without a law}; objects: to be written, in order;
+    cut: what simulated contacts took of the gain; times_p: bandwidth over that of the proportional
+    law; limited_by: why no more."""
+
+    bank: LawFigures
+    worst: SetFigures
+    p: ProportionalFigures | NoProportional
+    objects: Settings
+    contact_loss: Settings | None
+    on_fitted: dict[str, FittedLoop | None]
+    modes: tuple[dict[str, str], ...]
+    adc_bits: int
+    cut: str
+    times_p: float | None
+    model: str = ""
+    over: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    together: tuple[Values, ...] = ()
+    mode: dict[str, str] | None = json_field(omit_none=True)
+    mode_text: str | None = json_field(omit_none=True)
+    friction_N: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    simulated: tuple[ContactRow, ...] = ()
+    structures: tuple[StructureFigures, ...] = ()
+    chosen: str = ""
+    limited_by: str = ""
+    gain_reductions: int = 0
+    passed_over: dict[str, str] = field(default_factory=dict)
+    gain_cuts: tuple[cases.GainCut, ...] = ()
+    approach_slowed: outcome.SlowedApproach | None = None
+    out: str | None = None
+    files: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Result of `simulate`."""
+
+    contacts: tuple[ContactRow, ...]
+
+
+@dataclass(frozen=True)
+class Written:
+    """Result of `write`: state of the certificate on the axis, number of written objects."""
+
+    certificate_state: str
+    objects: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopPeak:
+    """The largest |S| as measured, its standard error, where it is, and that of the fitted model at
+    the same lines; lines: how many of them are certain."""
+
+    Ms: float
+    Ms_error: float
+    Ms_hz: float
+    Ms_predicted: float
+    lines: int
+
+
+@dataclass(frozen=True)
+class TouchDownPeaks:
+    """Largest force of a touch-down, N, as recorded and of the fitted plant; None where that does
+    not settle."""
+
+    peak_N: float
+    peak_predicted_N: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifiedResponse(ResponseFigures):
+    """The response with the new law; the fields of LoopPeak; peak_N: of the recorded touch-down,
+    and of the fitted plant's, None where that does not settle."""
+
+    amplitude: int = 0
+    swing: float = 0.0
+    speed_rms: float = 0.0
+    bias_N: float = field()
+    Ms: float
+    Ms_error: float
+    Ms_hz: float
+    Ms_predicted: float
+    lines: int | None = None
+    peak_N: float | None = None
+    peak_predicted_N: float | None = None
+
+
+@dataclass(frozen=True)
+class Verified:
+    """Result of `verify`: {folder of the response: figures}."""
+
+    levels: dict[str, VerifiedResponse]
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Result of `store`; why: the reason of the axis where it has no memory for parameters."""
+
+    stored: bool
+    why: str | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True)
+class StepRefusal:
+    """A step that refused: its name, the name and text of the Refusal; lines: to be added to the
+    model."""
+
+    step: str
+    name: str
+    text: str
+    lines: str | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuningSummary:
+    """What a tuning knows, as `forceaxis tune --json` prints it; None: not known yet. levels: of
+    Verified; cuts: gain_cuts in words; holds: see tune_fit.holds; seconds: {step: s of wall
+    time}; axis_seconds: {step: s of the axis' time}."""
+
+    axis: str
+    folder: str
+    parameters: dict[str, ParameterRow] | None = None
+    bank: LawFigures | None = None
+    worst: SetFigures | None = None
+    p: ProportionalFigures | NoProportional | None = None
+    on_fitted: dict[str, FittedLoop | None] | None = None
+    limited_by: str | None = None
+    cut: str | None = None
+    cuts: tuple[str, ...] = ()
+    simulated: tuple[ContactRow, ...] = ()
+    holds: tuple[str, ...] = ()
+    Ms_predicted: float | None = None
+    Ms_verified: float | None = None
+    levels: dict[str, VerifiedResponse] | None = None
+    certificate_state: str | None = None
+    stored: bool = False
+    times_p: float | None = None
+    friction: tuple[Rub, ...] | None = None
+    friction_lines: str | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    axis_seconds: dict[str, float] = field(default_factory=dict)
+    refused: StepRefusal | None = None
