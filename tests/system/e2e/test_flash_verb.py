@@ -492,6 +492,10 @@ def test_names_and_options(bench, elf, tmp_path):
     odd.write_bytes(elf.read_bytes())
     refused(bench.flash(odd, "--yes"), 2, "expected a file name without")
     refused(bench.flash(tmp_path / "no.elf", "--yes"), 2, "does not exist")
-    refused(bench.flash(elf, "--yes", "--address", "0x08000000"), 2, "--address: expected with a .bin only")
+    refused(
+        bench.flash(elf, "--yes", "--address", "0x08000000"),
+        2,
+        "--address: expected with a .bin only",
+    )
     refused(bench.flash(elf, "--yes", "--serial", "a b"), 2, "--serial: expected letters")
     assert bench.calls() == []

@@ -23,7 +23,7 @@ HEADER = struct.Struct(">IqqII")  # sync, number, wall us, lengths of channel an
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
 
 
-class Entry(NamedTuple):
+class LogEntry(NamedTuple):
     """One received message of a log."""
 
     wall_us: int
@@ -126,7 +126,7 @@ class LogReader:
                 f"{paths.display(path)}: expected a log to read, {_why(error)}"
             ) from None
 
-    def __iter__(self) -> Iterator[Entry]:
+    def __iter__(self) -> Iterator[LogEntry]:
         data, size, at = self._data, len(self._data), 0
         self.count, self.skipped, self.cut = 0, 0, False
         while at < size:
@@ -140,7 +140,7 @@ class LogReader:
                     self.count += 1
                     at, middle = stop, start + name_size
                     name = bytes(data[start:middle]).decode(errors="replace")
-                    yield Entry(wall_us, name, bytes(data[middle:stop]))
+                    yield LogEntry(wall_us, name, bytes(data[middle:stop]))
                     continue
             found = _find(data, at + 1, size)
             end = size if found < 0 else found

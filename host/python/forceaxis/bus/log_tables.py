@@ -16,7 +16,7 @@ from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
-from forceaxis.bus.log import Entry, LogReader, expect_messages
+from forceaxis.bus.log import LogEntry, LogReader, expect_messages
 from forceaxis.bus.messages import axis_capture_t, axis_event_t, axis_state_t, sim_truth_t
 from forceaxis.bus.state_names import BY_NAME
 
@@ -111,7 +111,7 @@ class _Exporter:
         self.others: set[str] = set()
         self.undecodable = 0
 
-    def take(self, entry: Entry) -> None:
+    def take(self, entry: LogEntry) -> None:
         """Adds the message of one entry to its table."""
         if type_of(entry.channel, entry.data) is None:
             self.others.add(entry.channel)
