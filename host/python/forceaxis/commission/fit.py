@@ -52,8 +52,9 @@ APART, CHANGED = 0.3, 0.02
 
 @dataclass(frozen=True)
 class ResponseScore:
-    """How well a model explains one response: name "apart" or "in contact"; points: lines; modes:
-    {element: state} that it is explained in; p: probability of a chi-square as large."""
+    """How well a model explains one response. name: "apart" or "in contact"; points: number of
+    lines; modes: {element: state} in which the model is linearised; p: probability of a chi-square
+    at least as large."""
 
     name: str
     points: int

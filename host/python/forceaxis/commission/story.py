@@ -126,7 +126,7 @@ class _Story:
         return text
 
     def motion(self) -> str:
-        """Since when the axis was enabled, and how fast it moved."""
+        """The time from enabling to the error, and the speed of the axis."""
         on = self.enabled[:-1]
         if not on.any():
             return "the axis was not enabled in the recorded second"

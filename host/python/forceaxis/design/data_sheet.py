@@ -203,7 +203,7 @@ FIELDS = (
 BY_NAME = {f.name: f for f in FIELDS}
 
 
-BACK = "<"  # an answer: to the question before
+BACK = "<"  # answer that returns to the previous question
 
 
 def collect(given, ask=None):

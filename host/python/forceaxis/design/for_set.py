@@ -232,8 +232,8 @@ def simulated(
 def calmer(
     bench: ContactBench, bank: Bank, latencies: Sequence[int], threads: int
 ) -> tuple[float, ContactBench]:
-    """(share, bench): of the slower SPEEDS the fastest at which an impact by itself loses contact
-    the fewest times."""
+    """(share, bench): the fastest of the slower SPEEDS with the smallest number of contact losses
+    caused by the impact alone."""
     fewest: dict[float, int] = {}  # share -> losses
     for share in simulate.SPEEDS[1:]:
         slow = bench.at(share)

@@ -46,8 +46,8 @@ def ranges(
     model: str | Path, overrides: dict[str, float] | None = None
 ) -> tuple[FrictionRange, ...]:
     """The frictions of a model whose forces are parameters (see `named`), without those that the
-    drive cannot overcome. The largest multiple is 2, or half of the multiple between 1 and the
-    force of the drive if that is less."""
+    drive cannot overcome. The largest multiple is 2, or the mean of 1 and the ratio of the drive's
+    force to the breakaway force if that is less."""
     arriving = working.arriving_N(model, overrides)
     found = []
     for one in working.frictions(model, overrides):

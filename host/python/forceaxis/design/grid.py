@@ -32,7 +32,7 @@ Response = NDArray[np.complex128]
 
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
-SLOW_HZ = 1.0  # lowest frequency of the grid; below it the responses change little
+SLOW_HZ = 1.0  # below this frequency the grid has fewer points per decade
 PER_DECADE = (60, 270)
 PER_SIDE = 42  # points on each side of a resonance, up to WIDEST half-widths
 THIN = 1 / 3

@@ -24,9 +24,9 @@ from forceaxis.progress import phase
 
 NAME = "held.toml"
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
-# number and seed of members with random friction
+# Permitted contact losses of a first contact: first try, and second try for a light part.
 LOSSES = (1, 3)
-FRICTIONS, SEED = 3, 1988  # members with random friction
+FRICTIONS, SEED = 3, 1988  # number and seed of members with random friction
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
