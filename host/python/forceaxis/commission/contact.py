@@ -1,11 +1,9 @@
-"""Contacts of an axis with an active bank: simulated on the fitted plant, and recorded on the axis.
+"""Contacts of an axis with an active bank: simulated on the fitted plant, and recorded on the
+axis.
 
 A bank is written only if the contacts of `simulated` pass. A `Touching` analyzer records the first
 contacts of the axis while the bank is verified; `predicted` computes the same contacts on the
 fitted plant.
-
-`simulated` is what a bank has to pass before it is written; a `Touching` analyzer records the
-touch-downs of the axis while the bank is verified, and `predicted` gives those of the fitted plant.
 """
 
 import math

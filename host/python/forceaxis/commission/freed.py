@@ -4,10 +4,6 @@ If a model is rejected, it is fitted again with a damper in the place of each fr
 the frictions that the measurement has found, or all possible ones if it did not search for
 friction. The size of a damper depends on the amplitude of the response. The friction in newtons
 follows from the damper and the recorded speed.
-
-Where a model is rejected, it is fitted once more with a damper in the place of each friction that
-the measurement has found, or that may be there where it has not looked. A response has the damper
-of its own amplitude, so its size in newtons is told by the speed that was recorded.
 """
 
 import json

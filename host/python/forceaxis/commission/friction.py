@@ -12,18 +12,6 @@ For a noise whose speed has the standard deviation s, Coulomb friction of F newt
 damper of sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input
 Describing Functions, 2.3). This damping is large at small amplitudes and small at large ones. A
 response is therefore valid for its own amplitude only.
-
-`glide` drives the axis apart with constant codes, both ways: the speed is proportional to the code
-less a dead zone, which is what the friction of guide and gear costs. `between` changes the force in
-contact slowly from the smallest to the largest one and back: the way that the axis goes shows what
-is soft between the forces, and a workpiece that sticks on its table by a way that differs between
-rising and falling force. `directions` says by how much the code differs between them at the same
-reading, which is what the friction of guide and gear costs in contact.
-
-A noise whose speed has the standard deviation s sees Coulomb friction of F newtons as a damper of
-sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
-Functions, 2.3): large where little moves, nothing where much does. So a response holds for its own
-amplitude.
 """
 
 import itertools

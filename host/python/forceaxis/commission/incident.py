@@ -2,9 +2,6 @@
 
 A file is one JSON document: version, state of the axis, its parameters, and the samples with the
 CRC-32 that the axis computed over them.
-
-A file is one JSON: version, what the axis said about the incident, its parameters, and the samples
-with the CRC-32 that the axis computed over them.
 """
 
 import dataclasses

@@ -4,11 +4,6 @@ Each candidate multiplies the model's responses by a factor whose parameters are
 with all others. The rank is the chi-square plus a penalty of ln n for each parameter (Schwarz, The
 Annals of Statistics 6, 1978), where n is the number of real residuals. Each candidate states the
 TOML to add to the model.
-
-Each candidate multiplies the model's responses by a factor of its own, whose parameters are fitted
-together with all others. They are ranked by chi-square plus a penalty of ln n for each parameter
-(Schwarz, The Annals of Statistics 6, 1978), n the number of real residuals, and each says what to
-write into the model.
 """
 
 import math

@@ -3,10 +3,6 @@
 In a model file, friction is a [[friction]] element. Frequency responses are linear, so a damper
 replaces the friction, and its size is fitted for each response (see friction): `damped`. `lines`
 are the elements to add to a model.
-
-In a model's file friction is a [[friction]]. For responses, which are linear, a damper stands in
-its place whose size each response finds for itself (see friction): `damped`. `lines` are what a
-model lacks, to be added to it.
 """
 
 import re

@@ -4,10 +4,6 @@ The displacement of the workpiece is that of the encoder minus the deflection of
 ratio of force to displacement is known at each frequency. While the workpiece slides, Coulomb
 friction is in phase with the speed. It then changes only the imaginary part of the ratio; the real
 part is k - m w^2 for any friction.
-
-The workpiece's way is that of the encoder less the deflection of the sensor, so force over way is
-known at each frequency. While it slides all the time, Coulomb friction is in phase with the speed:
-it shows in the imaginary part alone, and the real part is k - m w^2 whatever the friction is.
 """
 
 import math

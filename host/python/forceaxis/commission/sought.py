@@ -4,10 +4,6 @@ As in a tuning, constant codes in both directions measure the friction of guide 
 contact, and a slow change of the force measures the friction of a workpiece on its table. If the
 axis is not measured out of contact, the friction of guide and gear follows from the difference of
 the codes for rising and falling force at the same measured force.
-
-As in a tuning, constant codes both ways say what guide and gear take while the axis is apart, and a
-slow change of the force what a workpiece does on its table. Where the axis is not measured apart,
-the codes that differ between rising and falling force at the same reading say the first.
 """
 
 import math

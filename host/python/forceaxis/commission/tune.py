@@ -5,11 +5,6 @@ it.
 whose arguments are the folder and the results of earlier steps. It returns its own result or raises
 a Refusal. The result is written to a JSON file of the folder. A step with such a file is not run
 again, so an interrupted tuning continues with the next step.
-
-`Tuning(axis, order, folder).run()` does the steps of STEP_TABLE one after the other. Each is a
-function from the folder and the results of earlier steps to its own result, or to a Refusal. Its
-result is kept in a JSON file of the folder. A step whose file is there is not done again, so a
-tuning goes on where it was interrupted.
 """
 
 import hashlib

@@ -3,10 +3,6 @@ line.
 
 The dataclasses define the content of each file. A field with a default may be absent, as in the
 folders of earlier versions; keys without a field are ignored.
-
-This is the boundary of those files. The dataclasses say what a file has to contain: a field with a
-default may be absent, as it is in the folders of earlier versions; keys without a field are left
-out.
 """
 
 import dataclasses

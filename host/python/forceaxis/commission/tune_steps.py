@@ -2,8 +2,6 @@
 
 Each step is a function whose arguments are the folder and the results of earlier steps; it returns
 its own result.
-
-Each takes the folder and the results of earlier steps, and gives its own result.
 """
 
 import math

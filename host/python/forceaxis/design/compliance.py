@@ -6,11 +6,6 @@ farther for its force. For each stiffness, the result contains the bandwidth ove
 for a bank that is designed for it (`reduced`), at the same margins; the static error of P; the
 travel from first contact to the set-point; the largest impact that either law tolerates with the
 firmware.
-
-A softer pad, sensor or workpiece lets the gain rise and takes the loop gain, and the axis has to
-move further for its force. For each stiffness: the bandwidth over the set of P and of a bank
-designed for it (`reduced`), at the same margins; the static error of P; the way from touch to the
-set-point; the hardest strike on the contact that either law survives with the firmware.
 """
 
 import os

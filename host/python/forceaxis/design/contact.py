@@ -2,9 +2,6 @@
 
 An integral action slower than the loop settles slowly, and a faster one overshoots; the bandwidth
 shows neither. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
-
-An integral that is slower than the loop leaves a tail, a faster one an overshoot; neither shows in
-the bandwidth. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
 """
 
 from collections.abc import Sequence

@@ -3,10 +3,6 @@
 bank.toml contains objects with engineering values in the order in which an axis accepts them, as
 the [firmware] table of an experiment. The table can be copied into an experiment, and `write_all`
 of a gateway's client writes it to an axis.
-
-bank.toml holds objects and engineering values in the order in which an axis takes them, as the
-[firmware] table of an experiment: it can be pasted into one, and `write_all` of a gateway's client
-writes it to an axis.
 """
 
 import datetime

@@ -3,10 +3,6 @@
 The search (`search`) uses the linear set of plants. The simulation (`simulate`) may then reduce the
 gain; the reduction is reported, and if another structure has more bandwidth after its own
 reduction, that structure is chosen. `files` and `page` write the design.
-
-The search (`search`) knows the linear set; the simulation (`simulate`) has the last word: the gain
-that it takes away is said, and another structure is taken that is left with more bandwidth. What is
-written is `files` and `page`.
 """
 
 import contextlib

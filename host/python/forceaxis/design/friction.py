@@ -5,10 +5,6 @@ depends on the damping effect of friction may oscillate without friction, and a 
 without friction may have a limit cycle where the axis sticks. Contacts are therefore simulated
 without friction, with the declared friction and with twice that friction; in random members, each
 friction varies independently.
-
-A declared friction is a guess: grease, wear and load change it. A law that is tuned to its help
-bounces without it, and one that does without it may hunt where it sticks. So contacts are simulated
-with none of it, as declared, and with twice as much, each friction by itself in random members.
 """
 
 import random

@@ -6,12 +6,6 @@ narrower than the steps of a common grid. The conditions |1 + g L| above a bound
 bound are quadratic in the gain g at each frequency. The largest gain that keeps the margins
 therefore needs no iteration. A loop that is stable at small gains is stable up to this gain,
 because the curve does not pass through -1 at any smaller gain.
-
-Everything is vectorised over members and frequencies: a law costs less than a millisecond. Each
-member has its own grid, dense about its own poles and zeros, because a resonance is narrower than
-any common grid can follow. That |1 + g L| stays above a bound, or |T| below one, is quadratic in
-the gain g at each frequency, so the largest gain that margins allow needs no iteration; a loop that
-is stable at small gains is stable up to there, as no gain on the way touches -1.
 """
 
 import math

@@ -5,11 +5,6 @@ worst member stays below -3 dB. It uses differential evolution on a thin grid, t
 grid of its result; the gain follows from the shape (`grid`). The corners of a set are not always
 its worst members. Random members are therefore checked, and those that the law makes unstable join
 the set.
-
-For each structure the shape that lets the worst member's |S| stay below -3 dB longest is sought by
-differential evolution on a thin grid and a simplex on that of the result; the gain follows from the
-shape (`grid`). The corners of a set are not always its worst, so members drawn at random that the
-law would break join the set.
 """
 
 import math

@@ -9,15 +9,6 @@ A [verdict] evaluates each case. A first contact has to keep its force within ER
 below PEAK_MAX set-points, and the contact may be lost LOSSES_MAX times at most. If the impact alone
 exceeds these values for any law (see measure_impacts), its values are added to the limits. After an
 impact, the force has to settle and to stay at the set-point.
-
-A Bench is a model with an ADC of the wanted width and a drive in force mode 4 before it. Cases are
-touch-downs at three set-points, one at half the approach speed, and strikes at the two lower
-set-points; each runs with every latency, on the nominal plant and on random members of a set.
-
-Each case is judged by a [verdict] with limits of what was asked: a touch-down holds its force
-within ERROR_MAX, its peak stays below PEAK_MAX set-points, and contact is lost LOSSES_MAX times at
-most. Where the impact alone does more, whatever the law, see Bench.feel(), that is added. A strike
-has to settle and to hold its force.
 """
 
 import math

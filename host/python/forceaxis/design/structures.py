@@ -5,10 +5,6 @@ A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transfor
 that its zeros and poles keep their frequencies, with gain 1 at frequency 0. The numbers are
 logarithms: integral rate in rad/s, then for each section zero frequency in Hz, zero damping, pole
 frequency in Hz, pole damping.
-
-A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transformed bilinearly with
-its zeros and poles kept at their frequencies, of gain 1 at frequency 0. Numbers are logarithms:
-of the integral's rad/s, then for each section of zero Hz, zero damping, pole Hz, pole damping.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Beams in bending (2.4.4) and the two-link arm (6.2.3): their transfer functions have real zeros.
 
-They are linear only; none of them has a time simulation. Positive displacement and force point the
-same way; transfer functions are of velocity over the actuator force, in m/s per N.
+These models are linear only and have no time simulation. Displacement and force are positive in the
+same direction; transfer functions are velocity per actuator force, in m/s per N.
 """
 
 from collections.abc import Callable, Iterable, Sequence

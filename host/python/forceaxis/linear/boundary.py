@@ -3,9 +3,6 @@ frequencies, and the states that act on this response.
 
 Frequencies belong to a plane whose imaginary axis is the stability boundary: s = j w, or w = (2/T)
 (z - 1)/(z + 1) for a sampled system.
-
-Frequencies are those of a plane whose imaginary axis is the boundary: s = j w, or of a sampled
-system w = (2/T) (z - 1)/(z + 1).
 """
 
 from dataclasses import replace

@@ -6,11 +6,6 @@ the reaction body; they follow from the drive's parameters in the model file. G_
 output and velocity per newton of the drive's force; they follow from the equations of the model
 without its drive. The result has to equal that of the assembled model, which is computed in another
 way.
-
-G_af and G_av, force of the drive per volt of command and per m/s of its body against the reaction,
-come from the drive's parameters in the model file; G_lf and G_lv, output and velocity per newton of
-the drive's force, from the equations of the model without its drive. The result equals
-that of the assembled model, which is computed otherwise.
 """
 
 from pathlib import Path

@@ -17,20 +17,6 @@ Only modes with a residue are compared. A mode with the residue 0 has its zeros 
 poles. If dampers couple it to input and output, poles and zeros are close together, as those of the
 base in Figure 2.16a, and the mode is colocated. Otherwise the mode has no label and no effect on
 the loop.
-
-The labels come from the undamped mechanics, M x'' + K x = force, with the drive removed. Between
-the drive's pair of forces and an output that is a function of positions (the sensed force, or the
-endpoint's position while apart) the response is sum r_i / (s^2 + w_i^2), and the sign of the
-residue r_i says whether actuator and sensor move together in mode i:
-
-* against the lowest mode, the reference: same sign colocated, opposite sign noncolocated. This is
-  the mode's label: the thesis asks for motion opposite to that of the rigid-body mode.
-* against the next mode below: same sign means that a pair of zeros lies between the two, so that
-  the phase comes back; opposite sign that there is none, and 180 degrees are lost.
-
-Compared are modes with a residue. A mode whose residue is 0 has its zeros exactly on its poles. If
-dampers still couple it to input and output, poles and zeros lie side by side, as those of the base
-in Figure 2.16a: colocated. If nothing does, it is neither and has no effect on the loop.
 """
 
 from collections.abc import Mapping, Sequence
