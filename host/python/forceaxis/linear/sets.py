@@ -29,7 +29,7 @@ class LoopSet:
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
     spec: LoopSpec
-    gain: float | None  # k, or force_gain, or neither is given
+    gain: float | None  # k; None: force_gain is given, or no gain
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:
