@@ -59,9 +59,9 @@ def is_experiment(table: Mapping[str, Any]) -> bool:
 
 
 def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
-    """The ModelSettings of MODEL|EXPERIMENT under {name: value} of --set; with an experiment also
-    firmware.NAME. Raises InputError, also for an experiment that closes no force loop unless its
-    plant alone is wanted."""
+    """The ModelSettings of MODEL|EXPERIMENT with {name: value} of --set; for an experiment also
+    firmware.NAME. Raises InputError, also for an experiment without a force loop unless only its
+    plant is needed (plant)."""
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
