@@ -269,15 +269,15 @@ class Axis:
     ) -> actions.PressResult:
         """Approaches, presses for `seconds` from the first contact on, and disables the axis.
 
-        force: "75 N" in mode 4 by the force law or bank in force; a number, counts of an 8-bit
-        reading, in mode -1 by the P law. speed: of the approach, "4 mm/s" or encoder counts a
-        second, at most; default: approach_velocity_max. approach_s: without contact for so long it
-        is the fault no_contact. force_max: a reading beyond it disables the axis in the same tick;
-        default: twice the force and 8 counts. retract: see retract(), at the end. What is set for
-        it is put back.
+        force: "75 N" in mode 4, with the active force law or bank; a number (8-bit counts) in mode
+        -1, with the P law. speed: limit of the approach speed, "4 mm/s" or encoder counts per
+        second; default: approach_velocity_max. approach_s: after this time without contact, the
+        axis stops with the fault no_contact. force_max: a larger measured force disables the axis
+        in the same tick; default: twice the force plus 8 counts. retract: distance of a retract()
+        at the end. Changed settings are restored.
 
-        Raises InputError before anything moves for what the axis would clip, with the bound in N;
-        Refused, NoAnswer with what happened, the axis disabled.
+        Raises InputError before the motion if the axis would limit a value, with the bound in N;
+        Refused or NoAnswer with the reason, after the axis has been disabled.
         """
         order = actions.PressOrder(seconds, speed, approach_s, force_max, retract)
         return actions.press(self, quantity.force(force), order)
@@ -288,10 +288,10 @@ class Axis:
         """Moves an axis in contact back by a distance, "5 mm" or in user units, and disables it
         there; returns its state() before that.
 
-        The force is released first; the way is against the force, or away from the workpiece where
-        there is none, at most at `speed` (default: approach_velocity_max), within its limits, and a
-        reading beyond that of its start and 8 counts disables it. Raises InputError, NoAnswer;
-        Refused where it still touches afterwards.
+        The force is released first. The axis then moves in the opposite direction of the force, or
+        away from the workpiece without a force, at most at `speed` (default: approach_velocity_max)
+        and within its limits. A measured force above the initial one plus 8 counts disables it.
+        Raises InputError, NoAnswer, and Refused if the axis is still in contact at the end.
         """
         return actions.retract(self, distance, speed)
 
