@@ -23,9 +23,10 @@
  *   force_ripple_time    A larger ripple for this time, at a constant demand and without
  *                        excitation, is a limit cycle, as repeated contact losses are
  *                        (contact.h).
- *   contact_unstable_option  Reaction to a limit cycle. The gain is halved with bumpless transfer,
- * and the guard then waits for CONTACT_GUARD_SETTLING_TICKS. Disabling the axis restores the gain.
- * After TOUCH_HALVINGS the fault is contact_unstable.
+ *   contact_unstable_option
+ *                        Reaction to a limit cycle. The gain is halved with bumpless transfer, and
+ *                        the guard then waits for CONTACT_GUARD_SETTLING_TICKS. Disabling the axis
+ *                        restores the gain. After TOUCH_HALVINGS the fault is contact_unstable.
  *
  * A fault follows fault_reaction_option. Travel and approach are checked in every fourth tick, the
  * limit cycle in a different one of each four ticks; the reaction follows in the next tick. */

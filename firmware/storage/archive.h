@@ -24,8 +24,7 @@
 
 enum {
   ARCHIVE_DAY_TICKS = 129600000,
-  ARCHIVE_ABOUT_BYTES =
-      16, /* tick, CRC-32 of the samples, error code and fault, count and trigger */
+  ARCHIVE_ABOUT_BYTES = 16, /* tick, CRC, error, fault, count and trigger */
   ARCHIVE_CLEARED_BYTES = 4
 };
 
