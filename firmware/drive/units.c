@@ -11,7 +11,7 @@ bool units_depend_on(uint16_t object) {
          object == AXIS_OBJ_FEED || object == AXIS_OBJ_FEED_SHAFT_REVOLUTIONS;
 }
 
-/* The parameter, or what is about to be written to it. */
+/* The stored value of a parameter, or the value that is about to be written to it. */
 #define VALUE_OF(OBJECT, stored) ((object == (OBJECT)) ? (uint32_t)value : (stored))
 
 static bool ratio_of(const drive_params_t *params, uint16_t object, int32_t value,
