@@ -6,7 +6,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-/* Factor from one to per mille, and the DAC code at which output_limit limits nothing. */
+/* The complete value in per mille, and the DAC code at which output_limit limits nothing. */
 enum { WHOLE = 1000, OUTPUT_MAX = 2048 };
 
 static void derive_rates(cia402_t *drive) {

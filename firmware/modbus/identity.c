@@ -3,7 +3,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* The object access that is pending. */
+/* The access to an object that is in progress. */
 enum { STATE, NAME, IDENTITY };
 
 enum { TEXT_MAX = 30, HASH_DIGITS = 8, HASH = 0x80 };
@@ -44,7 +44,7 @@ static uint16_t index_of(uint8_t number) {
   }
 }
 
-/* Appends a text; returns its length. */
+/* Appends a text and returns its length. */
 static uint8_t append_text(modbus_request_t *r, const char *text) {
   uint8_t n = 0;
   while (n < TEXT_MAX && text[n] != 0) {
@@ -60,7 +60,7 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Requests the entries of `identities` one by one, from r->first on. */
+/* Requests the entries of `identities` one by one, beginning at r->first. */
 static void next_identity(modbus_request_t *r) {
   if (r->first == r->after) {
     modbus_end(r, MODBUS_OK);
