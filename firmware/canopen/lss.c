@@ -15,7 +15,8 @@ enum {
   SELECT_FIRST = 0x40, /* vendor, product, revision, serial number */
   SELECT_LAST = 0x43,
   SELECTED = 0x44,
-  IDENTIFY_FIRST = 0x46, /* vendor, product; lowest and highest revision, then serial number */
+  /* vendor, product, lowest and highest revision, lowest and highest serial number */
+  IDENTIFY_FIRST = 0x46,
   IDENTIFY_LAST = 0x4B,
   IDENTIFY_NON_CONFIGURED = 0x4C,
   IDENTIFIED = 0x4F,

@@ -5,7 +5,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/value.h"
 
-/* Bits of the types that CiA 301 numbers 1 to 7: boolean, i8, i16, i32, u8, u16, u32. */
+/* Number of bits of the data types 1 to 7 of CiA 301: boolean, i8, i16, i32, u8, u16, u32. */
 static const uint8_t bits_of_dummy[] = {0, 1, 8, 16, 32, 8, 16, 32};
 
 /* Return the index, the sub-index and the length of a mapping entry. */

@@ -15,7 +15,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Identifier and commands of network management. */
+/* CAN identifier of the network management (NMT), and its commands. */
 enum { ID_NMT = 0x000 };
 enum {
   NMT_START = 1,

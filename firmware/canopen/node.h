@@ -26,7 +26,7 @@
 typedef struct {
   uint16_t error_code; /* AXIS_ERROR_CODE_ */
   uint8_t fault;       /* AXIS_FAULT_ that is latched, or that a fault reaction will latch */
-  uint8_t active;      /* 1: active_mode is not disabled */
+  uint8_t active;      /* 1: a mode other than disabled is active */
 } canopen_axis_t;
 
 /* Initialises the node with default parameters and adds the node id to the COB-IDs that contain it.
@@ -136,7 +136,8 @@ bool canopen_is_watched(const canopen_t *canopen);
  * deadline of an RPDO. */
 bool canopen_watches_by(uint16_t object);
 
-/* The recorder was stopped or armed: aborts an upload of its recording. */
+/* The recorder was stopped or armed, so its earlier recording is lost: aborts an upload of that
+ * recording. */
 void canopen_recording_replaced(canopen_t *canopen);
 
 #endif

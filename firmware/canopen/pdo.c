@@ -254,7 +254,8 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
 static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   pdo->pending = 0;
-  /* Only values that act meet the deadline; a frame that waits for a SYNC does not. */
+  /* The deadline of an RPDO is met when its values are applied, not when a frame is received that
+   * waits for a SYNC. */
   rpdo_in_time(canopen, i);
   canopen_drop(&canopen->rpdos_waiting, i);
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,

@@ -18,7 +18,8 @@ void sdo_timeout(canopen_t *canopen, uint8_t server);
 /* Discards all transfers without an abort message. */
 void sdo_drop(canopen_t *canopen);
 
-/* The recorder was stopped or armed: aborts an upload of its recording. */
+/* The recorder was stopped or armed, so its earlier recording is lost: aborts an upload of that
+ * recording. */
 void sdo_recording_replaced(canopen_t *canopen);
 
 #endif

@@ -10,7 +10,7 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* Abort codes and their causes in this server. */
+/* Abort codes of SDO transfers, with the conditions under which this server sends them. */
 #define SDO_ABORT_TOGGLE UINT32_C(0x05030000)
 #define SDO_ABORT_TIMEOUT UINT32_C(0x05040000) /* no segment for SDO_TIMEOUT_MS */
 /* wrong state of the transfer, or unknown command */
@@ -97,7 +97,7 @@ uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes);
 /* Prepares the upload that the request begins. Returns 0 or an abort code. */
 uint32_t sdo_open_upload(const sdo_request_t *request);
 
-/* `count` bytes of the upload from its offset on. */
+/* Copies `count` bytes of the upload, starting at its present offset. */
 void sdo_read(const canopen_t *canopen, const dictionary_t *objects, uint8_t server, uint8_t *bytes,
               uint32_t count);
 

@@ -36,8 +36,8 @@ enum { PDO_ENTRIES = 8, PDO_BYTES = 8, PDO_BITS = 64 };
 typedef struct {
   uint64_t value;   /* RPDO: value that is applied at the next SYNC */
   uint32_t sent[2]; /* TPDO: bytes of the last frame, least significant first */
-  /* RPDO: AXIS_OBJ_ of each entry, none for a dummy; TPDO: dictionary_place() of each of its 8
-   * bytes */
+  /* RPDO: number of the object of each entry (AXIS_OBJ_), none for a dummy; TPDO: offset in the
+   * dictionary of each of its 8 bytes */
   uint16_t places[PDO_ENTRIES];
   /* TPDO: ticks at which its event time and inhibit time end, if they run */
   uint32_t event_tick;
@@ -56,12 +56,12 @@ enum {
   SDO_IDLE,
   SDO_DOWNLOAD,
   SDO_UPLOAD,
-  SDO_BLOCK_OFFERED,  /* the client must start the block upload */
+  SDO_BLOCK_OFFERED,  /* the server waits for the client to start the block upload */
   SDO_BLOCK_SENDING,  /* the server sends segments */
-  SDO_BLOCK_SENT,     /* the client must acknowledge the block */
-  SDO_BLOCK_ENDED,    /* the client must confirm the end of the upload */
-  SDO_BLOCK_AWAITED,  /* the client must send the segment */
-  SDO_BLOCK_RECEIVED, /* the client must end the download */
+  SDO_BLOCK_SENT,     /* the server waits for the client to acknowledge the block */
+  SDO_BLOCK_ENDED,    /* the server waits for the client to confirm the end of the upload */
+  SDO_BLOCK_AWAITED,  /* the server waits for a segment of the client */
+  SDO_BLOCK_RECEIVED, /* the server waits for the client to end the download */
 };
 
 /* An SDO transfer in progress. An expedited transfer needs no state. */

@@ -55,33 +55,33 @@ void axis_init(axis_t *axis);
  * The memory of the three arguments must not overlap. */
 void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK,
- * FW_ERROR_RANGE or, a force_tare with a tare_band while a mode is on, FW_ERROR_STATE. */
+/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK or
+ * FW_ERROR_RANGE. FW_ERROR_STATE refuses force_tare with a tare_band while a mode is active. */
 int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 
-/* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. Writing
- * the same value again changes nothing, except that a position_setpoint is new each time. */
+/* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. A write of an
+ * equal value has no effect, except that each write to position_setpoint gives a new set-point. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* axis->law.bank now is that of `number` (1..4, law_bank.h), or force_gain alone is the law (0).
- * Taken over without a bump in force mode, as another gain is; the integral goes on if the new law
- * has one. */
+/* axis->law.bank now has the coefficients of bank `number` (1..4, law_bank.h); with number 0,
+ * force_gain alone is the force law. In force mode the change is bumpless, like a change of gain;
+ * the integral keeps its value if the new law has integral action. */
 void axis_bank_selected(axis_t *axis, uint8_t number);
 
-/* The gain of the force law, of force_gain and of banks alike, is halved so often (0..15) from the
- * coming tick on. Taken over without a bump. */
+/* Halves the gain of the force law, force_gain or the gain of a bank, `halvings` times (0..15) from
+ * the next tick on. The change is bumpless. */
 void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
-/* Latches a fault from outside the axis (AXIS_FAULT_), unless one is latched already; the axis is
- * disabled in the next tick, and the latched fault, older or not, is not cleared before it. */
+/* Latches a fault from outside the axis (AXIS_FAULT_), unless a fault is already latched. The axis
+ * is disabled in the next tick; the latched fault, old or new, cannot be reset before this tick. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
-/* Latches a fault that was found in the signals of a tick, and takes back the outputs of that tick:
- * code 0, amplifier off, brake on. */
+/* Latches a fault that was found in the signals of a tick, and sets the outputs of this tick to the
+ * safe state: code 0, amplifier off, brake on. */
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs);
 
-/* Clears the latched fault. The axis stays disabled until a mode is written. False: the fault still
- * waits for the tick that it acts in, and stays. */
+/* Resets the latched fault. The axis remains disabled until a mode is written. Returns false if the
+ * fault has not acted in a tick yet; the fault then remains. */
 bool axis_fault_reset(axis_t *axis);
 
 #endif

@@ -113,7 +113,8 @@ typedef struct {
   drive_signals_t signals;
   const cia402_mode_t *mode; /* row of the mode in modes_of_operation_display */
   profile_t trajectory;      /* trajectory in encoder counts; valid unless tracking is none */
-  profile_t shaped;          /* the trajectory after input shaping, once motion_shaper has begun */
+  /* trajectory after input shaping, valid once motion_shaper has begun */
+  profile_t shaped;
   /* count of the user position minus encoder count, before the polarity is applied */
   int32_t origin_cnt;
   /* lead of the axis before its trajectory in counts, from velocity_offset */
@@ -156,7 +157,7 @@ typedef struct {
   uint8_t velocity_next;     /* slot of the oldest velocity sample */
   uint8_t tracking;          /* CIA402_TRACKING_ */
   uint8_t setpoint_active;   /* 1: the drive moves to `setpoint` */
-  uint8_t setpoint_buffered; /* 1: `buffered` has a set-point */
+  uint8_t setpoint_buffered; /* 1: `buffered` has a set-point that the drive has not started yet */
   uint8_t acknowledged;      /* 1: the new set-point of this controlword was accepted */
   /* ticks for which the trajectory has been at standstill at the end of a ramp */
   uint8_t settling_tick;
@@ -171,9 +172,10 @@ typedef struct {
   int8_t pressed;             /* sign of the measured force at the latest contact in mode 4 or 10 */
   uint8_t stopped_by_contact; /* 1: the guarded move ended at the workpiece */
   uint8_t limited;            /* 1: the drive has limited a target to a bound */
-  /* 1: the force law has no certificate, so law_force and law_output apply */
+  /* 1: the force law has no certificate, so the bounds law_force and law_output apply */
   uint8_t uncertified;
-  /* 1: law_force and law_output act in this tick; decided in every second tick */
+  /* 1: the bounds law_force and law_output act in this tick; this is decided in every second
+   * tick */
   uint8_t restricted;
   /* 1: the axis was enabled by an owner whose loss no watchdog or heartbeat would detect */
   uint8_t unsupervised;

@@ -34,8 +34,7 @@
 
 #include "firmware/drive/drive.h"
 
-/* Computes one tick of homing. It also serves the mode "none", in which the axis stays at its
- * position. */
+/* Computes one tick of homing, or of the mode "none", in which the axis stays at its position. */
 void homing_run(cia402_t *drive, axis_t *axis);
 
 /* Acts on the start bit of the controlword: starts homing, or interrupts a method that moves. */

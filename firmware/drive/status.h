@@ -5,8 +5,8 @@
 
 #include "firmware/drive/drive.h"
 
-/* Call it after a tick. It computes every signal of the drive and counts the ticks of conditions
- * that must last for a time. */
+/* Call it after a tick. It computes every signal of the drive, and counts for how many ticks the
+ * target has been reached and the axis has been at standstill. */
 void cia402_observe(cia402_t *drive, const axis_t *axis);
 
 /* Call it after a write between ticks. It updates only the drive state, the error code and the

@@ -1,7 +1,8 @@
 #include "firmware/fx/fx.h"
 
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
-  /* 1500 * 10^exponent as a fraction, exponent 0 first. */
+  /* Ticks in 10^exponent s, 1500 * 10^exponent, as a fraction; the entry of exponent 0 is the
+   * first. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
   static const uint16_t per[] = {1, 1, 1, 2, 20, 200, 2000};
   const uint8_t row = (uint8_t)-exponent;

@@ -37,7 +37,7 @@ static inline int32_t fx_clamp(int32_t x, int32_t low, int32_t high) {
   return (x < low) ? low : ((x > high) ? high : x);
 }
 
-/* A wide value limited to low..high, low <= high. Overflow: saturates. */
+/* A 64-bit value limited to low..high; low <= high. A value outside saturates. */
 static inline int32_t fx_saturate(int64_t x, int32_t low, int32_t high) {
   return (x < (int64_t)low) ? low : ((x > (int64_t)high) ? high : (int32_t)x);
 }
@@ -53,14 +53,16 @@ static inline bool fx_within(int32_t x, int32_t limit) {
   return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
 }
 
-/* a * b in 64 bits. Scaling: the fractional bits of both add up. Cannot overflow. */
+/* a * b in 64 bits. Scaling: the result has the fractional bits of both factors. Cannot
+ * overflow. */
 static inline int64_t fx_mul(int32_t a, int32_t b) { return (int64_t)a * (int64_t)b; }
 
-/* x * 2^n, n 0..30. Scaling: n more fractional bits. Domain: |x| * 2^n < 2^31; outside it the
- * result is the product modulo 2^32. */
+/* x * 2^n, n 0..30. Scaling: the result has n more fractional bits. Domain: |x| * 2^n < 2^31;
+ * outside the domain the result is the product modulo 2^32. */
 static inline int32_t fx_scale(int32_t x, uint32_t n) { return fx_s32_from_u32((uint32_t)x << n); }
 
-/* floor(x / 2^n), n 0..31. Scaling: n fractional bits fewer. Cannot overflow. */
+/* floor(x / 2^n) of a 32-bit value, n 0..31. Scaling: the result has n fractional bits fewer.
+ * Cannot overflow. */
 static inline int32_t fx_floor_shift(int32_t x, uint32_t n) {
   /* The C standard leaves the shift of a negative value to the compiler; ~x is not negative. */
   return (x < 0) ? (int32_t) ~(int32_t)(~x >> n) : (int32_t)(x >> n);
@@ -180,7 +182,8 @@ static inline int32_t fx_q16_from_per_s2(uint32_t x) {
   return (int32_t)(((x / 140625) << 12) + (((x % 140625) << 12) / 140625));
 }
 
-/* floor(x / 2^n), n 1..31. Scaling: n fractional bits fewer. Cannot overflow. */
+/* floor(x / 2^n) of a 64-bit value, n 1..31. Scaling: the result has n fractional bits fewer.
+ * Cannot overflow. */
 static inline int64_t fx_floor_shift_wide(int64_t x, uint32_t n) {
   /* The shift is done in two halves, so that only the upper half has a sign; the last line compiles
    * to no instruction. */

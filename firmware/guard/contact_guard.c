@@ -72,7 +72,7 @@ void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals,
   if (guard->begun == 0) {
     begin_bound(guard, axis);
   }
-  /* Only in the ticks that have no checks. */
+  /* The bound changes only in ticks in which no protection is checked. */
   if ((axis->signals.tick_count & 1) == 0) {
     move_bound(guard, axis);
   }
@@ -118,8 +118,8 @@ static bool is_overdue(contact_guard_t *guard, const drive_params_t *params,
                  params->approach_travel_max);
 }
 
-/* Finds the largest and smallest measured force of a slot, and counts consecutive slots in which
- * the difference was too large. */
+/* Finds the largest and the smallest measured force in a slot of CONTACT_GUARD_SLOT_TICKS, and
+ * counts consecutive slots in which their difference exceeds force_ripple_max. */
 static void watch_ripple(contact_guard_t *guard, contact_t *contact, const drive_params_t *params,
                          drive_signals_t *signals, int32_t force) {
   if (params->force_ripple_max == 0) {

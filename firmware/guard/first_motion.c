@@ -12,7 +12,8 @@ _Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
                    AXIS_FAULT_RUNAWAY - FAULT_OF_RESULT == AXIS_FIRST_MOTION_RESULT_RUNAWAY,
                "a result is its fault, less a constant");
 
-/* A quarter of the range: the motor current of an axis at standstill never changes so much. */
+/* Largest change of the motor current at standstill, in per mille of the range. A healthy axis at
+ * standstill never changes its current by a quarter of the range. */
 enum { CURRENT_JUMP_PER_MILLE = 250 };
 
 void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {

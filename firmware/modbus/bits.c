@@ -151,8 +151,8 @@ static void write(modbus_request_t *r, uint8_t step, uint16_t object, uint32_t v
   modbus_ask(r, step, MODBUS_WRITE, object, fx_s32_from_u32(value));
 }
 
-/* Enables from any state but a fault. Only the halt bit is kept, so that the start of an earlier
- * set-point or homing is not repeated. */
+/* Enables the axis from any state except a fault. Of the previous controlword only the halt bit is
+ * kept, because its other bits could start an earlier set-point or homing again. */
 static void switch_axis(modbus_request_t *r) {
   if (r->one[AXIS_COIL_ENABLE]) {
     modbus_ask(r, STATE_TO_ENABLE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
@@ -192,8 +192,8 @@ static void disarm(modbus_request_t *r) {
   }
 }
 
-/* First executes commands that can be refused while the controlword could be written; a request may
- * contain one of them. */
+/* Executes the command of the request before the controlword, because the command may be refused
+ * although the controlword would be accepted. A request contains at most one such command. */
 static void command(modbus_request_t *r) {
   const uint32_t state = (uint32_t)r->access.value;
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||

@@ -281,7 +281,7 @@ void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count,
   }
 }
 
-/* For half a 32-bit object the word is irrelevant: the write is refused. */
+/* A write to half of a 32-bit object is refused, so the value of the word does not matter. */
 static void mask(modbus_request_t *r) {
   const uint32_t kept = (uint32_t)r->access.value & r->and_mask;
   const uint32_t given = (uint32_t)r->or_mask & ~(uint32_t)r->and_mask;

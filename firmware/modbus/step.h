@@ -17,17 +17,17 @@ enum {
   MODBUS_EXCEPTION_VALUE = 3,
   MODBUS_EXCEPTION_STATE = 4,  /* state does not permit it, or another source owns the axis */
   MODBUS_EXCEPTION_BUSY = 6,   /* the parameter store is working */
-  MODBUS_EXCEPTION_PATH = 10,  /* no axis of this unit behind the gateway */
-  MODBUS_EXCEPTION_TARGET = 11 /* the axis behind a gateway does not answer */
+  MODBUS_EXCEPTION_PATH = 10,  /* the gateway has no axis with this unit */
+  MODBUS_EXCEPTION_TARGET = 11 /* the axis does not answer the gateway */
 };
 
 /* Counters of function 8, indexed by sub-function minus MODBUS_COUNTER_FIRST. They wrap. */
 enum {
   MODBUS_COUNTER_FIRST = 11,
-  MODBUS_COUNT_MESSAGES = 0,   /* complete frames on the bus, of all units */
+  MODBUS_COUNT_MESSAGES = 0,   /* number of complete frames received on the bus, for all units */
   MODBUS_COUNT_ERRORS = 1,     /* frames that were damaged, interrupted or too long */
   MODBUS_COUNT_EXCEPTIONS = 2, /* answers with an exception, and refused broadcasts */
-  MODBUS_COUNT_SERVED = 3,     /* requests of this unit, and broadcasts */
+  MODBUS_COUNT_SERVED = 3,     /* number of requests to this unit, and of broadcasts */
   MODBUS_COUNT_UNANSWERED = 4, /* broadcasts */
   MODBUS_COUNT_NAK = 5,        /* always 0 */
   MODBUS_COUNT_BUSY = 6,       /* requests refused with exception 6 */
@@ -43,7 +43,7 @@ typedef enum {
   MODBUS_WRITE        /* write on behalf of Modbus */
 } modbus_access_kind_t;
 
-/* Value of `refusal` if the axis did not answer. */
+/* Value of the field `refusal` of an access if the axis did not answer. */
 enum { MODBUS_NO_ANSWER = 1 };
 
 typedef struct {
@@ -71,14 +71,15 @@ typedef struct {
   const axis_register_t *end;   /* end of the entries, after the last one */
   const axis_register_t *entry; /* entry that is in progress */
   bool wide;                    /* whether 32-bit objects are among the entries */
-  bool low_first;               /* whether the low word of a 32-bit object comes first */
-  uint8_t *words;               /* words of the first entry to write */
-  uint8_t *place;               /* words of the entry in progress */
-  uint32_t first;               /* first register, bit or identity number to read */
-  uint32_t after;               /* end of the range to read, after the last number */
-  uint16_t read_first;          /* function 23: first register to read after the writes */
-  uint16_t read_count;          /* number of registers to read; 0: nothing */
-  uint16_t and_mask;            /* function 22 */
+  /* whether the low word of a 32-bit object is in the first register */
+  bool low_first;
+  uint8_t *words;      /* words of the first entry to write */
+  uint8_t *place;      /* words of the entry in progress */
+  uint32_t first;      /* first register, bit or identity number to read */
+  uint32_t after;      /* end of the range to read, after the last number */
+  uint16_t read_first; /* function 23: first register to read after the writes */
+  uint16_t read_count; /* number of registers to read; 0: nothing */
+  uint16_t and_mask;   /* function 22 */
   uint16_t or_mask;
   uint8_t word[2];      /* written by functions 6 and 22 */
   uint8_t irreversible; /* number of writes that cannot be undone */

@@ -12,7 +12,7 @@
 
 typedef struct dictionary dictionary_t;
 
-/* The source of an access. The first three are the values of command_source. */
+/* The source of an access. The first three sources are the values of command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
@@ -42,23 +42,29 @@ typedef enum {
  * may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
-/* The only way to write: writes a raw value or executes a command on behalf of `source`, between
- * ticks; it acts in the next tick. Nothing is clipped.
- * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to
- *   command_source, and the owner canopen's.
- * FW_ERROR_RANGE: outside the object's range; 0 where the table forbids it; position_min above
- * position_max; a recorder channel or trigger that is no readable object; recorder_arm with no
- * channel, or with a pretrigger or length that the buffer does not hold; a mode of operation or
- * homing method that does not exist. FW_ERROR_STATE: an object that may only be written with the
- * axis disabled (or the recorder idle or done) while it is not; a native mode other than disabled
- * while a fault is latched, or over a bus, which uses controlword and modes_of_operation; a PDO's
- * mapping while the PDO is valid. FW_ERROR_BUSY: a stored parameter, a command to the store, or
- * what would enable the axis, while the store is at work. FW_ERROR_MAPPING: as above.
+/* The only function that writes: it writes a raw value or executes a command on behalf of `source`,
+ * between ticks. The write acts in the next tick. No value is limited to its range; a value out of
+ * range is refused.
+ *
+ * FW_ERROR_LOCKED: another source owns the axis. Exceptions: any bus may write its own number to
+ * command_source, and the owner may write the number of canopen.
+ * FW_ERROR_RANGE: outside the range of the object; 0 where the table forbids it; position_min above
+ * position_max; a recorder channel or trigger that is no readable object; recorder_arm without a
+ * channel, or with a pretrigger or length larger than the buffer; a mode of operation or homing
+ * method that does not exist.
+ * FW_ERROR_STATE: an object that may only be written while the axis is disabled (or the recorder
+ * idle or done), in another state; a native mode other than disabled while a fault is latched, or
+ * over a bus, which uses controlword and modes_of_operation; the mapping of a PDO while the PDO is
+ * valid.
+ * FW_ERROR_BUSY: a stored parameter, a command to the store, or a write that would enable the axis,
+ * while the store is working.
+ * FW_ERROR_MAPPING: see above.
  * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
- * Only an accepted write feeds the owner's watchdog: otherwise a client that only reads would keep
- * an axis moving that is no longer commanded. Writing the present value is enough.
- * The soft limits and position_setpoint are not checked against each other, in either order: a
- *   limit can always be tightened, and the axis stops at it on the way to a set-point beyond. */
+ *
+ * Only an accepted write resets the watchdog of the owner; otherwise a client that only reads would
+ * keep an axis in motion that nobody commands. A write of the present value is sufficient. The soft
+ * limits and position_setpoint are not compared with each other, in either order: a limit can
+ * always be reduced, and the axis stops at the limit on its path to a set-point beyond it. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Returns what dictionary_write() would return now, without a write. For a command it omits the

@@ -30,7 +30,8 @@ typedef struct {
   void (*changed)(dictionary_t *objects, uint16_t object);
   /* Carries out a command, which is an object without a value. */
   int (*command)(dictionary_t *objects, uint16_t object, int32_t value);
-  /* dictionary_text(), dictionary_domain_size(), dictionary_domain_read(). */
+  /* Functions that carry out dictionary_text(), dictionary_domain_size() and
+   * dictionary_domain_read(). */
   const char *(*text)(const dictionary_t *objects, uint16_t index);
   uint32_t (*domain_size)(const dictionary_t *objects);
   uint32_t (*domain_read)(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
@@ -55,7 +56,7 @@ bool dictionary_has_value(uint16_t object);
  * carries out no other command. FW_ERROR_NO_OBJECT: the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Notes that a write of this source was accepted. */
+/* Notes that the dictionary has accepted a write of this source, for the watchdog of the owner. */
 void dictionary_written_by(dictionary_t *objects, uint8_t source);
 
 /* Whether a value may be restored to an object at power-up. */

@@ -9,7 +9,8 @@
 /* Bit 24 of the first word of an entry: the parameter was at its default. */
 #define ENTRY_AT_DEFAULT UINT32_C(0x01000000)
 
-/* Returns the difference of the table of version 0.1.0 at an address, or NULL. */
+/* Returns what the object table of version 0.1.0 had at this address if it differed from the
+ * present table, otherwise NULL. */
 static const axis_change_t *change_at(uint32_t address) {
   const axis_change_t *change = axis_changes_0_1_0;
   while (change->address != 0 && change->address != address) {

@@ -41,7 +41,8 @@ static bool is_usable(const store_t *store, const dictionary_t *objects, const r
   return usable;
 }
 
-/* Notes a parameter whose value is not as stored, or that keeps an earlier default. */
+/* Notes a parameter that does not have its stored value, or that keeps the default of an earlier
+ * object table. */
 static void note_change(store_t *store, const entry_t *entry) {
   const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {

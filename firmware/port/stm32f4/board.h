@@ -86,7 +86,8 @@ void supply_init(void);
 void supply_interrupt(void);
 void supply_look(void);
 bool supply_is_low(void);
-bool supply_resets_in_time(void); /* whether the brown-out reset is set to its level */
+/* whether the option bytes set the brown-out reset to the required level */
+bool supply_resets_in_time(void);
 
 /* memory_check.c: checks the CRC of the image, and each used word of the RAM with patterns. */
 bool image_is_whole(void);

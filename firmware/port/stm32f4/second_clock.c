@@ -17,7 +17,9 @@ enum { WINDOW_TICKS = 15, PERMILLE_MAX = 250 };
  * cycles. */
 enum { POLLS_MAX = 4000 };
 
-static uint32_t cycles; /* cycles of 16 MHz in MEASURED counts; 0: not known */
+/* number of cycles of the 16 MHz oscillator in MEASURED counts of the slow oscillator; 0: not
+ * known */
+static uint32_t cycles;
 static uint32_t before; /* RTC count at the beginning of the window */
 static uint8_t ticks = WINDOW_TICKS;
 static bool is_compared;

@@ -20,7 +20,8 @@ typedef struct {
 static ring_t received;
 static ring_t to_send;
 
-/* 8 bits and even parity, which counts as a ninth bit. */
+/* Format of a character: 8 data bits and even parity; the register counts the parity bit as a ninth
+ * data bit. */
 #define LINE \
   (USART_CR1_UE | USART_CR1_M | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
 
@@ -61,7 +62,7 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & USART_SR_TC) != 0) {
-    /* The interrupted main loop may have added bytes. */
+    /* The interrupted main loop may have added bytes to the ring buffer. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;
     } else {

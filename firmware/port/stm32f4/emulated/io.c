@@ -119,7 +119,7 @@ void port_act(const axis_outputs_t *outputs) {
   }
 }
 
-/* CAN: frames of 12 bytes over a serial line. */
+/* CAN in the emulator: each frame is 12 bytes on a serial line. */
 
 enum { FRAME_BYTES = 12 };
 
