@@ -7,6 +7,7 @@ of its own amplitude, so its size in newtons is told by the speed that was recor
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -238,7 +239,7 @@ def _refused(p: float, model: str, about: Record) -> Refusal:
 
 def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
-    paths_of: list[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
+    paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
     """commission.fit.joint of the responses at `paths_of`, with dampers for the friction of guide
     and gear that was measured where the model is rejected. Raises Refusal by the name `friction`

@@ -39,7 +39,7 @@ class Prior:
 
 def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
-    overrides: dict[str, float] | None = None,
+    overrides: linear.Overrides | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
     """{parameter: Prior} of a model by the part that each plays: masses, the drive's and the
     contact's constants as a data sheet has them; the workpiece and what `over` names hardly known.
