@@ -457,7 +457,7 @@ def test_other_machines(bench, tmp_path):
         ("sum.hex", b":0100000001FF\n", "hex:1: expected the checksum"),
         ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got 7"),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
-        ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected nothing behind"),
+        ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected no record after"),
         ("twice.hex", b":0100000001FE\n:0100000001FE\n:00000001FF\n", "0x00000000 has two"),
         ("a.txt", b"hello", "expected a file .elf, .hex or .bin"),
     ],

@@ -13,6 +13,7 @@ from forceaxis import objects, paths
 from forceaxis.cli.common import File, Verb, as_json
 from forceaxis.words import suggestion
 
+DETAIL_COLUMNS = 80
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
     "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6"),
@@ -50,7 +51,7 @@ def line(o: objects.AxisObject) -> str:
 
 def details(o: objects.AxisObject) -> Iterator[str]:
     """Yield lines with all properties of one object."""
-    yield f"{o.name}: {o.meaning}"
+    yield from textwrap.wrap(f"{o.name}: {o.meaning}", DETAIL_COLUMNS, subsequent_indent="  ")
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
     space = "holding" if o.access == "rw" else "input"
@@ -68,7 +69,9 @@ def details(o: objects.AxisObject) -> Iterator[str]:
     )
     for key, text in rows:
         if text:
-            yield f"  {key:8} {text}"
+            yield from textwrap.wrap(
+                f"  {key:8} {text}", DETAIL_COLUMNS, subsequent_indent=" " * 11
+            )
 
 
 @click.command(
