@@ -12,7 +12,7 @@ from forceaxis.cli.common import Verb, as_json
 from forceaxis.results import to_json
 
 
-class Address(click.ParamType):
+class Address(click.ParamType[int]):
     """An address of 32 bits, hexadecimal (0x08000000) or decimal."""
 
     name = "address"

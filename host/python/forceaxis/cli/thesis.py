@@ -23,7 +23,15 @@ if TYPE_CHECKING:
 @threads
 @linked
 @as_json
-def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
+def tables_(
+    fit: bool,
+    threads: int | None,
+    kind: str | None,
+    lcm_url: str,
+    link_can: str,
+    inject: str,
+    as_json: bool,
+) -> None:
     """Simulate the 55 cells of the stability tables of the thesis and compare the results.
 
     The exit status is 1 if fewer cells match than the parameter file records. With --link the
