@@ -27,7 +27,7 @@ NOT_LOOKED = (
     "bias",
     "travel",
     "contact",
-)  # refusals of the slow change that do not end the measurement
+)  # errors of the slow change after which the measurement continues
 # share of the compliance of the contact from which the workpiece counts as not sticking
 GIVES = 0.3
 WHOLE = 1.2  # ratio to the friction under a workpiece: half of a force swing with which it slides

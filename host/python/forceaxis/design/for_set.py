@@ -153,7 +153,7 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
 def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
-    """The outcome of the search, and a function that gives the one with another structure."""
+    """The outcome of the search, and a function that returns the outcome with another structure."""
     timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
     goal = search.Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
@@ -188,11 +188,12 @@ def found(
 def simulated(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
 ) -> tuple[DesignOutcome, ContactBench]:
-    """(the design with the gain that the simulation permits, or that of another structure if it
-    then has more bandwidth; the bench with the approach of this design).
+    """(the design with the gain that the simulation permits, or with another structure whose
+    bandwidth is then larger; the bench with the approach of this design).
 
     The approach becomes slower where contacts do not settle or lose contact more than LOSSES_MAX
-    times, unless the order names a speed. Raises InputError where no gain is permitted."""
+    times, unless the order names a speed. Raises InputError where no gain is permitted.
+    """
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = contact_members(bench, outcome.plants, MEMBERS)

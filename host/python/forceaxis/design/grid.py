@@ -262,7 +262,7 @@ class Grid:
         return np.array(found)
 
     def _where(self, level: Samples) -> Samples:
-        """The first frequency of each row at which the level passes 1."""
+        """The first frequency of each row at which the level exceeds 1."""
         past = level >= 1
         j = np.where(past.any(axis=1), np.argmax(past, axis=1), level.shape[1] - 1)
         return np.where(j == 0, 0.0, self._between(level, np.maximum(j - 1, 0), j))

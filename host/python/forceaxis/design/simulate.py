@@ -278,7 +278,8 @@ class ContactBench:
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
     def struck(self) -> tuple[str, float]:
-        """(body, sign) of an impact: the workpiece, or the body that presses on the ground."""
+        """(body, sign) of an impact: the workpiece, or the body that presses if the workpiece is
+        the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
@@ -296,15 +297,15 @@ class ContactBench:
         return sign * (changes.value_of(self.design, text) or 0.0)
 
     def touch_s(self, case: ContactCase) -> float:
-        """Time in s by which the axis is in contact, with a margin of a fifth."""
+        """Time in s at which the axis is in contact at the latest, with a margin of a fifth."""
         return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
 
     def text(
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: path of the model
-        from where the file will be; by default the absolute path."""
+        """The text of a case's experiment. loss: {"contact_loss_cap": code, ...}; model: path of
+        the model from the folder of the file; by default the absolute path."""
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         law = files.law_keys(self, bank, loss or {})
@@ -374,8 +375,8 @@ class ContactBench:
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
     def press_speed_code(self, speed_m_per_s: float, share: float = 1.0) -> int:
-        """The DAC code that moves the free axis at a speed against `share` of the largest friction.
-        With a smaller code the axis remains at standstill where the friction sticks."""
+        """The DAC code that moves the axis out of contact at a speed, against `share` of the
+        largest friction. With a smaller code, friction may keep the axis at standstill."""
         body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
@@ -395,8 +396,8 @@ class ContactBench:
 def run(
     jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
 ) -> list[ContactRun]:
-    """Runs of the jobs in their order. experiments: `_core.Experiments` that keeps files which were
-    read, for calls with the same files. Raises SimulationError of the first run that fails."""
+    """Runs the jobs in their order. experiments: `_core.Experiments`, which stores files that were
+    read, for calls with the same files. Raises SimulationError for the first run that fails."""
     shared = experiments or _core.Experiments()
     outcomes = _core.run_many(jobs, threads, None, True, None, shared)
     for outcome in outcomes:
@@ -409,8 +410,8 @@ def simulate(
     bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
     loss: Mapping[str, int] | None = None, threads: int = 1, law: str = "design",
 ) -> list[SimulatedContact]:  # fmt: skip
-    """All cases of a bench with a bank on each plant of `members` and with each latency; the user's
-    own experiment on the nominal plant alone."""
+    """Simulates all cases of a bench with a bank on each plant of `members` and with each latency;
+    the user's own experiment on the nominal plant only."""
     keys: list[tuple[ContactCase | NamedCase, Plant, int]] = []
     jobs, most = [], []
     for case in bench.cases:

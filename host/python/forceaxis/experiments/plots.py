@@ -133,7 +133,7 @@ def trace(
 
 
 def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
-    """The lines of a row, with its label."""
+    """Draws the lines of a row, with its label."""
     for line in row:
         values = line.values
         if len(row) == 1 and line.names:
@@ -193,7 +193,7 @@ def ramps(
 
 
 def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
-    """Shade the times of contact and the window of the verdict."""
+    """Shades the times of contact and the window of the verdict."""
     low, high = time_s[0], time_s[-1]
     inside = [(max(a, low), min(b, high)) for a, b in marks.contacts if b > low and a < high]
     across = ax.get_xaxis_transform()
