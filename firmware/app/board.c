@@ -42,7 +42,8 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
   };
   const uint32_t faulty = ~(uint32_t)(FW_BOARD_CLOCK_INTERNAL | FW_BOARD_TICK_UNKNOWN);
   device_signals_t *signals = &fw->device_signals;
-  /* What led to a fault may be over, because the outputs are off, when somebody reads this. */
+  /* The outputs are off while a fault is latched, so the cause of a fault may have ended before a
+   * client reads board_state. Therefore board_state keeps its bits until then. */
   const uint32_t before = (fw->axis.signals.fault != AXIS_FAULT_NONE) ? signals->board_state : 0;
   signals->board_state = (uint16_t)(state | (before & faulty));
   signals->tick_deviation = tick_deviation;

@@ -15,9 +15,11 @@
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 _Static_assert(offsetof(fw_t, objects) == 0, "offsets of objects count from the dictionary");
-/* TPDOs gather their bytes from where the values lie. */
+/* TPDOs read the bytes of mapped values directly, so the processor must store the lowest byte
+ * first. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the lowest byte comes first");
-/* Codes of the protocols are enumerators above 32767; fx, core and objects make do with less. */
+/* Codes of the protocols are enumerators above 32767; fx, core and objects do not need an int of 32
+ * bits. */
 _Static_assert(sizeof(int) >= sizeof(int32_t), "app, canopen and drive need an int of 32 bits");
 
 static void wake(fw_t *fw) {
@@ -27,20 +29,20 @@ static void wake(fw_t *fw) {
   }
 }
 
-/* The latched fault, or the one that a fault reaction under way will latch. */
+/* Returns the latched fault, or the fault that a present fault reaction will latch. */
 static uint8_t fault_of(const fw_t *fw) {
   const uint8_t latched = fw->axis.signals.fault;
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
-/* The test before the first motion keeps the bounds that it began with. */
+/* The first motion test keeps the bounds with which it began. */
 static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
 
 static int check_axis(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   const fw_t *fw = fw_of_const(objects);
-  /* A native mode over a bus would bypass the state machine of the drive. */
+  /* A native mode that is written over a bus would bypass the state machine of the drive. */
   if (object == AXIS_OBJ_MODE && value != AXIS_MODE_DISABLED &&
       (source != FW_SOURCE_LOCAL || fault_of(fw) != AXIS_FAULT_NONE)) {
     return FW_ERROR_STATE;
@@ -113,7 +115,7 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
-/* store_state shows at once that the store is at work. */
+/* store_state reports at once that the store is working. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
     fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
@@ -140,7 +142,7 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
     case AXIS_OBJ_INCIDENT_COMMAND:
       return incident_command(fw, value);
     default:
-      /* A recording of what the drive has needs the drive. */
+      /* To record signals of the drive, the drive must run. */
       if (value != 0 && fw->live == 0 && recording_needs_drive(fw)) {
         wake(fw);
       }
@@ -153,7 +155,7 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   return refusal;
 }
 
-/* 1020h: the configuration is no longer the one that was verified. */
+/* Resets the date 1020h, because the configuration differs from the verified one. */
 static void changed(dictionary_t *objects, uint16_t object) {
   fw_t *fw = fw_of(objects);
   if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME &&
@@ -177,7 +179,7 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
-/* Where the values of each block are, and who checks and follows their writes. */
+/* Position of the values of each block, and the functions that check and follow their writes. */
 static const dictionary_owner_t owner = {
     .blocks =
         {
@@ -206,16 +208,16 @@ static const dictionary_owner_t owner = {
     .domain_read = recording_read,
 };
 
-/* What is in force is the set that was saved last, whole: somebody commissioned the axis with it.
- * Not so without a set, after a save that was cut off, and with a set of another table of which
- * something is not in force. */
+/* Whether the complete set that was saved last is active, so that somebody has commissioned the
+ * axis with it. False without a set, after an interrupted save, and with a set of another table of
+ * which some entries are not active. */
 static bool is_commissioned(uint8_t store_state) {
   return store_state == AXIS_STORE_STATE_LOADED ||
          store_state == AXIS_STORE_STATE_LOADED_OLD_DEFAULTS;
 }
 
-/* Every parameter and signal at its power-up value, but for what counts losses; what was stored
- * replaces the defaults. */
+/* Sets every parameter and signal to its power-up value, except the counters of lost frames; stored
+ * values then replace the defaults. */
 static void power_up(fw_t *fw) {
   axis_init(&fw->axis);
   law_banks_init(&fw->banks);
@@ -246,7 +248,7 @@ static void power_up(fw_t *fw) {
   }
 }
 
-/* The node boots up; whatever is not in force as it was stored is reported. */
+/* The node boots; every parameter that is not active as it was stored is reported. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;
@@ -266,7 +268,7 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   store_init(&fw->store, config->memory);
   power_up(fw);
   const uint16_t error = board_reset_error(config);
-  /* A supply that was too low may have spoilt what the memory holds. */
+  /* A supply voltage that was too low may have changed the contents of the memory. */
   incident_init(fw, (error != AXIS_ERROR_CODE_BROWNOUT_RESET) ? error : AXIS_ERROR_CODE_NONE);
   if (config->buses != 0) {
     wake(fw);
@@ -278,12 +280,12 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   }
 }
 
-/* Up to the largest number it can hold. */
+/* Increases a counter, at most to its largest value. */
 static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-/* Requests of the node that its last call led to. */
+/* Acts on the requests of the node that its last function has made. */
 static void take_requests(fw_t *fw) {
   if (!canopen_has_requests(&fw->canopen)) {
     return;
@@ -306,11 +308,11 @@ static void execute_reset(fw_t *fw) {
   if (fw->canopen.reset == CANOPEN_RESET_NONE) {
     return;
   }
-  /* A reset that follows a save at once must load what was saved. */
+  /* A reset directly after a save must load the saved values. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
     return;
   }
-  /* Loading takes longer than a tick on a chip: the output must be off meanwhile. */
+  /* On a chip, loading takes longer than a tick: the output must be off meanwhile. */
   if (fw->canopen.reset == CANOPEN_RESET_NODE &&
       fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
     cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
@@ -332,7 +334,7 @@ static void execute_reset(fw_t *fw) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, AXIS_STORE_STATE_FAILED);
     }
   }
-  /* A port reports changes only. */
+  /* A port reports only changes of the bus state. */
   canopen_bus(&fw->canopen, bus);
   take_requests(fw);
 }
@@ -394,7 +396,7 @@ bool fw_report(fw_t *fw) {
   cia402_after(&fw->drive, &fw->axis);
   incident_tick(fw, fault_of(fw));
   if (fw->config.buses != 0) {
-    /* A sample and a TPDO in one interrupt would be too long. */
+    /* A sample of the recorder and a TPDO in one interrupt would take too long. */
     const bool defer = incident_samples(fw) || reports_contact_seen(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);

@@ -2,8 +2,8 @@
 #define FIRMWARE_APP_FW_H_
 
 /* The firmware as every port and every simulation runs it: the axis, its recorder and objects, the
- * drive profile, the protocols and the parameter store. The caller owns the state; nothing here
- * allocates, blocks or keeps globals. */
+ * drive profile, the protocols and the parameter store. The caller owns the state. No function here
+ * allocates memory, waits or has global variables. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,22 +20,24 @@
 #include "firmware/storage/archive.h"
 #include "firmware/storage/store.h"
 
-/* Recorder buffer of the host and the default of a port: 5 s of two 16-bit codes. */
+/* Size of the recorder buffer on the host, and the default of a port: it stores 5 s of two 16-bit
+ * codes. */
 #define FW_RECORDER_BYTES 32768
 
-/* The firmware's own version; software_version adds the hash of the object table. */
+/* Version of the firmware itself; software_version adds the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergencies that are no fault of the axis: store_failed (at power-up: the stored set is not in
- * force, or is not the newest one; its first manufacturer byte is store_state), source_lost (where
- * abort_connection_option selects no fault), and those of FF01h to FF04h. These are sent at once,
- * and then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated, limit_cycle and overruns
- * still count. FF07h watchdog_reset, 6000h core_fault and 5110h brownout_reset: at a power-up by
- * these, the first manufacturer byte is reset_cause, and the next four core_fault_pc. */
+/* Emergency messages that are no fault of the axis: store_failed (at power-up: the stored set is
+ * not active or is not the newest set; the first manufacturer byte is store_state), source_lost (if
+ * abort_connection_option selects no fault), and the messages FF01h to FF04h. FF01h to FF04h are
+ * sent at once and are then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated,
+ * limit_cycle and overruns still count. FF07h watchdog_reset, 6000h core_fault and 5110h
+ * brownout_reset report the reset before this power-up: the first manufacturer byte is reset_cause,
+ * and the next four are core_fault_pc. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
-/* What has reset the chip, a set. A start by the supply alone is POWER, with or without BROWN_OUT
- * and PIN; a core fault resets by SOFTWARE. */
+/* Causes of a reset of the chip, as a set of bits. A start by the supply alone has POWER, with or
+ * without BROWN_OUT and PIN. A fault of the core has SOFTWARE. */
 enum {
   FW_RESET_BROWN_OUT = 2,
   FW_RESET_PIN = 4,
@@ -46,7 +48,7 @@ enum {
   FW_RESET_LOW_POWER = 128
 };
 
-/* What a board kept of a fault of the core over the reset that followed. */
+/* Data about a fault of the core that the board has kept over the following reset. */
 typedef struct {
   uint32_t pc;
   uint32_t lr;
@@ -55,8 +57,8 @@ typedef struct {
   uint32_t bfar;
 } fw_core_fault_t;
 
-/* board_state: what a board finds of itself, a set. Those from BROWN_OUT_LEVEL to RAM are found at
- * power-up and stay. */
+/* Errors that a board detects in itself, as a set of bits (board_state). Those from BROWN_OUT_LEVEL
+ * to RAM are detected at power-up and remain set. */
 enum {
   FW_BOARD_CLOCK_INTERNAL = 1,
   FW_BOARD_BROWN_OUT_LEVEL = 2,
@@ -70,35 +72,41 @@ enum {
   FW_BOARD_TICK_UNKNOWN = 512
 };
 
-/* Largest number of ticks between two calls of fw_between(), 10 ms. */
+/* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
-/* A node without id is silent but for LSS, and no unit of Modbus. */
+/* Node id of an axis that waits for an id from LSS. It answers only LSS requests and has no Modbus
+ * unit. */
 enum { FW_NODE_ID_BY_LSS = 255 };
 
-/* The configuration by the port. All 0 is an axis on no bus. */
+/* Configuration of the firmware by the port. If all fields are 0, the axis is on no bus. */
 typedef struct {
   void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
   uint32_t recorder_bytes;
   blackbox_t
-      *blackbox; /* needs no initial value; lies with recorder_buffer in memory that a restart
-                    does not clear, or keeps no incident over one; NULL: no black box */
+      /* Memory of the black box; NULL: no black box. It needs no initial value. To keep an incident
+       * over a restart, it must be placed with recorder_buffer in memory that a restart does not
+       * clear. */
+      *blackbox;
   const store_memory_t *memory;  /* NULL: parameters are not stored */
-  const store_memory_t *archive; /* NULL: no incident outlives a power cut */
-  const char *hardware;          /* hardware_version, must outlive fw; NULL: "none" */
+  const store_memory_t *archive; /* NULL: no incident is kept over a power cut */
+  const char *hardware;          /* text of hardware_version, must outlive fw; NULL: "none" */
   uint32_t serial_number;
-  uint32_t modbus_baud; /* sets the silence that ends a frame; 0: MODBUS_BAUD_DEFAULT */
-  uint8_t node_id;      /* CANopen node and Modbus unit, 1..127; 0: stored_node_id, else 1;
-                           FW_NODE_ID_BY_LSS: stored_node_id, else none until LSS gives one */
-  uint8_t buses;        /* 1: CANopen and Modbus are served */
-  uint8_t reset_cause;  /* FW_RESET_ set; 0: not known */
-  const char *software; /* software_version, must outlive fw; NULL: FW_VERSION and table's hash */
-  uint16_t bit_rates;   /* set of supported bit rates, see lss.h; 0: all */
-  const fw_core_fault_t *core_fault; /* of the reset before this start, or NULL: there was none */
+  /* bit rate that determines the silence at the end of a frame; 0: MODBUS_BAUD_DEFAULT */
+  uint32_t modbus_baud;
+  /* CANopen node id and Modbus unit, 1..127. 0: stored_node_id, or 1 if none is stored.
+   * FW_NODE_ID_BY_LSS: stored_node_id, or no id until LSS gives one. */
+  uint8_t node_id;
+  uint8_t buses;       /* 1: CANopen and Modbus are served */
+  uint8_t reset_cause; /* set of FW_RESET_ bits; 0: not known */
+  /* text of software_version, must outlive fw; NULL: FW_VERSION and hash of the object table */
+  const char *software;
+  uint16_t bit_rates; /* set of the supported bit rates, see lss.h; 0: all bit rates */
+  const fw_core_fault_t *core_fault; /* fault of the core that caused the last reset, or NULL */
 } fw_config_t;
 
 typedef struct {
-  dictionary_t objects; /* the first member: dictionary.h */
+  dictionary_t objects; /* must be the first member, see dictionary.h */
   axis_t axis;
   law_banks_t banks;
   recorder_t recorder;
@@ -110,101 +118,110 @@ typedef struct {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence;         /* ticks since the owner last wrote */
-  uint32_t ticks_alone;            /* since fw_between() last ran */
-  uint32_t reported_tick[FW_HELD]; /* when each limited emergency was last sent */
-  uint8_t reported[FW_HELD];       /* 1: was sent since power-up */
-  uint8_t contact_seen;            /* contact, saturation and limit cycle of the tick before */
-  uint8_t tare_is_written;         /* 1: force_tare is written by the tare, which keeps 1020h */
-  uint8_t on_serial;               /* 1: what is written now is received over the serial line */
-  uint8_t owner_on_can;            /* 1: the owner reaches the axis over CAN; ownership.h */
-  uint8_t boxed;                   /* 1: the black box records, not the recorder; incident.h */
-  uint8_t live;                    /* drive and protocols are served; see fw_tick() */
+  uint32_t source_silence; /* ticks since the last write of the owner */
+  uint32_t ticks_alone;    /* ticks since the last call of fw_between() */
+  /* tick in which each inhibited emergency message was last sent */
+  uint32_t reported_tick[FW_HELD];
+  uint8_t reported[FW_HELD]; /* 1: the message was sent since power-up */
+  uint8_t contact_seen;      /* contact, saturation and limit cycle in the previous tick */
+  /* 1: the tare measurement writes force_tare, so the date 1020h does not change */
+  uint8_t tare_is_written;
+  uint8_t on_serial;    /* 1: the present write was received over the serial line */
+  uint8_t owner_on_can; /* 1: the owner reaches the axis over CAN; see ownership.h */
+  /* 1: the black box uses the buffer and the recorder does not; see incident.h */
+  uint8_t boxed;
+  uint8_t live; /* 1: drive and protocols are served; see fw_tick() */
 } fw_t;
 
-/* Power-up: stored parameters, else defaults; axis disabled, recorder idle. */
+/* Sets the state at power-up: parameters from the store or their defaults, axis disabled, recorder
+ * idle. */
 void fw_init(fw_t *fw, const fw_config_t *config);
 
-/* One tick: drive, axis, recorder, protocols. A firmware on no bus whose objects beyond axis and
- * recorder were never accessed runs only axis and recorder, with the same outputs.
+/* Computes one tick of drive, axis, recorder and protocols. A firmware on no bus computes only axis
+ * and recorder, with the same outputs, until an object that belongs to neither of them is accessed.
  *
- * Faults set code 0, amplifier and brake off, counted from the event, 1 being the next tick:
+ * These events set code 0 and switch amplifier and brake off. The number is the tick in which this
+ * happens; 1 is the first tick after the event:
  *   invalid sensors, enable chain, switches, ADC range, speed, force       1
- *   findings of the test before the first motion (guard/first_motion.h)    1
- *   findings of the force sensor's supervision (guard/sensor.h)            1
+ *   findings of the first motion test (guard/first_motion.h)               1
+ *   findings of the force sensor's monitoring (guard/sensor.h)             1
  *   no call of fw_between() for FW_BETWEEN_TICKS_MAX ticks; fw_board()     1
  *   CAN bus off (fw_can_bus), NMT stop, reset of communication             1
  *   a stop by any source: controlword, halt, native mode disabled          1
- *   a frame of another node with this one's id                             1
- *   a boot-up message of a node that 1016h supervises (owner on CAN); release of the enabled
- *     axis to a canopen that is lost or not supervised                     1
+ *   a frame of another node with the same node id                          1
+ *   a boot-up message of a node that 1016h monitors (owner on CAN); release of the enabled
+ *     axis to a canopen that is lost or not monitored                      1
  *   NMT reset of the node: all at power-up values after the next tick      2
  *   owner other than canopen writes nothing, N ticks of its watchdog       N + 1
  *   heartbeat missing (owner on CAN), N ticks of its time                  N + 2
  *   RPDO missing (owner canopen), N ticks of its time                      N + 2
- * N is rounded up: ceil(1.5 ms). Where fault_reaction_option selects a ramp it comes first, of
- * at most CIA402_STOPPING_TICKS, but for the first four lines, a second node of this id and a
- * reset of the node; abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves the axis
- * enabled. Canopen is not supervised at all unless 1016h or an RPDO's time (1400h.., 5) is set. On
- * CAN is every owner but a Modbus that acquired the axis over the serial line.
- */
+ * N is rounded up: ceil(1.5 ms). If fault_reaction_option selects a ramp, the ramp comes first and
+ * takes at most CIA402_STOPPING_TICKS; the first four lines, a second node with this id and a reset
+ * of the node have no ramp. abort_connection_option 0, or 3 with quick_stop_option 5 or 6, leaves
+ * the axis enabled. Canopen is monitored only if 1016h or the time of an RPDO (1400h.., 5) is set.
+ * Every owner is on CAN, except a Modbus client that acquired the axis over the serial line. */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* fw_tick() in four, for a port whose ticks are an interrupt. In the interrupt fw_prepare() has the
- * drive set the targets of this tick; it needs no inputs, whose conversion may still be running.
- * fw_control() turns inputs into outputs, which the port puts out at once; then fw_report() does
- * what is due in most ticks: status of the drive, recorder, one event-driven TPDO. After the
- * interrupt, before anything else is done with fw, and not interrupted by a tick, fw_between() does
- * what is seldom due and long: emergencies, timers of the node that run out, the silence of Modbus,
- * resets (they last longer than a tick), a step of the store (so does an erase). Cost on a
- * Cortex-M4: docs/chip/instructions.md.
+/* fw_tick() in four parts, for a port whose tick is an interrupt. In the interrupt, fw_prepare()
+ * lets the drive set the targets of this tick; it needs no inputs, so their conversion may still
+ * run. fw_control() computes the outputs from the inputs, and the port outputs them at once.
+ * fw_report() then does what most ticks need: status of the drive, recorder, one event-driven TPDO.
+ * fw_between() must run after the interrupt, before any other use of fw, and without an
+ * interruption by a tick. It does the rare and long work: emergency messages, node timers that
+ * expire, the silence of Modbus, resets (longer than a tick), and a step of the store (an erase is
+ * also longer than a tick). Cost on a Cortex-M4: docs/chip/instructions.md.
  *
- * While fw_between() does not run, neither a lost heartbeat nor NMT is noticed. After more than
- * FW_BETWEEN_TICKS_MAX ticks without it fw_prepare() disables the axis, with the fault
- * main_loop_lost, and fw_report() returns false: the caller must not feed its watchdog then. */
+ * While fw_between() does not run, a lost heartbeat and NMT are not detected. After more than
+ * FW_BETWEEN_TICKS_MAX ticks without fw_between(), fw_prepare() disables the axis with the fault
+ * main_loop_lost, and fw_report() returns false: the caller must then not reset its watchdog
+ * timer. */
 void fw_prepare(fw_t *fw);
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);
 
-/* CAN: a received frame, before the tick that processes it; a frame to send (false:
- * none); frames that were lost; the state of the bus, CAN_BUS_, at each change. */
+/* CAN. The functions accept a received frame, before the tick that processes it; return a frame to
+ * send (false: no frame); accept the number of lost frames; and accept each change of the bus
+ * state, CAN_BUS_. */
 void fw_can_receive(fw_t *fw, const can_frame_t *frame);
 bool fw_can_transmit(fw_t *fw, can_frame_t *frame);
 void fw_can_lost(fw_t *fw, uint16_t frames);
 void fw_can_bus(fw_t *fw, uint8_t state);
 
-/* The bit rate, kbit/s: at power-up the stored one. A port follows it at once and sends nothing
- * that was queued before a change. */
+/* Returns the CAN bit rate in kbit/s; at power-up it is the stored rate. A port applies a change at
+ * once and does not send frames that were queued before the change. */
 uint16_t fw_can_kbit_s(const fw_t *fw);
 
-/* Modbus RTU: bytes that were received; bytes to send, at most `room`, 0: none. */
+/* Modbus RTU. The functions accept received bytes, and return at most `room` bytes to send (0:
+ * none). */
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
-/* A tick of the port came late (missed 0), or `missed` ticks did not come at all. Each counts as
- * one of `overruns`, and time advances by those missed: tick_count, and the timers of the node, see
- * canopen_missed(). After fw_between(), not in the interrupt. */
+/* Reports that a tick of the port was late (missed is 0), or that `missed` ticks did not run. Each
+ * of them counts as one of `overruns`, and the time advances by the missed ticks: tick_count and
+ * the timers of the node, see canopen_missed(). Call it after fw_between(), not in the
+ * interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
-/* What the port finds of its board, FW_BOARD_ set, and of the tick's length beside a second clock,
- * 1/1000. Called between fw_prepare() and fw_control(), it disables the axis in that tick with
- *   board_unfit   BROWN_OUT_LEVEL, IMAGE, RAM: found at power-up
+/* Accepts the errors that the port has detected in its board, a set of FW_BOARD_ bits, and the
+ * deviation of the tick length from a second clock in 1/1000. The call is between fw_prepare() and
+ * fw_control(), and disables the axis in that tick with
+ *   board_unfit   BROWN_OUT_LEVEL, IMAGE, RAM: detected at power-up
  *   supply_wrong  SUPPLY, REFERENCE
  *   clock_wrong   TICK
  *   output_wrong  DAC, ENABLE
- * each for as long as it is found; the others are shown alone. board_state keeps what was found
- * until the axis has no fault. */
+ * as long as the error is detected; the other bits are only reported. board_state keeps the
+ * detected errors until the axis has no fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
-/* dictionary_read() and dictionary_write() for the port itself; a write wakes the drive of a
- * firmware on no bus where the object is beyond axis and recorder. */
+/* dictionary_read() and dictionary_write() for the port itself. On a firmware without a bus, a
+ * write to an object that does not belong to axis or recorder starts the drive. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
-/* Sample `index` (0 the oldest) of a finished recording: one value per chosen channel, in the order
- * of recorder_signal_1.., without channels set to 0. Returns how many values, or
- * FW_ERROR_NO_DATA. */
+/* Reads sample `index` (0 is the oldest) of a completed recording: one value for each selected
+ * channel, in the order of recorder_signal_1.., without channels that are 0. Returns the number of
+ * values, or FW_ERROR_NO_DATA. */
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]);
 
 #endif

@@ -4,7 +4,7 @@
 
 #include "firmware/app/recording.h"
 
-/* What led to an error. */
+/* Signals that show what led to an error. */
 static const struct {
   uint16_t object;
   uint32_t address;
@@ -39,7 +39,7 @@ static void start(fw_t *fw) {
   blackbox_start(fw->config.blackbox, channels, recording_channel(fw, AXIS_OBJ_ERROR_CODE));
 }
 
-/* Records while it is wanted and nobody else does. */
+/* Records while the black box is selected and nothing else uses the buffer. */
 static uint8_t keep_recording(fw_t *fw) {
   blackbox_t *blackbox = fw->config.blackbox;
   const bool is_used = fw->recorder.signals.recorder_state != AXIS_RECORDER_STATE_IDLE;
@@ -85,7 +85,7 @@ void incident_serve(fw_t *fw) {
   uint8_t state = AXIS_BLACKBOX_STATE_COMPLETING;
   bool complete = false;
   if (archive_is_loading(&fw->archive)) {
-    /* The buffer is the archive's. */
+    /* The archive uses the buffer. */
   } else if (!blackbox_has_incident(blackbox)) {
     state = keep_recording(fw);
   } else if (blackbox_check(blackbox)) {
@@ -109,7 +109,7 @@ void incident_yield(fw_t *fw) {
   }
 }
 
-/* Only where the black box has none of its own, and no recording has the buffer. */
+/* Only if the black box has no incident of its own and no recording uses the buffer. */
 static int load(fw_t *fw) {
   blackbox_t *blackbox = fw->config.blackbox;
   if (blackbox_has_incident(blackbox) ||

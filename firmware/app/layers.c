@@ -1,6 +1,6 @@
 #include "firmware/app/layers.h"
 
-/* The only word that store_all accepts: "save". */
+/* The only value that store_all accepts: the text "save" as a 32-bit number. */
 #define SAVE fx_s32_from_u32(UINT32_C(0x65766173))
 
 _Static_assert(AXIS_OBJ_STORED_BIT_RATE == AXIS_OBJ_STORED_NODE_ID + 1, "saved together");
@@ -40,7 +40,7 @@ static bool load_node(fw_t *fw) {
 }
 
 bool layers_load(fw_t *fw) {
-  /* A set may have been stored by an image with another rule. */
+  /* An image with other rules may have stored the set. */
   const bool fits = layers_check(fw, AXIS_OBJ_STORED_NODE_ID, fw->device.stored_node_id) == FW_OK;
   const uint8_t stored = fits ? fw->device.stored_node_id : 0;
   uint8_t node_id = fw->device_signals.node_id;
@@ -62,7 +62,7 @@ bool layers_reset_communication(fw_t *fw) {
   return load_node(fw);
 }
 
-/* Node id and bit rate alone: other parameters that were changed are not stored by this. */
+/* Saves only node id and bit rate; other changed parameters are not stored by this. */
 static uint8_t begin_store(fw_t *fw) {
   if (fw->store.memory == NULL) {
     return LSS_STORE_MISSING;

@@ -62,7 +62,7 @@ static int arm_recorder(fw_t *fw) {
     return FW_ERROR_RANGE;
   }
   if (starts) {
-    /* A start before the first tick counts. */
+    /* A start of the excitation before the first tick also triggers. */
     recorder_prime(&fw->recorder, fw->drive.signals.excitation_state);
   }
   return FW_OK;

@@ -6,7 +6,7 @@
 static int calibrate(fw_t *fw) {
   drive_signals_t *signals = &fw->drive.signals;
   if (store_is_busy(&fw->store)) {
-    return FW_ERROR_BUSY; /* as for every stored parameter */
+    return FW_ERROR_BUSY; /* as for a write to every stored parameter */
   }
   uint32_t force_scale = 0;
   signals->calibration_linearity = 0;
@@ -31,10 +31,11 @@ int sensing_command(fw_t *fw, uint16_t object) {
   return FW_OK;
 }
 
-/* The tare is written like every object, but it is a measurement: 1020h stays (changed() in fw.c).
- */
+/* Writes the tare like every object. But a tare is a measurement, so the date 1020h does not change
+ * (changed() in fw.c). */
 static uint8_t write_tare(fw_t *fw) {
-  /* Enabled since its last reading: the law begins with the tare that it was enabled with. */
+  /* The axis was enabled after the last tick of the measurement: the force law keeps the tare with
+   * which it was enabled. */
   if (cia402_is_powered(fw->drive.signals.drive_state) ||
       fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
     return AXIS_TARE_STATE_REFUSED_ENABLED;
@@ -46,7 +47,7 @@ static uint8_t write_tare(fw_t *fw) {
   switch (refusal) {
     case FW_OK:
       return AXIS_TARE_STATE_DONE;
-    case FW_ERROR_RANGE: /* tare_band has become smaller since the measurement */
+    case FW_ERROR_RANGE: /* tare_band was reduced after the measurement */
       return AXIS_TARE_STATE_REFUSED_BAND;
     default:
       return AXIS_TARE_STATE_REFUSED_ENABLED;

@@ -5,11 +5,11 @@
 
 #include "firmware/app/fw.h"
 
-/* The commands `tare` and `calibrate`: FW_OK, FW_ERROR_RANGE where calibration_state says why there
- * is no calibration, FW_ERROR_BUSY while the store is at work. */
+/* Acts on the commands `tare` and `calibrate`. Returns FW_OK; FW_ERROR_RANGE if the calibration
+ * failed, with the reason in calibration_state; or FW_ERROR_BUSY while the store is working. */
 int sensing_command(fw_t *fw, uint16_t object);
 
-/* Puts a tare that was found in force; while the store is at work it waits. */
+/* Makes a measured tare active. While the store is working, the tare waits. */
 void sensing_serve(fw_t *fw);
 
 #endif

@@ -3,7 +3,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/access.h"
 
-/* CiA 301, table of restricted CAN-IDs. */
+/* Ranges of CAN identifiers that CiA 301 restricts. */
 enum { RESTRICTED = 6 };
 static const struct {
   uint16_t first;
@@ -12,7 +12,7 @@ static const struct {
     {0x000, 0x07F},                 /* NMT, and reserved for safety */
     {0x101, 0x180}, {0x581, 0x5FF}, /* SDO, from the server */
     {0x601, 0x67F},                 /* SDO, to the server */
-    {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* NMT error control, and reserved */
+    {0x6E0, 0x6FF}, {0x701, 0x7FF}, /* error control by NMT, and reserved identifiers */
 };
 
 bool canopen_any_cob_is(const uint32_t *cob_ids, uint8_t count, uint16_t id) {

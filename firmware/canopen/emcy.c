@@ -39,7 +39,7 @@ void emcy_update(canopen_t *canopen) {
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
 }
 
-/* The latest first; the oldest is dropped. */
+/* Adds an error to the history, the latest first; the oldest error is discarded. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
@@ -60,7 +60,7 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* The history keeps the oldest; the latest shows the present state. */
+    /* The history keeps the oldest error; the latest message shows the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];
@@ -74,7 +74,7 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
                     .detail = detail};
 }
 
-/* Whether the node has reported it already, when the owner was lost. */
+/* Whether the node reported the error already, when the owner was lost. */
 static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:

@@ -5,7 +5,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-/* An entry of 1016h, taken apart; the node is 0 if it watches none. */
+/* Returns the node id of an entry of 1016h, 0 if the entry monitors no node; and its time. */
 static uint8_t watched_node(uint32_t entry) {
   const uint32_t node = fx_field(entry, 16, 8);
   return (uint8_t)((fx_field(entry, 0, 16) != 0 && node <= 127) ? node : 0);
@@ -30,18 +30,18 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
       heartbeat_found(canopen, i);
       canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
                           fx_ticks_from_ms(time_ms));
-      /* A boot-up message: the master no longer knows that it enabled the axis, the gateway which
-       * clients it had. */
+      /* A boot-up message: a restarted master no longer knows that it enabled the axis, and a
+       * restarted gateway no longer knows its clients. */
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
         canopen_lose_all(canopen, AXIS_FAULT_SOURCE_LOST);
       }
-      return; /* no other entry has this node */
+      return; /* no other entry monitors this node */
     }
   }
 }
 
 void heartbeat_missed(canopen_t *canopen, uint8_t i) {
-  /* It was not lost before: what runs out was started by a heartbeat. */
+  /* The node was not lost before, because only a heartbeat starts the timer that has expired. */
   canopen_put(&canopen->heartbeats_lost, i);
   emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
              watched_node(canopen->params.consumer_heartbeat[i]));

@@ -15,7 +15,8 @@ enum {
   SELECT_FIRST = 0x40, /* vendor, product, revision, serial number */
   SELECT_LAST = 0x43,
   SELECTED = 0x44,
-  IDENTIFY_FIRST = 0x46, /* vendor, product; lowest and highest revision, then serial number */
+  /* vendor, product, lowest and highest revision, lowest and highest serial number */
+  IDENTIFY_FIRST = 0x46,
   IDENTIFY_LAST = 0x4B,
   IDENTIFY_NON_CONFIGURED = 0x4C,
   IDENTIFIED = 0x4F,
@@ -31,10 +32,10 @@ enum { ADDRESS_PARTS = 4, IDENTIFY_PARTS = 6 };
 enum { SCAN_ALL = 128, SCAN_BITS = 32 };
 enum { OK = 0, OUT_OF_RANGE = 1, SPECIFIC = 255, SPECIFIC_FIXED = 1 };
 
-/* Of a change of the bit rate. */
+/* Phases of a change of the bit rate: none, silence before the change, silence after it. */
 enum { NO_SILENCE, BEFORE, AFTER };
 
-/* CiA 305, table 0. */
+/* Bit rates of CiA 305, table 0, in kbit/s. */
 static const uint16_t rates_kbit_s[LSS_RATES] = {1000, 800, 500, 250, 125, 0, 50, 20, 10};
 
 uint16_t lss_kbit_s(uint8_t rate) { return rates_kbit_s[rate]; }
@@ -82,12 +83,13 @@ static uint32_t part_of_address(const canopen_t *canopen, uint8_t part) {
   return parts[part];
 }
 
-/* Whether the node neither has an id nor was given one. */
+/* Whether the node has no id and was given none. */
 static bool is_non_configured(const canopen_t *canopen) {
   return canopen->node_id == LSS_NO_NODE_ID && canopen->lss.node_id == LSS_NO_NODE_ID;
 }
 
-/* The number of parts that matched, in their order, after one more of them. */
+/* Returns the number of parts of the address that have matched in their order, after one more
+ * part. */
 static uint8_t matched(uint8_t count, uint8_t part, bool matches) {
   const bool follows = part == 0 || count == part;
   return (uint8_t)((follows && matches) ? part + 1 : 0);
@@ -117,8 +119,8 @@ static void identify(canopen_t *canopen, uint8_t part, uint32_t value) {
   }
 }
 
-/* Nodes whose bits from `check` up are those of `value` answer; the master goes down bit by bit,
- * and with the whole part on to the next one. */
+/* Fast scan: nodes whose bits from `check` upwards equal those of `value` answer. The master tests
+ * bit by bit downwards, and continues with the next part of the address. */
 static void scan(canopen_t *canopen, const uint8_t *data) {
   lss_t *lss = &canopen->lss;
   const uint32_t value = fx_load_le32(&data[1]);

@@ -15,7 +15,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Identifier and commands of network management. */
+/* CAN identifier of the network management (NMT), and its commands. */
 enum { ID_NMT = 0x000 };
 enum {
   NMT_START = 1,
@@ -25,10 +25,10 @@ enum {
   NMT_RESET_COMMUNICATION = 130
 };
 
-/* 1029h: what a communication error does to the state. */
+/* 1029h: reaction of the NMT state to a communication error. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
 
-/* Adds the node id to the COB-IDs of one block whose defaults depend on it. */
+/* Adds the node id to the COB-IDs of one block whose defaults contain it. */
 static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   for (uint16_t i = AXIS_OBJ_NONE + 1; i < AXIS_OBJ_COUNT; i++) {
     const axis_object_t *object = &axis_objects[i];
@@ -39,7 +39,8 @@ static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   }
 }
 
-/* `value` is not read before it was sent or received once, `places` not before they were mapped. */
+/* `value` is read only after it was sent or received once, and `places` only after it was
+ * mapped. */
 static void init_pdo(pdo_t *pdo) {
   pdo->bits = 0;
   pdo->pending = 0;
@@ -99,7 +100,7 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
   if (canopen->node_id == LSS_NO_NODE_ID) {
     return;
   }
-  /* The boot-up message is the heartbeat of the state that ends with it. */
+  /* The boot-up message is the heartbeat of the state initialising, which ends with it. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
   start_heartbeat(canopen);
@@ -120,19 +121,20 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* The axis stops, whoever owns it. */
+/* Stops the axis for every owner. */
 static void stop_axis(canopen_t *canopen, uint8_t fault) {
   canopen_lose_all(canopen, fault);
   canopen->requests.stop = 1;
 }
 
-/* Up to the largest number that the request can hold. */
+/* Counts lost frames, at most to the largest number in the request. */
 static void lose_frames(canopen_t *canopen, uint16_t frames) {
   const uint32_t sum = (uint32_t)canopen->requests.frames_lost + frames;
   canopen->requests.frames_lost = (uint16_t)((sum > UINT16_MAX) ? UINT16_MAX : sum);
 }
 
-/* Frames that found no place in the output, for the firmware to count. */
+/* Hands the number of frames that the full output queue refused to the firmware, which counts
+ * them. */
 static void take_output_lost(canopen_t *canopen) {
   lose_frames(canopen, canopen->output.lost);
   canopen->output.lost = 0;
@@ -150,7 +152,7 @@ static void communication_error(canopen_t *canopen) {
 
 static void request_reset(canopen_t *canopen, uint8_t reset) {
   stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
-  take_output_lost(canopen); /* the reset empties the output */
+  take_output_lost(canopen); /* the reset empties the output queue */
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
 }
@@ -162,7 +164,7 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
 }
 
 static void bus_off(canopen_t *canopen) {
-  /* Pending frames would come too late; none is accepted until the bus is back. */
+  /* Waiting frames would be too late; the queue accepts no frame until the bus works again. */
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
@@ -180,7 +182,7 @@ static void receive_lss(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-/* The output is open unless the bus is off or silent. */
+/* Opens the output queue unless the bus is off or silent. */
 static void update_output(canopen_t *canopen) {
   const bool closed = canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen);
   canopen->output.closed = closed ? 1 : 0;
@@ -229,7 +231,7 @@ static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_fra
   return true;
 }
 
-/* Whether only a node with this one's id would send the identifier. */
+/* Whether only another node with the same id could send this identifier. */
 static bool is_own(const canopen_t *canopen, uint16_t id) {
   const uint32_t emcy = canopen->params.emcy_cob_id;
   return id == HEARTBEAT_ID + canopen->node_id || sdo_transmits(canopen, id) ||
@@ -281,7 +283,7 @@ static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
   } else if (timer >= CANOPEN_TIMER_CONSUMER) {
     heartbeat_missed(canopen, (uint8_t)(timer - CANOPEN_TIMER_CONSUMER));
     communication_error(canopen);
-  } /* That the inhibit time of emergencies no longer runs is enough. */
+  } /* The end of the inhibit time needs no action, because the message is then sent in the tick. */
 }
 
 void canopen_serve_timers(canopen_t *canopen, bool active) {
@@ -293,7 +295,8 @@ void canopen_serve_timers(canopen_t *canopen, bool active) {
   }
 }
 
-/* Once until all frames are sent: a full output must not fill itself. */
+/* Reported only once until all frames are sent, so that a full queue does not fill itself with
+ * reports. */
 static void report_overrun(canopen_t *canopen) {
   if (canopen->emcy.overrun_reported == 0) {
     canopen->emcy.overrun_reported = 1;
@@ -305,7 +308,7 @@ static bool has_timers_due(canopen_t *canopen) {
   return *canopen_timer_slot(&canopen->timers, canopen->timers.now) != 0;
 }
 
-/* More than one. */
+/* Whether a set has more than one element. */
 static bool has_many(uint8_t set) { return (set & (set - UINT32_C(1))) != 0; }
 
 static void serve_pdos(canopen_t *canopen, const dictionary_t *objects) {
@@ -333,7 +336,8 @@ void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool ac
   }
 }
 
-/* On to the next of the ticks that began meanwhile; none of them counts before the boot-up. */
+/* Continues with the next of the ticks that began meanwhile; ticks before the boot-up do not
+ * count. */
 static void make_up(canopen_t *canopen) {
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->late = 0;

@@ -1,8 +1,9 @@
 #ifndef FIRMWARE_CANOPEN_OUTPUT_H_
 #define FIRMWARE_CANOPEN_OUTPUT_H_
 
-/* The queue of frames to be sent, first in first out. Less important frames are refused earlier, so
- * that a flood of requests leaves places for emergencies and heartbeats. */
+/* The queue of CAN frames to send, first in, first out. Frames of low priority are refused before
+ * the queue is full, so that many requests still leave room for emergency messages and
+ * heartbeats. */
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -13,7 +14,7 @@
 
 enum { CAN_OUTPUT_FRAMES = 16 };
 
-/* Places that a frame of each kind must leave free. */
+/* Number of free slots that a frame of each kind must leave in the queue. */
 enum {
   CAN_OUTPUT_KEEP_NMT = 0,
   CAN_OUTPUT_KEEP_EMCY = 1,
@@ -23,16 +24,18 @@ enum {
 
 typedef struct {
   can_frame_t frames[CAN_OUTPUT_FRAMES];
-  uint16_t lost; /* frames that found no place, until the owner reads and clears the number */
+  /* number of frames that the full queue refused, until the owner reads and clears it */
+  uint16_t lost;
   uint8_t first;
   uint8_t count;
-  uint8_t closed; /* 1: the bus is off, frames are dropped and not counted */
+  uint8_t closed; /* 1: the bus is off; frames are discarded and not counted */
 } can_output_t;
 
 void can_output_clear(can_output_t *output);
 
-/* An empty frame with this identifier and length, to be filled in; one that is refused is counted
- * as lost and returned as NULL. Valid until the next call. */
+/* Adds an empty frame with this identifier and length; the caller fills it in. If the queue has no
+ * room, the frame is counted as lost and the function returns NULL. The pointer is valid until the
+ * next call. */
 static inline can_frame_t *can_output_add(can_output_t *output, uint16_t id, uint8_t length,
                                           uint8_t keep) {
   const uint32_t count = output->count;
@@ -54,7 +57,7 @@ static inline can_frame_t *can_output_add(can_output_t *output, uint16_t id, uin
   return frame;
 }
 
-/* The oldest frame; false: none. */
+/* Removes and returns the oldest frame; false: the queue is empty. */
 bool can_output_take(can_output_t *output, can_frame_t *frame);
 
 #endif

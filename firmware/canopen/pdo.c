@@ -21,7 +21,7 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
   return canopen->params.tpdo_transmission[i] >= PDO_EVENT_MANUFACTURER;
 }
 
-/* Which TPDOs have to be compared in every tick, so that the others cost nothing. */
+/* Finds the TPDOs that must be compared in every tick, so that the others need no instructions. */
 static void update_watched(canopen_t *canopen) {
   canopen->tpdos_watched = 0;
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
@@ -42,7 +42,8 @@ static void start_event_timer(canopen_t *canopen, uint8_t i) {
   }
 }
 
-/* SYNCs before the next one of a TPDO: none yet, or none until the one with its start value. */
+/* Returns the initial SYNC count of a TPDO: no SYNC yet, or waiting for the SYNC with its start
+ * value. */
 static uint8_t first_syncs(const canopen_t *canopen, uint8_t i) {
   return (canopen->params.tpdo_sync_start[i] != 0) ? PDO_SYNC_AWAITED : 0;
 }
@@ -71,7 +72,7 @@ static void rpdo_in_time(canopen_t *canopen, uint8_t i) {
   }
 }
 
-/* A deadline starts with a frame, or when the axis becomes active. */
+/* The deadline of an RPDO starts with a frame, or when the axis becomes active. */
 static void start_rpdo(canopen_t *canopen, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   const int bits = mapping_objects(&canopen->params.rpdo_mapping[i * PDO_ENTRIES],
@@ -105,7 +106,7 @@ void pdo_operational(canopen_t *canopen, bool operational) {
   update_watched(canopen);
 }
 
-/* What a TPDO would carry now. */
+/* The bytes that a TPDO would send now. */
 typedef struct {
   uint32_t low;
   uint32_t high;
@@ -134,7 +135,8 @@ static inline void send(canopen_t *canopen, pdo_t *pdo, uint32_t cob_id, payload
   pdo->syncs = 0;
 }
 
-/* The times of a TPDO that is sent begin anew; it is valid and the node operational. */
+/* Starts event time and inhibit time of a TPDO again when it is sent; the TPDO is valid and the
+ * node operational. */
 static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
   const uint32_t event = canopen->params.tpdo_event_time[i];
   const uint16_t inhibit = canopen->params.tpdo_inhibit_time[i];
@@ -148,7 +150,8 @@ static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uin
   }
 }
 
-/* Event and inhibit time that end in this tick; whether the latter still runs. */
+/* Checks whether event time and inhibit time end in this tick. Returns whether the inhibit time
+ * still runs. */
 static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
   if (canopen_has(canopen->tpdos_timed, i) && pdo->event_tick == now) {
     canopen_drop(&canopen->tpdos_timed, i);
@@ -208,7 +211,7 @@ static void sync_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i
   }
 }
 
-/* An emergency that is not repeated until the PDO was all right again. */
+/* Sends an emergency message that is not repeated until a correct frame of the PDO was received. */
 static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   pdo_t *pdo = &canopen->rpdo[i];
   if ((pdo->reported & what) == 0) {
@@ -218,11 +221,11 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
 }
 
 typedef struct {
-  bool refused; /* an object refused its value */
-  bool skipped; /* there are objects of the other part */
+  bool refused; /* whether an object refused its value */
+  bool skipped; /* whether there are objects of the other part */
 } written_t;
 
-/* Writes the controlword, or all other objects. */
+/* Writes either the controlword, or all other objects. */
 static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i,
                             bool controlword) {
   const pdo_t *pdo = &canopen->rpdo[i];
@@ -238,7 +241,7 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
                                           value_from_bits(part, axis_objects[object].type));
-      /* A sender that does not own the axis makes no error. */
+      /* A source that does not own the axis causes no emergency message. */
       written.refused = written.refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
@@ -246,17 +249,19 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
   return written;
 }
 
-/* Writes the received values. An object that refuses its value keeps the old one; the others
- * change. */
+/* Writes the received values. An object that refuses its value keeps the previous one; the other
+ * objects change. */
 static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   pdo->pending = 0;
-  /* The deadline is met by values that act, not by frames that wait for a SYNC in vain. */
+  /* The deadline of an RPDO is met when its values are applied, not when a frame is received that
+   * waits for a SYNC. */
   rpdo_in_time(canopen, i);
   canopen_drop(&canopen->rpdos_waiting, i);
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
                       fx_ticks_from_ms(canopen->params.rpdo_timeout[i]));
-  /* The controlword last: it acts on the target and the mode that came with it. */
+  /* The controlword is written last, because it acts on the target and the mode of the same
+   * frame. */
   const written_t others = write_part(canopen, objects, i, false);
   const bool refused =
       (others.skipped && write_part(canopen, objects, i, true).refused) || others.refused;
@@ -318,13 +323,14 @@ void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter) {
 }
 
 void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
-  /* The deadline starts again when the axis is active, also if it is enabled again without the
+  /* The deadline starts again when the axis becomes active, even if it is enabled without this
    * RPDO. */
   canopen_put(&canopen->rpdos_waiting, rpdo);
   if (!active) {
     return;
   }
-  canopen->rpdo[rpdo].pending = 0; /* a value that waits for a SYNC is too old to act */
+  /* a value that still waits for a SYNC is too old and is discarded */
+  canopen->rpdo[rpdo].pending = 0;
   if (!canopen_has(canopen->rpdos_late, rpdo)) {
     canopen_put(&canopen->rpdos_late, rpdo);
     emcy_raise(canopen, AXIS_ERROR_CODE_PDO_TIMEOUT, (uint8_t)(rpdo + 1));
@@ -362,12 +368,12 @@ void pdo_axis_active(canopen_t *canopen) {
   canopen->rpdos_waiting = 0;
 }
 
-/* Both directions keep the same rules; `transmit` and the number say which PDO is meant. */
+/* RPDOs and TPDOs have the same rules; `transmit` and the number select the PDO. */
 typedef struct {
   const uint32_t *cob_id;
   const uint8_t *mapped;
-  const uint32_t *mapping; /* PDO_ENTRIES of each */
-  uint16_t first_cob_id;   /* AXIS_OBJ_ of the first PDO's */
+  const uint32_t *mapping; /* PDO_ENTRIES entries of each PDO */
+  uint16_t first_cob_id;   /* AXIS_OBJ_ of the COB-ID of the first PDO */
   uint16_t first_transmission;
   uint16_t first_time; /* RPDO: timeout; TPDO: event time */
   uint16_t first_mapped;
@@ -390,12 +396,12 @@ static side_t side_of(const canopen_t *canopen, bool transmit) {
 
 static int check_cob_id(const side_t *side, uint32_t i, uint32_t value) {
   const uint32_t present = side->cob_id[i];
-  /* Bit 30 as 0 would ask for answers to remote requests. */
+  /* Bit 30 with the value 0 would permit remote requests. */
   const bool asks_remote = side->transmit && value != present && fx_field(value, 30, 1) == 0;
   return asks_remote ? FW_ERROR_RANGE : canopen_check_cob_id(present, value);
 }
 
-/* Whether the first `count` entries of a PDO fit together. */
+/* Whether the first `count` entries of a PDO can be mapped together. */
 static int check_mapped(const side_t *side, uint32_t i, uint8_t count) {
   uint16_t mapped[PDO_ENTRIES];
   const int bits = mapping_objects(&side->mapping[i * PDO_ENTRIES], count, side->transmit, mapped);
@@ -436,7 +442,7 @@ static int check_side(const side_t *side, uint16_t object, uint32_t value) {
   return PDO_NOT_MINE;
 }
 
-/* Inhibit time and SYNC start value change while the TPDO is not valid. */
+/* Inhibit time and SYNC start value can only change while the TPDO is not valid. */
 static int check_tpdo_fixed(const canopen_params_t *params, uint16_t object, uint32_t value) {
   uint32_t present = 0;
   int i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);
@@ -463,8 +469,8 @@ int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value) {
                                   : result;
 }
 
-/* The PDO whose communication an object belongs to, or -1. Entries change only while theirs is not
- * valid, and act when it becomes so. */
+/* Returns the PDO to whose communication parameters an object belongs, or -1. A mapping entry
+ * changes only while its PDO is not valid, and acts when the PDO becomes valid. */
 static int communication_of(const side_t *side, uint16_t object) {
   const uint16_t first[] = {side->first_cob_id, side->first_transmission, side->first_time,
                             side->first_mapped};

@@ -8,7 +8,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Command specifiers: of a request (client), and of a response (server) in bits 5 to 7. */
+/* Command specifiers in bits 5 to 7 of a request (client) and of a response (server). */
 enum {
   CLIENT_DOWNLOAD_SEGMENT = 0,
   CLIENT_DOWNLOAD = 1,
@@ -50,7 +50,7 @@ static void initiate_download(const sdo_request_t *request) {
   (void)sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD, sdo_index(data), data[3]);
 }
 
-/* Checks common to upload and download segments: 0 or an abort code. */
+/* Makes the checks that upload and download segments share. Returns 0 or an abort code. */
 static uint32_t refuse_segment(const sdo_request_t *request, uint8_t state) {
   if (request->server->state != state) {
     return SDO_ABORT_COMMAND;
@@ -95,7 +95,7 @@ static void download_segment(const sdo_request_t *request) {
                    0, 0);
 }
 
-/* The answer to a request to upload: values come expedited, all else in segments. */
+/* Answers an upload request: a value is sent expedited, all other data in segments. */
 static void answer_upload(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const bool expedited = server->what != AXIS_ADDRESS_TEXT && server->what != AXIS_ADDRESS_DOMAIN;

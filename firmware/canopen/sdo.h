@@ -1,24 +1,25 @@
 #ifndef FIRMWARE_CANOPEN_SDO_H_
 #define FIRMWARE_CANOPEN_SDO_H_
 
-/* SDO servers of a CANopen node: expedited and segmented transfers in both directions, and blocks
- * (sdo_block.h). Server 0 is the default one: CANOPEN; 1: MODBUS, 2: LCM. Those two are off until a
- * gateway gives both of their COB-IDs (1201h, 1202h) identifiers; they are off again after a reset.
- * Each server writes on behalf of one source: the source lock distinguishes them. Requests that
- * do not have 8 bytes get no answer, as CiA 301 asks for. */
+/* SDO servers of a CANopen node: expedited and segmented transfers in both directions, and block
+ * transfers (sdo_block.h). Server 0 is the default server and acts for CANOPEN, server 1 for
+ * MODBUS, server 2 for LCM; the source lock distinguishes these three sources. Servers 1 and 2 are
+ * off until a gateway sets identifiers in both of their COB-IDs (1201h, 1202h), and are off again
+ * after a reset. As CiA 301 requires, requests without exactly 8 bytes are not answered. */
 
 #include "firmware/canopen/sdo_transfer.h"
 
 void sdo_receive(canopen_t *canopen, dictionary_t *objects, uint8_t server,
                  const can_frame_t *frame);
 
-/* A transfer has timed out. */
+/* The time of a transfer has expired. */
 void sdo_timeout(canopen_t *canopen, uint8_t server);
 
-/* Discards transfers, without an abort. */
+/* Discards all transfers without an abort message. */
 void sdo_drop(canopen_t *canopen);
 
-/* The recording was stopped or armed anew: an upload of it ends with an abort. */
+/* The recorder was stopped or armed, so its earlier recording is lost: aborts an upload of that
+ * recording. */
 void sdo_recording_replaced(canopen_t *canopen);
 
 #endif

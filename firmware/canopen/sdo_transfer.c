@@ -10,7 +10,7 @@
 /* Command specifier of an abort. */
 enum { SERVER_ABORT = 0x80 };
 
-/* COB-IDs of a server, both ways. */
+/* The COB-IDs of a server for requests and answers. */
 typedef struct {
   uint32_t receive;
   uint32_t transmit;
@@ -53,7 +53,7 @@ bool sdo_transmits(const canopen_t *canopen, uint16_t id) {
   return false;
 }
 
-/* Objects of the servers that can be written, in the order of the table. */
+/* Objects of the servers that can be written, in the order of the object table. */
 enum {
   COB_IDS = 4,
   COB_ID_FIRST = AXIS_OBJ_SDO_MODBUS_RECEIVE,
@@ -150,7 +150,7 @@ static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {
   return (entry->type == AXIS_TYPE_U32) ? (uint32_t)value > (uint32_t)limit : value > limit;
 }
 
-/* The abort code of a refusal, the most specific one that CiA 301 defines. */
+/* Returns the abort code for a refusal: the most specific code of CiA 301. */
 static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   const axis_object_t *entry = &axis_objects[object];
   if (refusal == FW_ERROR_RANGE) {
@@ -158,7 +158,7 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
       return SDO_ABORT_SIGNATURE;
     }
     if (object == AXIS_OBJ_ERROR_HISTORY_COUNT) {
-      return SDO_ABORT_VALUE; /* CiA 301 asks for this one: only 0 may be written */
+      return SDO_ABORT_VALUE; /* CiA 301 requires this code: only 0 may be written */
     }
     if (is_above(entry, value, entry->max)) {
       return SDO_ABORT_TOO_HIGH;
@@ -187,13 +187,14 @@ uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes) {
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
 }
 
-/* 0, or the abort code of a download of this length to this address. */
+/* Returns 0, or the abort code for a download of this length to this address. */
 static uint32_t refuse_download(const sdo_request_t *request, const axis_address_t *address,
                                 bool sized, uint32_t size) {
   if (address == NULL) {
     return has_index(sdo_index(request->data)) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
   }
-  /* Checked first: a read-only object aborts as such at every length. */
+  /* This check comes first: a write to a read-only object has the same abort code for every
+   * length. */
   if (address->what != AXIS_ADDRESS_OBJECT ||
       axis_objects[address->value].access == AXIS_ACCESS_RO) {
     return SDO_ABORT_READ_ONLY;
@@ -221,19 +222,19 @@ uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t si
   return code;
 }
 
-/* Whether the object is an entry of the error history that holds no error. */
+/* Whether the object is an entry of the error history without an error. */
 static bool is_empty(const canopen_t *canopen, uint16_t object) {
   return canopen_element(object, AXIS_OBJ_ERROR_HISTORY_1, EMCY_HISTORY) >=
          canopen->params.error_history_count;
 }
 
-/* Whether a value can be read: FW_OK, and the value. */
+/* Reads a value if possible. Returns FW_OK or the reason for the refusal. */
 static int read_value(const sdo_request_t *request, uint16_t object, int32_t *value) {
   return is_empty(request->canopen, object) ? FW_ERROR_NO_DATA
                                             : dictionary_read(request->objects, object, value);
 }
 
-/* Bytes of a text. */
+/* Returns the number of bytes of a text. */
 static uint32_t length_of(const char *text) {
   uint32_t length = 0;
   while (text[length] != 0) {
@@ -242,7 +243,7 @@ static uint32_t length_of(const char *text) {
   return length;
 }
 
-/* Bytes at an address, and those of a value itself: 0 or an abort code. */
+/* Finds the bytes at an address, and copies the bytes of a value. Returns 0 or an abort code. */
 static uint32_t open_address(const sdo_request_t *request, const axis_address_t *address) {
   sdo_server_t *server = request->server;
   if (address->what == AXIS_ADDRESS_TEXT) {

@@ -21,11 +21,11 @@ void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *
   }
 }
 
-/* SYNC has no bit that makes it not valid; bit 30 would have the node produce it. */
+/* The COB-ID of SYNC has no bit that makes it invalid; bit 30 would make the node produce SYNC. */
 int sync_check_cob_id(uint32_t wanted) {
   const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
   return fits ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* A counter that is always 1 counts nothing. */
+/* A counter with the only value 1 would have no meaning. */
 int sync_check_overflow(uint32_t wanted) { return (wanted == 1) ? FW_ERROR_RANGE : FW_OK; }

@@ -26,7 +26,7 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
     if (at == timers->now) {
       due |= bit;
     } else {
-      *canopen_timer_slot(timers, at) |= bit; /* it may be this one again */
+      *canopen_timer_slot(timers, at) |= bit; /* the new slot may be the same slot */
     }
   }
   return due;

@@ -1,10 +1,11 @@
 #ifndef FIRMWARE_CANOPEN_TIMERS_H_
 #define FIRMWARE_CANOPEN_TIMERS_H_
 
-/* Timers of the node, in ticks; those of the TPDOs are in pdo.h. Each is kept in the slot of a
- * tick, modulo CANOPEN_TIMER_SLOTS, not after the one in which it runs out, so a tick checks
- * those of its slot only; none of them costs one comparison. One that is started again before it
- * ran out, as most are, stays in its slot and moves on when that is checked. */
+/* Timers of the node, in ticks; pdo.h has the timers of TPDOs. The list of timers has
+ * CANOPEN_TIMER_SLOTS slots, and a tick checks only the timers in its slot (tick modulo
+ * CANOPEN_TIMER_SLOTS). If the slot is empty, this costs one comparison. A timer is in the slot of
+ * the tick in which it expires, or in an earlier one: a timer that is restarted before it expires,
+ * as most are, keeps its slot and moves when that slot is checked. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -13,14 +14,14 @@
 #include "firmware/fx/fx.h"
 
 enum {
-  CANOPEN_HEARTBEATS = 4, /* consumers */
-  CANOPEN_PDOS = 4,       /* of each direction */
-  CANOPEN_SDOS = 3        /* servers */
+  CANOPEN_HEARTBEATS = 4, /* heartbeat consumers */
+  CANOPEN_PDOS = 4,       /* number of RPDOs, and of TPDOs */
+  CANOPEN_SDOS = 3        /* SDO servers */
 };
 
 enum {
-  CANOPEN_TIMER_HEARTBEAT = 0, /* producer */
-  CANOPEN_TIMER_EMCY = 1,      /* inhibit time */
+  CANOPEN_TIMER_HEARTBEAT = 0, /* heartbeat producer */
+  CANOPEN_TIMER_EMCY = 1,      /* inhibit time of emergency messages */
   CANOPEN_TIMER_CONSUMER = 2,
   CANOPEN_TIMER_RPDO = CANOPEN_TIMER_CONSUMER + CANOPEN_HEARTBEATS,
   CANOPEN_TIMER_SDO = CANOPEN_TIMER_RPDO + CANOPEN_PDOS,
@@ -29,13 +30,14 @@ enum {
 
 enum { CANOPEN_TIMER_SLOTS = 32 };
 
-/* Sets of timers have one bit each. */
+/* A set of timers has one bit for each timer. */
 typedef struct {
-  uint32_t now;                        /* number of the coming tick, of the present one while it
-                                          runs; wraps */
-  uint32_t running;                    /* set */
-  uint32_t slots[CANOPEN_TIMER_SLOTS]; /* sets, of all that run and some that were stopped */
-  uint32_t at[CANOPEN_TIMERS];         /* tick in which it runs out */
+  /* number of the next tick, or of the present tick while it runs; wraps */
+  uint32_t now;
+  uint32_t running; /* set of the running timers */
+  /* sets of timers: all running timers and some that were stopped */
+  uint32_t slots[CANOPEN_TIMER_SLOTS];
+  uint32_t at[CANOPEN_TIMERS]; /* tick in which each timer expires */
 } canopen_timers_t;
 
 void canopen_timers_init(canopen_timers_t *timers);
@@ -44,7 +46,7 @@ static inline bool canopen_timer_runs(const canopen_timers_t *timers, uint32_t t
   return (timers->running & fx_bit(timer)) != 0;
 }
 
-/* Where those of a tick are. */
+/* Returns the slot that a tick checks. */
 static inline uint32_t *canopen_timer_slot(canopen_timers_t *timers, uint32_t tick) {
   return &timers->slots[tick & (CANOPEN_TIMER_SLOTS - 1)];
 }
@@ -53,7 +55,8 @@ static inline void canopen_timer_stop(canopen_timers_t *timers, uint32_t timer) 
   timers->running &= ~fx_bit(timer);
 }
 
-/* Runs out `ticks` (1..2^30) ticks after the coming or present one; 0 ticks stop the timer. */
+/* Starts a timer that expires `ticks` (1..2^30) ticks after the next or present tick; 0 ticks stop
+ * the timer. */
 static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer, uint32_t ticks) {
   const uint32_t at = timers->now + ticks;
   if (ticks == 0) {
@@ -67,20 +70,22 @@ static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer,
   timers->at[timer] = at;
 }
 
-/* The timers that run out in this tick, unless they are started or stopped before they are taken.
- * To be called once in each tick: a slot that was skipped would never be checked. */
+/* Returns the timers that expire in this tick; a timer that is started or stopped before
+ * canopen_timer_take() does not expire. Call it once in each tick, because the timers of a skipped
+ * slot would never be checked. */
 uint32_t canopen_timers_due(canopen_timers_t *timers);
 
-/* Accounts for `ticks` ticks that did not run: timers of transmission run out in the coming tick if
- * they were due meanwhile, those of reception (CONSUMER and up) that much later. */
+/* Accounts for `ticks` ticks that did not run. Timers of transmission that were due in these ticks
+ * expire in the next tick; timers of reception (CONSUMER and above) expire later by `ticks`. */
 void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
 
-/* A time to come, or the present one if it passes within `ticks` ticks that were missed. */
+/* Returns a time in the future unchanged, or the present time if the given time lies within the
+ * `ticks` missed ticks. */
 static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32_t ticks) {
   return (at - now < ticks) ? now + ticks : at;
 }
 
-/* Whether one of them still runs out; if so, it is stopped by this. */
+/* Whether a timer that is due still expires; if it does, this call stops the timer. */
 static inline bool canopen_timer_take(canopen_timers_t *timers, uint32_t timer) {
   const bool due = canopen_timer_runs(timers, timer) && timers->at[timer] == timers->now;
   if (due) {

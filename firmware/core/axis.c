@@ -10,7 +10,7 @@
 
 _Static_assert(sizeof(axis_t) <= 512, "state of an axis, parameters included");
 
-/* Signals that come straight from valid sensors. */
+/* Updates the signals that are computed directly from valid sensor values. */
 static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs) {
   const axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
@@ -24,9 +24,9 @@ static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs)
                                      params->force_sign, params->adc_bits, params->force_tare);
 }
 
-/* The set-point of this tick. The profile follows the position until position mode is active: also
- * into the tick that enters it, which may be the first of all or the first one with a valid count.
- */
+/* Sets the position set-point of this tick. Until position mode is active, the profile follows the
+ * position. This includes the tick in which the mode begins, which may be the first of all ticks,
+ * or the first with a valid encoder count. */
 static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
@@ -52,7 +52,7 @@ static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   signals->position_error = fx_diff_wrap(signals->profile_position, signals->position);
 }
 
-/* Command of the mode's law, 1/65536 code. */
+/* Returns the command of the control law of the mode, in 1/65536 DAC code. */
 static int32_t evaluate_law(axis_t *axis, uint8_t mode) {
   const axis_params_t *params = &axis->params;
   const axis_signals_t *signals = &axis->signals;
@@ -101,7 +101,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   signals->digital_inputs = inputs->din;
 
   if (inputs->sensor_valid == 0) {
-    /* The next valid count has no predecessor, so it gives no speed. */
+    /* The next valid encoder count has no previous count, so it gives no speed. */
     signals->velocity = 0;
     axis->primed = 0;
     latch_fault(axis, AXIS_FAULT_SENSOR_INVALID);
@@ -110,7 +110,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
   measure(axis, inputs);
 
-  /* Every mode can follow every other one, because the change leaves no bump. */
+  /* A change between any two modes is permitted, because the transfer is bumpless. */
   const uint8_t mode =
       (signals->fault != AXIS_FAULT_NONE) ? (uint8_t)AXIS_MODE_DISABLED : params->mode;
   update_setpoint(axis, mode);
@@ -126,7 +126,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(axis, mode);
-  /* The limits act on the code that goes out, with the sensors of the tick in which it does. */
+  /* The limits act on the code that is output, with the sensor values of the tick in which it is
+   * output. */
   const bool late = params->latency_ticks != 0;
   if (late) {
     const int32_t due = (axis->bounded != 0) ? limits_bound_late(axis, signals->command_code)
@@ -134,7 +135,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->dac_code =
         limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
   }
-  /* Here dac_code is what goes out just before the code computed now. */
+  /* At this point dac_code is the code that was output before the code computed now. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
     signals->bump_bias = (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_code, 16) - law_q16;
@@ -143,8 +144,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-  /* Unlimited, so that a late code still shows its saturation: |law| < 4098 with an excitation,
-   * |bias| < 6146. */
+  /* The code is not limited here, so that a code that is output one tick later still shows its
+   * saturation: |law| < 4098 with an excitation, |bias| < 6146. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
     const int32_t due =
@@ -158,7 +159,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 }
 
 void axis_init(axis_t *axis) {
-  /* The call between them keeps the compiler from writing two at once with a register of floats. */
+  /* The function call between these two writes prevents the compiler from combining them in a
+   * floating-point register. */
   axis->free_codes = axis_codes_all();
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
   axis->law_codes = axis_codes_all();
@@ -179,7 +181,8 @@ void axis_init(axis_t *axis) {
   axis->fault_waits = 0;
 }
 
-/* A band on the tare protects it: no other one while the axis is enabled, none beyond the band. */
+/* tare_band protects the tare: while the axis is enabled the tare cannot change, and it never
+ * exceeds the band. */
 static int check_tare(const axis_t *axis, int32_t value) {
   const int32_t band = axis->params.tare_band;
   if (band == 0) {
@@ -228,7 +231,8 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
   }
 }
 
-/* A bank's gain is halved where it lies, so that its tick costs nothing. */
+/* Halves the gain of the bank in its own memory, so that the tick needs no additional
+ * instructions. */
 static void halve_bank(force_law_t *law, uint8_t halvings) {
   law->halvings = halvings;
   law->bank.gain_q8 = fx_halved(law->whole_gain_q8, halvings);

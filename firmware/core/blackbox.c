@@ -24,7 +24,7 @@ static uint8_t bytes_of_sample(const recorder_channel_t channels[RECORDER_CHANNE
   return bytes;
 }
 
-/* Whether the memory holds a ring of these channels in this buffer; after a power cut its bytes are
+/* Whether the memory has a ring buffer of these channels; after a power cut its bytes are
  * arbitrary. */
 static bool is_ring(const blackbox_t *blackbox, uint32_t buffer_bytes,
                     const recorder_channel_t channels[RECORDER_CHANNELS]) {

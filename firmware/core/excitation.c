@@ -6,13 +6,14 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
   const uint32_t seed = params->excitation_seed;
   const int32_t period = params->excitation_period;
   if (start || (period != 0 && excitation->age_tick >= period)) {
-    excitation->random = seed * UINT32_C(2654435769); /* 2^32 / golden ratio: far apart */
+    /* 2^32 / golden ratio: similar seeds give distant states */
+    excitation->random = seed * UINT32_C(2654435769);
     excitation->phase_q32 = seed * UINT32_C(65536);
     excitation->swept_q32 = 0;
     excitation->age_tick = 0;
     excitation->held_tick = 0;
   }
-  /* Saturates, after which a period can no longer be recognised. */
+  /* The age saturates; after this a period can no longer be recognised. */
   excitation->age_tick += (excitation->age_tick < INT32_MAX) ? 1 : 0;
   if (params->excitation_waveform == AXIS_EXCITATION_WAVEFORM_SINE) {
     const int32_t value = fx_sine_q15(excitation->phase_q32);
@@ -21,7 +22,8 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
     return value;
   }
   if (excitation->held_tick == 0) {
-    /* Linear congruential, modulus 2^32 (Knuth); the upper half is what is random. */
+    /* Linear congruential generator, modulus 2^32 (Knuth); only the upper half of the bits is
+     * random enough. */
     excitation->random = excitation->random * UINT32_C(1664525) + UINT32_C(1013904223);
     excitation->held_tick = params->excitation_hold;
   }

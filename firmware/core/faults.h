@@ -8,21 +8,22 @@
 #include "firmware/core/axis_state.h"
 #include "firmware/fx/fx.h"
 
-/* A limit of 0 is off. */
+/* Whether the magnitude of a value exceeds its limit. A limit of 0 switches the check off. */
 static inline bool fault_exceeds(int32_t value, int32_t limit) {
   return limit != 0 && !fx_within(value, limit);
 }
 
-/* The fault of a tick in which a mode drives the amplifier, AXIS_FAULT_..., or none; the first of
- * these that applies:
+/* Returns the fault (AXIS_FAULT_) of a tick in which a mode drives the amplifier, or none. The
+ * first condition that is true decides:
  *   enable_lost      the enable chain is open
  *   adc_range        an ADC code is 2^adc_bits or more
- *   limit_switches   both limit switches at once: a broken wire, not a place
- *   overspeed        |velocity| > speed_max, unless that is 0
- *   force_max        |force| > force_max, unless that is 0
- *   following_error  |position_error| > following_error_max in position mode, unless that is 0
- * sensor_invalid comes before them and is a fault in every mode; axis_tick() sees to it before any
- * sensor value is used. The signals must already be those of this tick. */
+ *   limit_switches   both limit switches are on at once, which shows a broken wire
+ *   overspeed        |velocity| > speed_max, unless speed_max is 0
+ *   force_max        |force| > force_max, unless force_max is 0
+ *   following_error  |position_error| > following_error_max in position mode, unless
+ *                    following_error_max is 0
+ * sensor_invalid precedes all of these and is a fault in every mode; axis_tick() checks it before
+ * it uses a sensor value. The signals must be those of the present tick. */
 static inline uint8_t fault_detect(const axis_params_t *params, const axis_signals_t *signals,
                                    const axis_inputs_t *inputs) {
   const uint8_t both_switches = AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG;
@@ -41,7 +42,7 @@ static inline uint8_t fault_detect(const axis_params_t *params, const axis_signa
   if (fault_exceeds(signals->force, params->force_max)) {
     return AXIS_FAULT_FORCE_MAX;
   }
-  /* Outside position mode the error is 0. */
+  /* The position error is 0 in every mode but position mode. */
   if (fault_exceeds(signals->position_error, params->following_error_max)) {
     return AXIS_FAULT_FOLLOWING_ERROR;
   }

@@ -5,7 +5,7 @@
 #include "firmware/fx/fx.h"
 
 #define ONE_Q26 INT32_C(67108864)
-#define SIGNAL_MAX_Q16 INT32_C(1073741824) /* 2^14 counts, or codes */
+#define SIGNAL_MAX_Q16 INT32_C(1073741824) /* 2^14 counts, or DAC codes */
 
 static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS],
                             force_section_t *section, int32_t x) {
@@ -23,7 +23,7 @@ static int32_t section_step(const int32_t coefficient_q26[FORCE_LAW_COEFFICIENTS
   return y;
 }
 
-/* As if x had been the input for ever. */
+/* Sets a section to its steady state for the constant input x. */
 static void settle(force_section_t *section, int32_t x) {
   section->x[0] = x;
   section->x[1] = x;

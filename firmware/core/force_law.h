@@ -1,60 +1,70 @@
 #ifndef FIRMWARE_CORE_FORCE_LAW_H_
 #define FIRMWARE_CORE_FORCE_LAW_H_
 
-/* The general force law, whose coefficients are one bank (law_bank.h):
+/* The general force law. A bank (law_bank.h) holds its coefficients:
  *
- *   y = H(z) (f_d - f)                  H: up to three sections of second order, in series
- *   u = k_f y + i - k_v v               i grows by w k_f y a tick; v in counts per tick
+ *   y = H(z) (f_d - f)                  H: up to three second-order sections in series
+ *   u = k_f y + i - k_v v               i grows by w k_f y in each tick; v in counts per tick
  *
- * Without sections and integral these are the codes of law_force(), bit for bit.
+ * f_d is the force set-point, f the measured force and u the command. Without sections and integral
+ * action the law gives exactly the codes of law_force().
  *
- * Formats: y has 16 fractional bits and stays within +-2^14 counts, coefficients have 26 and stay
- * within +-2^4. A section is direct form I: five products below 2^60 and a remainder below 2^26,
- * whose sum fits in 64 bits. What the rounding of a section's output drops is added in the next
- * tick, so that a section without input comes to rest within 1/1024 count of 0. */
+ * Formats: y has 16 fractional bits and stays within +-2^14 counts. The coefficients have 26
+ * fractional bits and stay within +-2^4. A section is computed in direct form I: the sum of five
+ * products below 2^60 and a remainder below 2^26 has at most 64 bits. The rounding remainder of a
+ * section's output is added in the next tick, so the output of a section without input settles
+ * within 1/1024 count of 0. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* To be raised by every change after which a bank does not give the same codes. */
+/* Version of the force law. Increase it with every change after which the same bank gives different
+ * codes. */
 enum { FORCE_LAW_VERSION = 1 };
 
 enum { FORCE_LAW_BANKS = 4, FORCE_LAW_SECTIONS = 3, FORCE_LAW_COEFFICIENTS = 5 };
 
 typedef struct {
   int32_t coefficient_q26[FORCE_LAW_SECTIONS][FORCE_LAW_COEFFICIENTS]; /* b0, b1, b2, a1, a2 */
-  uint32_t integral_q26;                                               /* w, 1/tick, at most 1 */
+  /* integral rate w in 1/tick, at most 1 */
+  uint32_t integral_q26;
   uint16_t gain_q8;
   uint16_t velocity_gain_q8;
   uint8_t sections;
 } force_bank_t;
 
 typedef struct {
-  int32_t x[2]; /* inputs and outputs of the two ticks before, the later one first, Q16 */
+  /* inputs of the section in the two previous ticks in 1/65536 count, the later tick first; y: its
+   * outputs */
+  int32_t x[2];
   int32_t y[2];
-  uint32_t remainder_q26; /* what the last output dropped, in 1/65536 count */
+  uint32_t remainder_q26; /* rounding remainder of the last output, in 2^-42 count */
 } force_section_t;
 
 typedef struct {
   force_bank_t bank;
   force_section_t sections[FORCE_LAW_SECTIONS];
-  int32_t integral_q16;            /* code */
-  uint32_t integral_remainder_q26; /* what its rounding dropped, in 1/65536 code */
-  uint8_t selected;                /* number of the bank, 0: law_force() with force_gain */
-  uint8_t halvings;                /* of the gain in force, rounded down */
-  uint16_t whole_gain_q8;          /* of the bank, while it is halved */
+  int32_t integral_q16;            /* integral in 1/65536 code */
+  uint32_t integral_remainder_q26; /* rounding remainder of the integral, in 2^-42 code */
+  /* number of the selected bank; 0 selects law_force() with force_gain */
+  uint8_t selected;
+  /* number of times that the active gain was halved; each half is rounded down */
+  uint8_t halvings;
+  /* gain of the bank before the contact guard halved it, in 1/256 code per count */
+  uint16_t whole_gain_q8;
 } force_law_t;
 
-/* What a tick is to the law. `begins`: the error has been this one for ever, so a section whose
- * gain at frequency 0 is 1 is at rest; the integral is kept. `up`, `down`: where the integral may
- * grow. */
+/* Conditions of the force law in one tick. `begins` is true in the first tick of the law: each
+ * section with gain 1 at frequency 0 then starts in the steady state of the present error, and the
+ * integral keeps its value. `up` and `down` permit the integral to rise and to fall. */
 typedef struct {
   bool begins;
   bool up;
   bool down;
 } force_law_tick_t;
 
-/* One tick: the command in 1/65536 code, limited as those of laws.h. */
+/* Computes one tick of the force law. Returns the command in 1/65536 DAC code, limited to one code
+ * beyond the range of the DAC, as the laws of laws.h are. */
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
                        force_law_tick_t tick);
 

@@ -1,8 +1,9 @@
 #ifndef FIRMWARE_CORE_LIMITS_H_
 #define FIRMWARE_CORE_LIMITS_H_
 
-/* Limits of the output: the one place that bounds the code, last before it goes out, whatever law,
- * bump bias and excitation add up to. An active limit is not a fault, and ends by itself. */
+/* Limits of the output. This is the only place that bounds the DAC code. The limits act last, on
+ * the sum of control law, bump bias and excitation. An active limit is not a fault and ends by
+ * itself. */
 
 #include <stdint.h>
 
@@ -10,29 +11,31 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* The codes that lie in both ranges. Each range contains 0. */
+/* Returns the codes that both ranges contain. Each range contains 0. */
 static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   const axis_codes_t both = {.least = (a.least > b.least) ? a.least : b.least,
                              .most = (a.most < b.most) ? a.most : b.most};
   return both;
 }
 
-/* The code due in a tick, within the bounds that the drive has set (free_codes by its reading); and
- * with latency_ticks within those of the tick that it was computed in. To be called while
- * axis->bounded is not 0, in functions of their own, so that other ticks keep their registers. */
+/* Bounds the DAC code of a tick to the ranges that the drive has set; the measured force decides
+ * whether free_codes applies. With latency_ticks the ranges of the tick in which the code was
+ * computed apply too. Call it only while axis->bounded is not 0. It is a separate function, so that
+ * ticks without such ranges use fewer registers. */
 int32_t limits_bound(axis_t *axis, int32_t code);
 int32_t limits_bound_late(axis_t *axis, int32_t code);
 
-/* The code that may be put out for a computed one, and in *reason the limit that applies,
- * AXIS_LIMIT_REASON_...; of several the last in this list:
- *   dac_saturation   beyond -2048..2047
- *   output_limit     beyond +-output_limit, when that is below 2048
- *   position_max     a positive code while position > position_max: 0 instead (the axis stops; a
- *                    negative code still brings it back); position_min likewise
- *   limit_switch_pos a positive code on the positive switch: 0 instead; limit_switch_neg likewise
- * The bounds of the drive, which come before, have no reason of their own. code within +-2^17,
- * digital_inputs AXIS_DIN_... bits. Soft limits compare counts as they are: they are meant for an
- * encoder that does not wrap. */
+/* Returns the DAC code that may be output for a computed code, and in *reason the active limit,
+ * AXIS_LIMIT_REASON_. If several limits are active, the last one in this list is the reason:
+ *   dac_saturation   the code is beyond -2048..2047
+ *   output_limit     the code is beyond +-output_limit, and output_limit is below 2048
+ *   position_max     a positive code while position > position_max becomes 0: the axis stops, and a
+ *                    negative code still moves it back; position_min acts likewise
+ *   limit_switch_pos a positive code on the positive switch becomes 0; limit_switch_neg acts
+ * likewise The ranges of the drive act before these limits and have no reason of their own. code is
+ * within
+ * +-2^17; digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly and
+ * require an encoder that does not wrap. */
 static inline int16_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t code, uint8_t *reason) {
   const int32_t limit = (int32_t)params->output_limit;

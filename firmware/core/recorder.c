@@ -32,12 +32,13 @@ void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *chann
   }
 }
 
-/* The value of the source so that unsigned comparisons order it. */
+/* Returns the value of the trigger signal in a form that an unsigned comparison orders
+ * correctly. */
 static uint32_t ordered(const recorder_t *recorder, int32_t value) {
   return (uint32_t)value ^ recorder->trigger_flip;
 }
 
-/* The edge that the parameters select, once for all ticks. */
+/* Prepares the edge that the parameters select, once for all ticks. */
 static void set_trigger(recorder_t *recorder, recorder_channel_t trigger) {
   const uint8_t edge = recorder->params.recorder_trigger_edge;
   const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
@@ -86,7 +87,7 @@ void recorder_stop(recorder_t *recorder) {
   recorder->signals = (recorder_signals_t){.recorder_state = AXIS_RECORDER_STATE_IDLE};
 }
 
-/* True in the tick in which the source crosses the level in the selected direction. */
+/* True in the tick in which the trigger signal crosses the level in the selected direction. */
 static bool triggered(recorder_t *recorder, const void *base) {
   if (recorder->params.recorder_trigger_edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
     return true;
@@ -106,10 +107,11 @@ static bool triggered(recorder_t *recorder, const void *base) {
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {
-  /* Samples are packed little-endian, as the processor stores its values. */
+  /* Samples are stored little-endian, as the processor stores its values. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
   const recorder_channel_t *channel = recorder->channels;
-  /* Four bytes of each, which the next ones write over, cost less than to look at its width. */
+  /* Four bytes of each value are copied, and the next value overwrites the surplus; this needs
+   * fewer instructions than a test of the width. */
   const recorder_channel_t *end = channel + recorder->wide_count;
   for (; channel != end; channel++) {
     fx_copy_4(to, (const uint8_t *)base + channel->offset);
@@ -132,7 +134,7 @@ static void store_sample(recorder_t *recorder, const void *base) {
   }
 }
 
-/* The samples before the trigger are kept; the others of the capacity are still to be recorded. */
+/* Keeps the samples before the trigger; the rest of the capacity is still to be recorded. */
 static void start_recording(recorder_t *recorder) {
   recorder_signals_t *signals = &recorder->signals;
   signals->recorder_state = AXIS_RECORDER_STATE_RECORDING;
@@ -163,7 +165,7 @@ void recorder_tick(recorder_t *recorder, const void *base) {
     }
     return;
   }
-  /* Armed: the ring buffer holds the last `pretrigger` samples. */
+  /* While armed, the ring buffer has the last `pretrigger` samples. */
   if (recorder->params.recorder_pretrigger == 0) {
     return;
   }

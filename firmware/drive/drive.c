@@ -21,7 +21,7 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->params.force_offset = 0;
 }
 
-/* The set-points of the native modes have no such flag: 0 is none. */
+/* The set-points of the native modes have no such flag; the value 0 means no set-point. */
 static void forget_setpoints(axis_t *axis) {
   axis->params.open_loop_code = 0;
   axis->params.excitation_amplitude = 0;
@@ -41,7 +41,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    /* Targets from before a fault must be written again. */
+    /* A target from before a fault must be written again. */
     cia402_forget_targets(drive);
   }
   if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
@@ -54,16 +54,16 @@ static int32_t rate_of(const cia402_t *drive, bool quick) {
   return quick ? drive->quick_deceleration : drive->deceleration;
 }
 
-/* No tick has switched the amplifier on yet: a ramp would do so. */
+/* Whether the amplifier was never switched on by a tick: a ramp would switch it on. */
 static bool is_at_rest(const axis_t *axis) {
   return axis->signals.active_mode == AXIS_MODE_DISABLED;
 }
 
-/* A fault that the drive found itself, or that came from outside. */
+/* Raises a fault that the drive has found itself, or that another module reports. */
 static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    return; /* the first one stays */
+    return; /* the first fault remains */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
       !first_motion_is_running(&drive->guards.first_motion) && !is_at_rest(axis)) {
@@ -75,7 +75,7 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   enter(drive, AXIS_DRIVE_STATE_FAULT);
 }
 
-/* The demand was too far from the axis for too long. */
+/* Raises a fault if the following error was outside its window for too long. */
 static void watch_following(cia402_t *drive, axis_t *axis) {
   const bool outside =
       drive->tracking == CIA402_TRACKING_AXIS && axis->signals.active_mode == AXIS_MODE_POSITION &&
@@ -86,7 +86,8 @@ static void watch_following(cia402_t *drive, axis_t *axis) {
   }
   drive->outside_tick += 1;
   if (drive->outside_tick > fx_ticks_from_ms(drive->params.following_error_timeout)) {
-    drive->tracking = CIA402_TRACKING_NONE; /* the reaction begins where the axis is */
+    /* the fault reaction begins at the position of the axis */
+    drive->tracking = CIA402_TRACKING_NONE;
     raise_fault(drive, axis, AXIS_FAULT_FOLLOWING_ERROR);
   }
 }
@@ -120,8 +121,9 @@ static void operate(cia402_t *drive, axis_t *axis) {
   cia402_run(drive, axis);
 }
 
-/* Quick stop and fault reaction are seen for a tick at least, also from a stand, and end: a
- * deceleration of next to nothing must not keep an axis going that nobody commands. */
+/* Whether a quick stop or fault reaction has ended. Each of them is reported for at least one tick,
+ * even from standstill, and always ends: a very small deceleration must not keep an axis in motion
+ * that nobody commands. */
 static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
   const bool seen = drive->leaving != 0;
   drive->leaving = 1;
@@ -212,7 +214,7 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   motion_restore(drive, axis);
 }
 
-/* Out of operation, at once or after slowing down (shutdown, disable operation). */
+/* Leaves the state operation enabled, at once or after a ramp (shutdown, disable operation). */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
   if (option == STOP_AT_ONCE || motion_stands(drive) || is_at_rest(axis)) {
     enter(drive, to);
@@ -222,7 +224,7 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
   drive->leaving_to = to;
 }
 
-/* A transition that a controlword asked for: by the option codes. */
+/* Carries out a transition that a controlword commands, as the option codes select. */
 static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
   if (first_motion_is_running(&drive->guards.first_motion)) {
     enter(drive,
@@ -246,7 +248,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   const uint8_t to = cia402_next_state(from, controlword, rising, may_resume);
   if (to == from) {
     if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && cia402_enables(controlword)) {
-      drive->leaving = 0; /* enabled again while slowing down */
+      drive->leaving = 0; /* the axis is enabled again during the ramp */
     }
     return;
   }
@@ -263,7 +265,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   }
 }
 
-/* Bits 4 to 8 of the controlword. */
+/* Acts on bits 4 to 8 of the controlword. */
 static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
@@ -275,7 +277,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
-    drive->position_written = 0; /* continues with the next target */
+    drive->position_written = 0; /* the axis continues with the next target */
     homing_interrupt(drive);
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
@@ -295,8 +297,8 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   }
 }
 
-/* A halted axis stays halted until a controlword enables it without the halt: one that commands
- * nothing, as with bit 7, does not let it go on. */
+/* A halted axis remains halted until a controlword enables it without the halt bit. A controlword
+ * that commands no transition, as with bit 7, does not end the halt. */
 static uint16_t with_halt(cia402_t *drive, uint16_t controlword, uint16_t previous) {
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && (previous & CIA402_CW_HALT) != 0 &&
       !cia402_enables(controlword)) {
@@ -313,7 +315,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   const uint16_t controlword = (uint16_t)value;
   const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
   if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
-    drive->reached_tick = 0; /* a target, or what it is judged by */
+    drive->reached_tick = 0; /* a target, or a criterion for reaching it, has changed */
   }
   if (value != previous) {
     guards_written(&drive->guards, &drive->signals, object);
@@ -331,7 +333,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
-    case AXIS_OBJ_INTERPOLATION_SETPOINT: /* one value under two addresses */
+    case AXIS_OBJ_INTERPOLATION_SETPOINT: /* one value has two addresses */
       drive->params.target_position = value;
       drive->params.interpolation_setpoint = value;
       drive->position_written = 1;
@@ -346,7 +348,7 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     default:
       if (value != previous && parameters_written(drive, object)) {
-        cia402_forget_targets(drive); /* they were meant in other units or directions */
+        cia402_forget_targets(drive); /* the targets had other units or directions */
       }
       break;
   }
@@ -375,7 +377,8 @@ void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsuperv
   cia402_show(drive, axis);
 }
 
-/* The other states are left by a controlword that does not enable. */
+/* Whether a state may lead to motion soon; any other state is left by a controlword that does not
+ * enable. */
 static bool can_move_soon(uint8_t state) {
   return state == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON || state == AXIS_DRIVE_STATE_SWITCHED_ON ||
          state == AXIS_DRIVE_STATE_OPERATION_ENABLED || state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE;

@@ -6,7 +6,7 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Range of force_setpoint. */
+/* Largest magnitude of force_setpoint. */
 #define FORCE_SETPOINT_MAX INT32_C(65536)
 
 static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
@@ -16,8 +16,8 @@ static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
   motion_restrict_law(drive, axis);
 }
 
-/* Out of contact: in position mode, toward the sign of the target, at most at
- * approach_velocity_max. */
+/* Approach without contact, in position mode: the direction is the sign of the target, the speed at
+ * most approach_velocity_max. */
 static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted) {
   const int32_t speed = units_speed_of_cnt(drive, drive->params.approach_velocity_max);
   if (!motion_track(drive, axis, CIA402_TRACKING_AXIS, speed)) {
@@ -28,8 +28,9 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
     const int32_t least = motion_least_step(drive, fx_magnitude(drive->trajectory.velocity_q16));
     limits.deceleration = (limits.deceleration < least) ? least : limits.deceleration;
   }
-  /* An axis that is held up must not find the trajectory far ahead when it comes free: no more than
-   * the way of a quarter second, which a position loop of more than 4 rad/s does not need. */
+  /* If an obstacle blocks the axis, the trajectory must not be far ahead when the axis is free
+   * again. The lead is at most the travel of a quarter of a second, which is enough for a position
+   * loop of more than 4 rad/s. */
   const int32_t lead =
       fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
   const int32_t most = fx_floor_shift((int32_t)drive->params.approach_velocity_max, 2) + 16;
@@ -38,7 +39,7 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
   motion_follow(drive, axis);
 }
 
-/* Without the bounds. */
+/* Returns the demanded force before the bounds are applied. */
 static int32_t wanted_force(const cia402_t *drive) {
   return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
 }
@@ -47,8 +48,8 @@ static int32_t bounded_force(const cia402_t *drive, int32_t force) {
   return fx_clamp(force, drive->force_bounds.least, drive->force_bounds.most);
 }
 
-/* Contact was lost a short time ago: the law goes on, its pressing capped, because to approach at
- * once throws the axis against a workpiece that comes back. */
+/* Contact was lost a short time ago. The force law continues with a limited pressing code, because
+ * an approach that began at once would drive the axis against a workpiece that returns. */
 static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   if (drive->signals.contact != 0) {
     drive->pressed = (axis->signals.force > 0) ? 1 : -1;
@@ -62,8 +63,9 @@ static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* From the reading without contact to the end of the dwell nothing presses with more than
- * contact_loss_cap: toward the workpiece that is lost, nor where the set-point presses by now. */
+/* From the loss of contact to the end of the dwell time, no code presses with more than
+ * contact_loss_cap, neither towards the lost workpiece nor in the direction of the present
+ * set-point. */
 static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   const int16_t cap = (int16_t)drive->params.contact_loss_cap;
   axis->bounded = AXIS_BOUNDED_TICKS;
@@ -76,8 +78,8 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* One tick of the demanded force toward the target. A halt bypasses the shaper, from the force that
- * is demanded. */
+/* Changes the demanded force by one tick towards the target. A halt bypasses the shaper and starts
+ * from the present demand. */
 static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
   int32_t step = fx_q16_from_per_s(drive->params.force_slope);
   if (halted) {
@@ -97,7 +99,8 @@ static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
           : shaper_step(&drive->force_shaper, drive->force_ramp_q16, before_q16);
 }
 
-/* Force of a standard client: per mille of rated force; a profile ramps its demand. */
+/* Force control of a standard client: the target is in per mille of the rated force, and in profile
+ * mode a ramp leads to it. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
   const int32_t wanted = halted ? 0 : wanted_force(drive);
@@ -107,7 +110,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
-      /* Lost: brake at once, without the bias that would carry the pressing code on. */
+      /* Contact was lost: the axis brakes at once, without a bias, because a bias would continue
+       * the pressing code. */
       motion_override(drive, axis);
       axis->params.bump_decay_shift = 0;
       drive->pressing = 0;
@@ -117,12 +121,12 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
     return;
   }
   if (drive->pressing == 0) {
-    /* Go on from the force that is there. */
+    /* Continues from the force that is measured now. */
     const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
     drive->force_ramp_q16 = fx_scale(bounded_force(drive, reading), 16);
     drive->force_demand_q16 = drive->force_ramp_q16;
     shaper_clear(&drive->force_shaper);
-    drive->slowing = 0; /* a halt under way releases the force from now on */
+    drive->slowing = 0; /* from now on a halt reduces the force by a ramp */
     drive->pressing = 1;
   }
   demand(drive, target, cyclic, halted);
@@ -137,14 +141,15 @@ void force_profile(cia402_t *drive, axis_t *axis) { control_force(drive, axis, f
 
 void force_cyclic(cia402_t *drive, axis_t *axis) { control_force(drive, axis, true); }
 
-/* Stiffness, damping, impedance (thesis, 1.1.3): the errors of position and velocity give the force
- * set-point, f_d = K (x_d - x) + D (v_d - v); the force law does the rest. */
+/* Stiffness, damping and impedance control (thesis 1.1.3): the errors of position and velocity give
+ * the force set-point f_d = K (x_d - x) + D (v_d - v), and the force law controls this force. */
 
 static inline bool track_virtual(cia402_t *drive, axis_t *axis) {
   return motion_track(drive, axis, CIA402_TRACKING_VIRTUAL, 0);
 }
 
-/* One tick of the virtual trajectory toward the target position, or to a stand without one. */
+/* Moves the virtual trajectory by one tick towards the target position, or to standstill if there
+ * is no target. */
 static inline void lead_to_target(cia402_t *drive) {
   const int32_t before = drive->trajectory.velocity_q16;
   const drive_params_t *params = &drive->params;
@@ -162,7 +167,7 @@ static inline int32_t led_to(const cia402_t *drive) {
   return fx_cnt_from_q32(motion_followed(drive)->position_q32);
 }
 
-/* K (x_d - x) and D (v_d - v), in 1/256 count of the reading. */
+/* Returns K (x_d - x), and D (v_d - v), in 1/256 count of measured force. */
 static inline int64_t spring(const cia402_t *drive, const axis_t *axis) {
   const int32_t error = fx_diff_wrap(led_to(drive), axis->signals.position);
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.stiffness, error), 8);
@@ -172,7 +177,8 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.damping, error_q16), 16);
 }
 
-/* Presses with this force, within the bounds. `demand` is what it follows from but the axis. */
+/* Sets the force set-point to this force within the bounds. `demand` is the part of the set-point
+ * that does not depend on the motion of the axis. */
 static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
   press(drive, axis,
         fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));

@@ -4,7 +4,7 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* What ends a step besides a digital input (AXIS_DIN_): bits that no input has. */
+/* Events other than digital inputs (AXIS_DIN_) that end a step; the bits belong to no input. */
 enum { CONTACT = 0x40, RETRACTED = 0x80 };
 
 enum { AWAY = -1, TOWARD = 1 };
@@ -13,7 +13,7 @@ enum { OFF = 0, ON = 1 };
 
 enum { STEPS = 3 };
 
-/* Moves in a direction until `until` is on or off; direction 0: no step. */
+/* A step: moves in a direction until the input `until` is on or off; direction 0 means no step. */
 typedef struct {
   int8_t direction;
   uint8_t speed;
@@ -21,14 +21,14 @@ typedef struct {
   uint8_t level;
 } homing_step_t;
 
-/* Home is where the last step ends. */
+/* A homing method: the position at the end of its last step is the reference position. */
 typedef struct {
   int8_t method;
-  uint8_t needs; /* AXIS_DIN_ bits of inputs_fitted */
+  uint8_t needs; /* AXIS_DIN_ bits that inputs_fitted must have */
   homing_step_t steps[STEPS];
 } homing_method_t;
 
-/* In the order of homing_methods. */
+/* Number of methods, in the order of homing_methods. */
 enum { METHODS = 11 };
 static const homing_method_t methods[METHODS] = {
     {35, 0, {{0}}},
@@ -64,7 +64,7 @@ static bool is_fitted(const cia402_t *drive, const homing_method_t *method) {
   return (method->needs & ~(uint32_t)drive->params.inputs_fitted) == 0;
 }
 
-/* METHODS: not offered. */
+/* Returns the index of a method; METHODS: the method is not available. */
 static uint8_t find(const cia402_t *drive, int32_t method) {
   for (uint8_t i = 0; i < METHODS; i++) {
     if (methods[i].method == method) {
@@ -115,16 +115,17 @@ static void brake(cia402_t *drive) {
   trajectory_ramp(&drive->trajectory, 0, &limits);
 }
 
-/* The trajectory ends where the axis is, instead of ahead of it. */
+/* Ends the trajectory at the position of the axis, instead of ahead of it. */
 static void stand(cia402_t *drive, const axis_t *axis) {
   profile_set(&drive->trajectory, axis->signals.position);
 }
 
-/* Home is the count of the latest tick, and home_offset its position. */
+/* The encoder count of the latest tick becomes the reference position; its user position is
+ * home_offset. */
 static void set_home(cia402_t *drive, const axis_t *axis) {
   drive->origin_cnt =
       fx_diff_wrap(cia402_count(drive, drive->params.home_offset), axis->signals.position);
-  drive->position_written = 0; /* it referred to the former origin */
+  drive->position_written = 0; /* the target referred to the previous origin */
   drive->homing.state = CIA402_HOMING_DONE;
 }
 
@@ -143,7 +144,7 @@ static bool has_ended(const cia402_t *drive, const axis_t *axis, const homing_st
   }
 }
 
-/* A limit switch or soft limit ahead. */
+/* Whether a limit switch or soft limit blocks this direction. */
 static bool is_blocked(const axis_t *axis, int8_t direction) {
   const uint8_t reason = axis->signals.limit_reason;
   const uint8_t inputs = axis->signals.digital_inputs;
@@ -152,8 +153,8 @@ static bool is_blocked(const axis_t *axis, int8_t direction) {
              : (inputs & AXIS_DIN_LIMIT_NEG) != 0 || reason == AXIS_LIMIT_REASON_POSITION_MIN;
 }
 
-/* Something holds the axis up: more than the way of a quarter second behind, which a position loop
- * of more than 4 rad/s never is. */
+/* Whether an obstacle blocks the axis: it is more than the travel of a quarter of a second behind
+ * its trajectory, which never happens with a position loop of more than 4 rad/s. */
 static bool is_behind(const cia402_t *drive, const axis_t *axis, int32_t speed_q16) {
   const int32_t place = fx_cnt_from_q32(drive->trajectory.position_q32);
   return way_from(axis, place) > (uint32_t)fx_floor_shift(fx_per_s_from_q16(speed_q16), 2) + 16;
@@ -164,7 +165,8 @@ static bool is_pressed(const cia402_t *drive, const axis_t *axis) {
   return !fx_within(axis->signals.force, most);
 }
 
-/* Only toward the workpiece: leaving it is never refused. */
+/* Homing on contact fails only in the motion towards the workpiece; retraction is always
+ * permitted. */
 static bool contact_fails(const cia402_t *drive, const axis_t *axis, const homing_step_t *step) {
   return step->until == CONTACT &&
          (is_pressed(drive, axis) ||
@@ -217,7 +219,8 @@ static void seek(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Waits until the axis stands, because home of methods 35 and 37 is where it comes to rest. */
+/* Waits until the axis is at standstill, because methods 35 and 37 use its position at standstill
+ * as reference. */
 static void begin(cia402_t *drive, axis_t *axis) {
   brake(drive);
   if (!motion_stands(drive)) {

@@ -18,7 +18,7 @@ static uint16_t bits_of(bool bit_12, bool bit_13) {
   return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
 }
 
-/* Bits 12 and 13 of the statusword. */
+/* Return bits 12 and 13 of the statusword. */
 static uint16_t setpoint_bits(const cia402_t *drive) {
   return bits_of(drive->acknowledged != 0 || drive->setpoint_buffered != 0,
                  drive->outside_tick != 0);
@@ -118,7 +118,7 @@ int8_t cia402_operation_of(uint8_t native_mode) {
   return AXIS_MODES_OF_OPERATION_NONE;
 }
 
-/* Whether the mode in force moves the axis by the position law; mode 0 commands no motion. */
+/* Whether the active mode moves the axis by the position law; mode 0 commands no motion. */
 static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
@@ -126,14 +126,14 @@ static bool needs_position_gain(const cia402_t *drive) {
           (mode->controls_force != 0 && drive->guards.contact_guard.speed_q8 != 0));
 }
 
-/* The set-point of the force law of mode -1, from the force that is there. */
+/* Shapes the force set-point of mode -1, starting from the present measured force. */
 static void shape_setpoint(cia402_t *drive, axis_t *axis) {
   motion_override(drive, axis);
   axis->params.force_setpoint =
       shaper_step(&drive->force_shaper, axis->params.force_setpoint, axis->signals.force);
 }
 
-/* Modes of the axis itself, with the user's parameters. */
+/* Runs a native mode of the axis with the parameters of the user. */
 static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
     axis->params.position_setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
@@ -212,7 +212,8 @@ bool cia402_is_guided_by_force(const cia402_t *drive) {
           (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0));
 }
 
-/* A force mode that may be excited is in force, and neither halted nor left. */
+/* Whether the active mode is a force mode that permits excitation, and the axis is neither halted
+ * nor leaving the mode. */
 static bool may_be_excited(const cia402_t *drive) {
   const int8_t mode = drive->signals.modes_of_operation_display;
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&

@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_DRIVE_MOTION_H_
 #define FIRMWARE_DRIVE_MOTION_H_
 
-/* Moves the axis for a mode of operation: along the drive's trajectory, within its limits. All of
- * it writes mode and set-points of the axis for the coming tick. Positions are the user's, speeds
- * Q16 per tick in the direction of the encoder. */
+/* Moves the axis for a mode of operation along the trajectory of the drive and within its limits.
+ * The functions write mode and set-points of the axis for the next tick. Positions are in user
+ * units; speeds are in Q16 counts per tick in the direction of the encoder. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -12,10 +12,10 @@
 #include "firmware/drive/trajectory.h"
 #include "firmware/fx/fx.h"
 
-/* How long an axis may take to come to a stand behind its trajectory: 100 ms. */
+/* Longest time for which the axis may still move after its trajectory has stopped: 100 ms. */
 enum { CIA402_SETTLING_TICKS = 150 };
 
-/* Parameters of the axis may be overridden for the coming tick, until motion_restore(). */
+/* Permits overriding parameters of the axis for the next tick, until motion_restore(). */
 static inline void motion_override(cia402_t *drive, const axis_t *axis) {
   const axis_params_t *params = &axis->params;
   if (drive->overridden.active == 0) {
@@ -30,7 +30,7 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
-/* The force law acts in the coming tick: without a certificate its code is bounded. To be called
+/* Bounds the DAC code of the force law in the next tick if the law has no certificate. Call it
  * after motion_override(). */
 static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   if (axis->params.output_limit > drive->law_output) {
@@ -42,11 +42,12 @@ static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* The axis disabled, and its gain whole again. */
+/* Disables the axis and ends a reduction of its gain by the contact guard. */
 void motion_rest(cia402_t *drive, axis_t *axis);
 
-/* Chooses the trajectory, CIA402_TRACKING_AXIS or _VIRTUAL; a new one begins at the place and speed
- * of the axis, at most `most`. False: the axis has not had a valid count yet, and rests. */
+/* Selects the trajectory, CIA402_TRACKING_AXIS or _VIRTUAL. A new trajectory begins at the position
+ * of the axis and at its speed, limited to `most`. Returns false if the axis has not had a valid
+ * encoder count yet; the axis is then disabled. */
 bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most);
 static inline bool motion_track(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most) {
   return (axis->primed != 0 && drive->tracking == tracking) ||
@@ -56,33 +57,36 @@ static inline bool motion_track_axis(cia402_t *drive, axis_t *axis) {
   return motion_track(drive, axis, CIA402_TRACKING_AXIS, drive->speed_max);
 }
 
-/* The axis goes where the trajectory is. */
+/* Sets the position of the trajectory as the position set-point of the axis. */
 void motion_follow(cia402_t *drive, axis_t *axis);
 
-/* In each tick of a ramp to a stand, whose speed or force still is `size`: the least step with
- * which it ends within CIA402_STOPPING_TICKS, the settling included. */
+/* Returns the least decrease per tick with which a ramp to standstill ends within
+ * CIA402_STOPPING_TICKS, settling included. `size` is the speed or force that remains. Call it in
+ * each tick of the ramp. */
 int32_t motion_least_step(cia402_t *drive, uint32_t size);
 
-/* One tick of slowing down at a rate (Q16), or as much faster as it must be to end in time, then of
- * holding. True once trajectory and axis
- * stand, or the trajectory alone for CIA402_SETTLING_TICKS: an amplifier that is switched off lets
- * the axis coast. It begins at the place and speed of the axis unless the axis follows it
- * already. */
+/* Computes one tick of a ramp to standstill with the deceleration `rate` (Q16), or with a larger
+ * one if the ramp would end too late. Afterwards the axis stays at its position. Returns true when
+ * trajectory and axis are at standstill, or the trajectory alone for CIA402_SETTLING_TICKS, because
+ * an axis without power would only coast. If the axis does not follow the trajectory yet, the ramp
+ * begins at its position and speed. */
 bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate);
 
-/* Trajectory and axis both stand: the latter within velocity_threshold. */
+/* Whether trajectory and axis are at standstill. For the axis this means a speed within
+ * velocity_threshold. */
 bool motion_stands(const cia402_t *drive);
 
-/* Fastest axis that a trajectory may begin with, count a tick. */
+/* Highest speed of the axis, in counts per tick, at which a trajectory may begin. */
 enum { MOTION_SPEED_MAX_CNT = 2048 };
 
-/* The trajectory as the axis is commanded along it: shaped, once the motion shaper has begun. */
+/* Returns the trajectory that the axis follows: the shaped trajectory once the motion shaper has
+ * begun. */
 static inline const profile_t *motion_followed(const cia402_t *drive) {
   return shaper_has_begun(&drive->motion_shaper) ? &drive->shaped : &drive->trajectory;
 }
 
-/* After a step of the trajectory, whose speed was `before`: the same step, shaped. The shaper
- * begins while the trajectory stands; a trajectory that begins in motion is not shaped before. */
+/* Shapes a step of the trajectory, whose speed was `before`. The shaper begins only while the
+ * trajectory is at standstill; a trajectory that begins in motion is not shaped until then. */
 void motion_shape_step(cia402_t *drive, int32_t before);
 static inline void motion_shape(cia402_t *drive, int32_t before) {
   if (shaper_is_on(&drive->motion_shaper)) {
@@ -90,11 +94,12 @@ static inline void motion_shape(cia402_t *drive, int32_t before) {
   }
 }
 
-/* The trajectory continues unshaped, from the commanded place and speed of the axis: for stops, and
- * at the exit from a mode. */
+/* Ends input shaping: the trajectory continues from the commanded position and speed of the axis.
+ * Used for stops and when a mode ends. */
 void motion_unshape(cia402_t *drive);
 
-/* Whether what the axis follows has come to the trajectory's place, or speed. */
+/* Whether the trajectory that the axis follows has reached the position, or the speed, of the
+ * unshaped trajectory. */
 static inline bool motion_has_place(const cia402_t *drive) {
   return motion_followed(drive)->position_q32 == drive->trajectory.position_q32;
 }
@@ -102,14 +107,14 @@ static inline bool motion_has_speed(const cia402_t *drive) {
   return motion_followed(drive)->velocity_q16 == drive->trajectory.velocity_q16;
 }
 
-/* Speed of the axis, at most that. */
+/* Returns the speed of the axis, limited to the given value. */
 static inline int32_t motion_axis_speed(const axis_t *axis) {
   return fx_scale(fx_clamp(axis->signals.velocity, -MOTION_SPEED_MAX_CNT, MOTION_SPEED_MAX_CNT),
                   16);
 }
 
-/* The position limits: whether there are any, or ends of the user's units, and a position bounded
- * by them. */
+/* Position limits: whether there are limits, or ends of the user units; and a position bounded by
+ * these limits. */
 static inline bool motion_has_limits(const cia402_t *drive) {
   return drive->units.scaled != 0 || drive->params.position_limit_min != INT32_MIN ||
          drive->params.position_limit_max != INT32_MAX;
@@ -121,8 +126,9 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
   return bounded;
 }
 
-/* From a place, Q32, or from the trajectory's, to a position: the shorter way round, but with
- * position limits the one that does not cross them. */
+/* Distance from a position in Q32, or from that of the trajectory, to a target. The direction is
+ * that of the shorter distance modulo 2^32; with position limits it is the direction that does not
+ * cross them. */
 typedef struct {
   uint64_t distance_q16;
   bool negative;
@@ -132,14 +138,15 @@ static inline motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
   return motion_way_from(drive, drive->trajectory.position_q32, user);
 }
 
-/* One tick of the trajectory toward a position. */
+/* Moves the trajectory by one tick towards a position. */
 static inline void motion_move_to(cia402_t *drive, int32_t user,
                                   const trajectory_limits_t *limits) {
   const motion_way_t way = motion_way_to(drive, user);
   trajectory_move(&drive->trajectory, way.distance_q16, way.negative, limits);
 }
 
-/* One tick toward a speed; a position limit ahead is a place to stop at. */
+/* Moves the trajectory by one tick towards a speed. It stops at a position limit that is ahead of
+ * it. */
 void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits);
 
 #endif

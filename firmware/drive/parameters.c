@@ -6,7 +6,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-/* Of per mille, and the code that is no limit. */
+/* The complete value in per mille, and the DAC code at which output_limit limits nothing. */
 enum { WHOLE = 1000, OUTPUT_MAX = 2048 };
 
 static void derive_rates(cia402_t *drive) {
@@ -19,7 +19,8 @@ static void derive_rates(cia402_t *drive) {
 
 static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  /* One per mille of rated mN is rated uN; a reading has 256 parts of a count of force_scale uN. */
+  /* One per mille of a rated force in mN is the same number in uN; 256 units of measured force are
+   * one count of force_scale uN. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
   const int32_t limit = params->force_limit;

@@ -1,25 +1,28 @@
 #ifndef FIRMWARE_DRIVE_PARAMETERS_H_
 #define FIRMWARE_DRIVE_PARAMETERS_H_
 
-/* Parameters of the drive: which values fit one another, and what is derived from them when they
- * are written, because it costs too much for every tick. */
+/* Parameters of the drive: which values are consistent with each other, and the values derived from
+ * them. The drive derives these values when a parameter is written, because the computation is too
+ * long for every tick. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/drive/drive.h"
 
-/* What the drive does when it is to stop: 6007h, 605Ah, and what 605Bh to 605Eh have in common. */
+/* Reaction of the drive when it has to stop: values of 6007h and 605Ah, and those that 605Bh to
+ * 605Eh have in common. */
 enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
 enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
 enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 
-/* Everything that follows from them: units, speeds and accelerations of the trajectory, ratios
- * between per mille of rated_force and counts of the reading, the homing methods on offer. */
+/* Derives all values that follow from the parameters: user units, speeds and accelerations of the
+ * trajectory, ratios between per mille of rated_force and counts of the measured force, and the
+ * available homing methods. */
 void parameters_derive(cia402_t *drive);
 
-/* What follows from the parameter `object` (AXIS_OBJ_), which was changed. True: a target written
- * before does not mean the same any more. */
+/* Derives the values that follow from the changed parameter `object` (AXIS_OBJ_). Returns true if a
+ * target that was written before now has a different meaning. */
 bool parameters_written(cia402_t *drive, uint16_t object);
 
 #endif

@@ -5,14 +5,14 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Beyond it the position law is saturated. */
+/* Largest lead of the set-point for a velocity offset; beyond it the position law saturates. */
 #define LEAD_MAX_Q8 (INT32_C(65536) * 256)
 
 void position_take_setpoint(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool at_once = (params->controlword & CIA402_CW_MODE_5) != 0;
   if (drive->setpoint_buffered != 0 && !at_once) {
-    return; /* no room: stays unacknowledged */
+    return; /* no room for a set-point: it remains unacknowledged */
   }
   cia402_setpoint_t setpoint = {.position = params->target_position,
                                 .speed = params->trajectory_velocity};
@@ -30,13 +30,14 @@ void position_take_setpoint(cia402_t *drive) {
     drive->buffered = setpoint;
     drive->setpoint_buffered = 1;
   }
-  drive->position_written = 0; /* it was written for this, not for a cyclic mode to come */
+  /* the target belongs to this set-point and not to a later cyclic mode */
+  drive->position_written = 0;
   drive->acknowledged = 1;
   drive->reached_tick = 0;
   drive->stopped_by_contact = 0;
 }
 
-/* The set-point was reached or passed: on to the buffered one, if there is one. */
+/* The set-point was reached or passed: continues with the buffered set-point, if there is one. */
 static void end_setpoint(cia402_t *drive) {
   drive->setpoint_active = drive->setpoint_buffered;
   if (drive->setpoint_buffered != 0) {
@@ -51,8 +52,8 @@ static void pursue_setpoint(cia402_t *drive) {
   profile_t *trajectory = &drive->trajectory;
   if (drive->setpoint_active == 0) {
     trajectory_ramp(trajectory, 0, &limits);
-    /* A set-point that was reached stays as it was written: converted from its count it would be
-     * rounded, and relative moves would add that up. */
+    /* The position of a reached set-point stays as it was written: a conversion from its count
+     * would round it, and the rounding errors of relative moves would add up. */
     const int32_t count = fx_cnt_from_q32(trajectory->position_q32);
     if (cia402_encoder(drive, drive->setpoint.position) != count) {
       drive->setpoint.position = cia402_user(drive, count);
@@ -80,7 +81,8 @@ static void pursue_setpoint(cia402_t *drive) {
   }
 }
 
-/* Contact in the direction of the way: stop where the axis is, without the trajectory's lead. */
+/* Contact in the direction of motion: the axis stops at its present position, without the lead of
+ * the trajectory. */
 static void guard_move(cia402_t *drive, const axis_t *axis) {
   if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
     return;
@@ -97,7 +99,7 @@ static void guard_move(cia402_t *drive, const axis_t *axis) {
   }
 }
 
-/* A speed of the user's, bounded, in the direction of the encoder. */
+/* Limits a speed in user units and converts it to the direction of the encoder. */
 static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   const uint32_t size = fx_magnitude(per_s);
   drive->limited |= (uint8_t)(size > drive->params.velocity_max);
@@ -105,7 +107,7 @@ static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   return cia402_signed_by(drive, (per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
 }
 
-/* Only cyclic velocity adds the offset. */
+/* Returns the target velocity; only cyclic velocity mode adds the offset. */
 static int32_t wanted_velocity(const cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool cyclic =
@@ -123,8 +125,8 @@ void position_follow_velocity(cia402_t *drive, bool at_once) {
   motion_move_at(drive, bounded_speed(drive, wanted_velocity(drive)), &limits);
 }
 
-/* A velocity offset v makes the law u = k_p e - k_d (v_axis - v): as if the set-point were k_d v /
- * k_p ahead. */
+/* Returns the lead of the set-point for a velocity offset v. The law u = k_p e - k_d (v_axis - v)
+ * has the same output as if the set-point were k_d v / k_p ahead. */
 static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
   if (drive->params.velocity_offset == 0 || gains->position_gain == 0) {
     return 0;
@@ -136,7 +138,8 @@ static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
   return (speed_q8 < 0) ? -lead : lead;
 }
 
-/* Cyclic position: in equal steps over the interpolation period, then wait for the next target. */
+/* Cyclic position mode: moves in equal steps over the interpolation period, then waits for the next
+ * target. */
 void position_cyclic(cia402_t *drive, axis_t *axis) {
   const int32_t most = drive->speed_max;
   if (drive->position_written == 0) {
@@ -175,7 +178,7 @@ void position_cyclic_velocity(cia402_t *drive, axis_t *axis) {
 }
 
 static bool is_in_position_window(const cia402_t *drive, int32_t target) {
-  /* A count may be more of the user's units than the window. */
+  /* One count may be larger than the window in user units. */
   return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
              drive->params.position_window ||
          cia402_encoder(drive, target) == drive->signals.position_internal;

@@ -6,7 +6,8 @@
 #include "firmware/objects/value.h"
 
 void cia402_init(cia402_t *drive) {
-  /* Field by field: all at once would ask the compiler for memset. */
+  /* The fields are set one by one, because the compiler would call memset for the complete
+   * structure. */
   drive->origin_cnt = 0;
   drive->setpoint = (cia402_setpoint_t){0};
   drive->buffered = (cia402_setpoint_t){0};

@@ -54,7 +54,7 @@ static bool is_enabled(const cia402_t *drive) {
          !first_motion_is_running(&drive->guards.first_motion);
 }
 
-/* How long the target must have been reached, ticks. */
+/* Returns the number of ticks for which the target must have been reached. */
 static uint32_t reached_ticks(const cia402_t *drive) {
   switch (drive->mode->window) {
     case CIA402_WINDOW_POSITION:
@@ -169,7 +169,8 @@ static bool has_reached(const cia402_t *drive, const axis_t *axis) {
   return mode->reached != NULL && mode->reached(drive, axis);
 }
 
-/* Two more while it lasts, without end: judged in every second tick; 1 at the first. */
+/* Returns 1 in the first tick of a condition, and 2 more in each call while it lasts, because it is
+ * checked in every second tick; the count saturates. */
 static uint32_t lasting(uint32_t ticks, bool lasts) {
   if (!lasts) {
     return 0;
@@ -177,7 +178,7 @@ static uint32_t lasting(uint32_t ticks, bool lasts) {
   return (ticks == 0) ? 1 : (ticks >= UINT32_MAX - 2) ? ticks : ticks + 2;
 }
 
-/* In every second tick. */
+/* Checks target and standstill, in every second tick. */
 static void judge(cia402_t *drive, const axis_t *axis) {
   drive->signals.velocity_actual =
       units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
@@ -192,7 +193,7 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
   measure_motion(drive, axis);
   const bool controlled = drive->controlled != 0;
   guards_observe(&drive->guards, &drive->params, &drive->signals, axis, controlled);
-  /* Two halves by turns, for the sake of the longest tick. */
+  /* The work is divided between even and odd ticks, to shorten the longest tick. */
   if ((axis->signals.tick_count & 1) != 0) {
     measure_force(drive, axis);
     drive->signals.velocity_sensor = cia402_signed_by(

@@ -1,30 +1,30 @@
 #ifndef FIRMWARE_FX_BYTES_H_
 #define FIRMWARE_FX_BYTES_H_
 
-/* Bits, bytes and checksums: fields of a word, values in rows of bytes, CRCs. Where no domain is
- * stated, every argument is allowed. */
+/* Bits, bytes and checksums: fields of a word, values in arrays of bytes, CRCs. Every argument is
+ * permitted if no domain is stated. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Bit n (0..31) alone. */
+/* Returns a word in which only bit n (0..31) is 1. */
 static inline uint32_t fx_bit(uint32_t n) { return (uint32_t)1 << n; }
 
-/* The number of the lowest bit that is set; bits must not be 0. */
+/* Returns the number of the lowest bit that is 1; bits must not be 0. */
 static inline uint8_t fx_lowest_bit(uint32_t bits) {
-  /* A de Bruijn sequence: its upper five bits differ for each of the 32 shifts. */
+  /* De Bruijn sequence: its upper five bits differ for each of the 32 shifts. */
   static const uint8_t number[32] = {0,  1,  28, 2,  29, 14, 24, 3, 30, 22, 20, 15, 25, 17, 4,  8,
                                      31, 27, 13, 23, 21, 19, 16, 7, 26, 12, 18, 6,  11, 5,  10, 9};
   return number[((bits & ((uint32_t)0 - bits)) * UINT32_C(0x077CB531)) >> 27];
 }
 
-/* `width` (1..31) bits of a word from bit `first` (0..31) up. */
+/* Returns `width` (1..31) bits of a word that begin at bit `first` (0..31). */
 static inline uint32_t fx_field(uint32_t bits, uint32_t first, uint32_t width) {
   return (bits >> first) & (((uint32_t)1 << width) - 1);
 }
 
-/* The low `bytes` (1, 2 or 4) bytes of a value, least significant first. Written out, they are one
- * store on chips that can. */
+/* Stores the low `bytes` (1, 2 or 4) bytes of a value, least significant first. The single
+ * assignments become one store on processors that support it. */
 static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
   to[0] = (uint8_t)(value & 0xFFu);
   if (bytes > 1) {
@@ -36,8 +36,8 @@ static inline void fx_store_le(uint8_t *to, uint32_t value, uint8_t bytes) {
   }
 }
 
-/* Copies 2 or 4 bytes that need no alignment. Written out, they are one load and one store on chips
- * that can. */
+/* Copies 2 or 4 bytes that need no alignment. The single assignments become one load and one store
+ * on processors that support it. */
 static inline void fx_copy_2(uint8_t *to, const uint8_t *from) {
   const uint8_t byte_0 = from[0];
   const uint8_t byte_1 = from[1];
@@ -55,60 +55,62 @@ static inline void fx_copy_4(uint8_t *to, const uint8_t *from) {
   to[3] = byte_3;
 }
 
-/* The value behind `bytes` (1, 2 or 4) bytes, least significant first, upper bits 0. */
+/* Returns the value of `bytes` (1, 2 or 4) bytes, least significant first; the upper bits are 0. */
 uint32_t fx_load_le(const uint8_t *from, uint8_t bytes);
 
-/* The same of 4 bytes: one load on chips that can. */
+/* Returns the value of 4 bytes, least significant first: one load on processors that support it. */
 static inline uint32_t fx_load_le32(const uint8_t *from) {
   return (uint32_t)from[0] | ((uint32_t)from[1] << 8) | ((uint32_t)from[2] << 16) |
          ((uint32_t)from[3] << 24);
 }
 
-/* The low `bits` (1..32) bits as a two's complement number; the others must be 0. */
+/* Returns the low `bits` (1..32) bits as a two's complement number; the other bits must be 0. */
 int32_t fx_sign_extend(uint32_t value, uint8_t bits);
 
-/* One byte into the CRC of Modbus RTU (CRC-16, reflected 8005h, from FFFFh): over a frame and its
- * CRC, low byte first, it is 0. */
+/* Adds one byte to the CRC of Modbus RTU (CRC-16, reflected 8005h, initial value FFFFh). The CRC
+ * over a frame including its own two CRC bytes, low byte first, is 0. */
 uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte);
 
-/* The CRC-16 of CANopen's block transfers with one more byte, x^16 + x^12 + x^5 + 1; of nothing it
+/* Adds one byte to the CRC-16 of CANopen block transfers, x^16 + x^12 + x^5 + 1; its initial value
  * is 0. */
 uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte);
 
-/* One byte into CRC-32 (reflected 04C11DB7h). From and to UINT32_MAX; the usual CRC is the
- * complement of the last. */
+/* Adds one byte to a CRC-32 (reflected 04C11DB7h). The initial value is UINT32_MAX, and the usual
+ * CRC is the complement of the last result. */
 uint32_t fx_crc32(uint32_t crc, uint8_t byte);
 
-/* The same of 4 bytes, the word's lowest one first. */
+/* Adds the 4 bytes of a word to a CRC-32, the lowest byte first. */
 uint32_t fx_crc32_word(uint32_t crc, uint32_t word);
 
-/* 16 bits, most significant byte first. */
+/* Stores 16 bits, most significant byte first. */
 void fx_store_be16(uint8_t *to, uint16_t value);
 uint16_t fx_load_be16(const uint8_t *from);
 
-/* Bit n of a row of bytes, least significant first. */
+/* Returns bit n of an array of bytes; bit 0 is the lowest bit of the first byte. */
 bool fx_bit_get(const uint8_t *from, uint32_t n);
 
-/* The same of a row that is written from bit 0 up: the later bits of its byte become 0. */
+/* Writes bit n of an array that is written from bit 0 upwards: the later bits of its byte become
+ * 0. */
 void fx_bit_append(uint8_t *to, uint32_t n, bool bit);
 
-/* How many bytes hold `bits` bits. */
+/* Returns the number of bytes that `bits` bits need. */
 static inline uint32_t fx_octets(uint32_t bits) { return (bits + 7) >> 3; }
 
-/* `width` (1..32) bits of a payload from bit `first` up, first + width <= 64. Upper bits 0. */
+/* Returns `width` (1..32) bits of a payload that begin at bit `first`, first + width <= 64. Upper
+ * bits are 0. */
 static inline uint32_t fx_payload_get(uint64_t payload, uint32_t first, uint32_t width) {
   const uint32_t mask = UINT32_MAX >> (32 - width);
   return (uint32_t)(payload >> first) & mask;
 }
 
-/* The value of 4 bytes that lie at places of their own, counted from `base`, the first one least
+/* Returns the value of 4 bytes at separate offsets from `base`, the first byte least
  * significant. */
 static inline uint32_t fx_gather_le(const uint8_t *base, const uint16_t places[4]) {
   return (uint32_t)base[places[0]] | (uint32_t)base[places[1]] << 8 |
          (uint32_t)base[places[2]] << 16 | (uint32_t)base[places[3]] << 24;
 }
 
-/* The payload behind `bytes` (0..8) bytes, least significant first, the others 0. */
+/* Returns the payload of `bytes` (0..8) bytes, least significant first; the other bytes are 0. */
 uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes);
 
 #endif

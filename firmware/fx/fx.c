@@ -1,7 +1,8 @@
 #include "firmware/fx/fx.h"
 
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
-  /* 1500 * 10^exponent as a fraction, exponent 0 first. */
+  /* Ticks in 10^exponent s, 1500 * 10^exponent, as a fraction; the entry of exponent 0 is the
+   * first. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
   static const uint16_t per[] = {1, 1, 1, 2, 20, 200, 2000};
   const uint8_t row = (uint8_t)-exponent;
@@ -18,7 +19,7 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
   for (; remaining >= by << 1; by <<= 1) {
     shift -= 1;
   }
-  /* by <= remaining < 2 by: long division, the first bit is a one. */
+  /* by <= remaining < 2 by: long division, in which the first bit is 1. */
   uint32_t mantissa = 0;
   for (uint8_t i = 0; i < 32; i++) {
     const bool one = remaining >= by;
@@ -59,7 +60,7 @@ static uint32_t greatest_divisor(uint32_t a, uint32_t b) {
   return a;
 }
 
-/* False: it has more than 31 bits. */
+/* Multiplies three factors. Returns false if the product has more than 31 bits. */
 static bool multiply(const uint32_t factors[3], uint32_t *product) {
   uint64_t wide = factors[0];
   for (uint8_t i = 1; i < 3; i++) {
@@ -94,14 +95,15 @@ bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t 
   return true;
 }
 
-/* The ratio is at most 2^-31 of it too small, so the quotient of the size is too small by less than
- * 2, and what remains, below twice the denominator, fits in the 32 bits that it is computed in. */
+/* The ratio is too small by at most 2^-31 of its value. So the quotient is too small by less than
+ * 2, and the remainder is less than twice the denominator, which has at most 32 bits. */
 static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t ratio) {
   const uint32_t size = fx_magnitude(x);
   const uint64_t product = (uint64_t)size * ratio.mantissa;
   const uint32_t high = (uint32_t)(product >> 32);
   uint32_t quotient = (uint32_t)INT32_MAX;
-  /* By halves: a shift of 64 bits by a variable is a function of the library on some chips. */
+  /* The shift is split into halves, because on some chips a 64-bit shift by a variable calls a
+   * library function. */
   if (ratio.shift >= 32) {
     quotient = high >> (ratio.shift - 32);
   } else if (high >> ratio.shift == 0) {
@@ -111,7 +113,7 @@ static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t r
     return (x < 0) ? -INT32_MAX : INT32_MAX;
   }
   const uint32_t rest = size * num - quotient * den;
-  /* Half up is half away from 0 for a positive x, toward it for a negative one. */
+  /* Half up means away from 0 for a positive x, and towards 0 for a negative x. */
   const uint32_t half = (x < 0) ? (den >> 1) + 1 : den - (den >> 1);
   quotient += (rest >= half) ? 1 : 0;
   quotient += (rest >= half + den) ? 1 : 0;

@@ -3,7 +3,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/guard/sensor.h"
 
-/* Faults of the test are results of the same order. */
+/* Faults of the test are results in the same order. */
 enum {
   FAULT_OF_RESULT = AXIS_FAULT_FORCE_SENSOR_FAILED - AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED
 };
@@ -12,7 +12,8 @@ _Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
                    AXIS_FAULT_RUNAWAY - FAULT_OF_RESULT == AXIS_FIRST_MOTION_RESULT_RUNAWAY,
                "a result is its fault, less a constant");
 
-/* A quarter of the range: no current of a standing axis jumps so far. */
+/* Largest change of the motor current at standstill, in per mille of the range. A healthy axis at
+ * standstill never changes its current by a quarter of the range. */
 enum { CURRENT_JUMP_PER_MILLE = 250 };
 
 void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
@@ -93,7 +94,7 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
   first->force_start = axis->signals.force;
 }
 
-/* Of these functions each judges a tick of a phase and returns the finding, or
+/* Each of these functions checks a tick of one phase. It returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
 static uint8_t judge_standing(first_motion_t *first, const axis_t *axis) {
@@ -144,7 +145,7 @@ static uint8_t judge_zero(first_motion_t *first, const drive_params_t *params, c
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
-/* A limit allows no motion this way. */
+/* Whether a limit permits no motion in this direction. */
 static bool is_blocked(const axis_t *axis) {
   return axis->signals.limit_reason >= AXIS_LIMIT_REASON_POSITION_MIN;
 }
@@ -152,7 +153,8 @@ _Static_assert(AXIS_LIMIT_REASON_POSITION_MIN > AXIS_LIMIT_REASON_OUTPUT_LIMIT &
                    AXIS_LIMIT_REASON_LIMIT_SWITCH_POS + 1 == AXIS_LIMIT_REASON_COUNT,
                "the reasons from position_min on block");
 
-/* The code of the next tick; false once the largest has been held for long enough. */
+/* Sets the code of the next tick. Returns false when the largest code has been output for its
+ * longest time. */
 static bool raise_code(first_motion_t *first, const drive_params_t *params) {
   first->rises ^= 1;
   if (first->code < params->first_motion_code) {
@@ -170,7 +172,7 @@ static bool runs_away(const first_motion_t *first, const drive_params_t *params,
          !fx_within(moved, FIRST_MOTION_REACH * params->first_motion_counts);
 }
 
-/* The reading changed by `change` with the motion out, which is complete. */
+/* Checks the change of the measured force in the complete motion of the phase "out". */
 static uint8_t judge_force(first_motion_t *first, const axis_t *axis, int32_t change) {
   const int32_t step = fx_scale(1, (uint32_t)16 - axis->params.adc_bits);
   if (fx_within(first->force_start, axis->params.contact_force)) {
@@ -180,7 +182,8 @@ static uint8_t judge_force(first_motion_t *first, const axis_t *axis, int32_t ch
     return AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED;
   }
   if (change < step && !fx_within(axis->signals.force, axis->params.contact_force)) {
-    return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED; /* an offset: no contact has stayed */
+    /* the measured force is an offset, because no contact remained */
+    return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
   }
   first->sign_seen = (change > axis->params.contact_force) ? 1 : 0;
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
@@ -234,11 +237,11 @@ static uint8_t judge_back(first_motion_t *first, const drive_params_t *params, a
                                                 : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
-  axis->rebase = 1; /* also where the mode of the axis stays open loop */
+  axis->rebase = 1; /* also if the axis remains in open loop mode */
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }
 
-/* Pressing must raise the reading. */
+/* Checks that pressing increases the measured force. */
 static uint8_t judge_contact(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   if (signals->active_mode == AXIS_MODE_DISABLED || signals->velocity <= 0 ||

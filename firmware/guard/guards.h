@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_GUARD_GUARDS_H_
 #define FIRMWARE_GUARD_GUARDS_H_
 
-/* The protections: their states, and which of them acts in which phase of a tick. The drive calls
- * the phases below and knows no protection by its name where a phase is enough. A new protection is
- * its file, its state in guards_t and one line in each phase in which it acts.
+/* The protections: their states, and the phases of a tick in which each of them acts. The drive
+ * calls the phases below; it names a single protection only where a phase is not enough. A new
+ * protection needs its file, its state in guards_t and one line in each phase in which it acts.
  *
  *                      init  derive  written  start  before  limit  check  observe  evaluate answer
  *   first_motion        x              x                            x
@@ -14,19 +14,19 @@
  *   contact_guard       x      x               x       x                               x        x
  *   contact_excitation  x                                    x
  *
- *   init      power-up: no finding, nothing under way
- *   derive    a parameter of the drive was written: the values that follow from the parameters
- *   written   a parameter of the axis or of the drive got another value: results that it voids
+ *   init      power-up: no finding, no test or measurement is active
+ *   derive    after a write to a parameter of the drive: values that follow from the parameters
+ *   written   after a change of a parameter of the axis or drive: results that it invalidates
  *   start     a mode that controls force begins
- *   before    before each tick, while the targets of the drive do not exist yet
+ *   before    before each tick, when the targets of the drive are not set yet
  *   limit     before axis_tick(), with the inputs of the tick
- *   check     after axis_tick(), before its outputs go out: a finding disables the axis at once
- *   observe   after each tick: signals of the protection
- *   evaluate  after every second tick: findings that are answered in the next tick
- *   answer    in the tick after a finding: a fault to be raised, or a smaller gain
+ *   check     after axis_tick(), before its outputs are written: a finding disables the axis at
+ * once observe   after each tick: signals of the protection evaluate  after every second tick:
+ * findings that are answered in the next tick answer    in the tick after a finding: raises a fault
+ * or reduces the gain
  *
- * The phases are direct calls and not a walk over a table of functions: a walk costs 17
- * instructions for each row, and the interrupt has no room for them (docs/decisions/0046). */
+ * The phases are direct calls and not a loop over a table of functions: a loop costs 17
+ * instructions for each row, and the interrupt has no time for them (docs/decisions/0046). */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -39,7 +39,7 @@
 #include "firmware/guard/sensor.h"
 #include "firmware/guard/tare.h"
 
-/* Copying it copies the protections. */
+/* States of all protections. A copy of this structure is a copy of the protections. */
 typedef struct {
   contact_t contact;
   contact_excitation_t excitation;
@@ -51,12 +51,13 @@ typedef struct {
 
 void guards_init(guards_t *guards, drive_signals_t *signals);
 
-/* At most 250 instructions, between ticks. */
+/* Derives the values of the protections from the parameters, in at most 250 instructions; call it
+ * between ticks. */
 void guards_derive(guards_t *guards, const drive_params_t *params, drive_signals_t *signals);
 
 void guards_written(guards_t *guards, drive_signals_t *signals, uint16_t object);
 
-/* Whether a protection that is under way depends on this object, so that a write is refused. */
+/* Whether an active protection depends on this object. A write to the object is then refused. */
 bool guards_freeze(const guards_t *guards, uint16_t object);
 
 void guards_start(guards_t *guards, drive_signals_t *signals);
@@ -77,7 +78,8 @@ static inline void guards_check(guards_t *guards, const drive_params_t *params,
   sensor_check(&guards->sensor, params, axis, outputs);
 }
 
-/* `controlled`: a mode that controls force was on in the tick. */
+/* Updates the signals of the protections after a tick. `controlled`: a mode that controls force was
+ * active in the tick. */
 static inline void guards_observe(guards_t *guards, const drive_params_t *params,
                                   drive_signals_t *signals, const axis_t *axis, bool controlled) {
   tare_tick(&guards->tare, params, signals, axis);
@@ -86,7 +88,8 @@ static inline void guards_observe(guards_t *guards, const drive_params_t *params
   }
 }
 
-/* Whether guards_evaluate() uses `guided`, which the caller need not compute otherwise. */
+/* Whether guards_evaluate() uses its argument `guided`. If it does not, the caller need not compute
+ * the argument. */
 static inline bool guards_need_guided(const guards_t *guards) {
   return guards->sensor.enabled != 0;
 }
@@ -103,12 +106,13 @@ static inline void guards_evaluate(guards_t *guards, const drive_params_t *param
   }
 }
 
-/* Whether guards_answer() has something to answer. */
+/* Whether a finding waits for its reaction by guards_answer(). */
 static inline bool guards_have_finding(const guards_t *guards) {
   return guards->contact_guard.finding != AXIS_FAULT_NONE;
 }
 
-/* The fault to be raised (AXIS_FAULT_); AXIS_FAULT_NONE if the protection itself has answered. */
+/* Returns the fault that the drive must raise (AXIS_FAULT_), or AXIS_FAULT_NONE if the protection
+ * itself has reacted to its finding. */
 uint8_t guards_answer(guards_t *guards, const drive_params_t *params, drive_signals_t *signals,
                       axis_t *axis);
 

@@ -5,7 +5,7 @@
 
 enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100 };
 
-/* The object access that is pending. */
+/* The access to an object that is in progress. */
 enum {
   COIL,
   DISCRETE,
@@ -23,7 +23,7 @@ enum {
   DISABLE
 };
 
-/* The object that a coil is read from, or none. */
+/* Returns the object from which a coil is read, or none. */
 static uint16_t coil_object(uint32_t n) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -39,7 +39,7 @@ static uint16_t coil_object(uint32_t n) {
   }
 }
 
-/* The state of a coil at a value of its object. */
+/* Returns the state of a coil for a value of its object. */
 static bool coil(uint32_t n, uint32_t value) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -72,7 +72,7 @@ static bool discrete(uint32_t n, uint32_t value) {
   return (n < AXIS_DISCRETE_LIMIT_ACTIVE) ? fx_field(value, n, 1) != 0 : value != 0;
 }
 
-/* Appends the bits of the object read last and requests the object of the next bit. */
+/* Appends the bits of the object that was read last, and requests the object of the next bit. */
 static void next_bits(modbus_request_t *r, uint8_t step) {
   for (; r->first < r->after; r->first++) {
     const uint16_t object = (step == COIL) ? coil_object(r->first) : discrete_object(r->first);
@@ -112,7 +112,7 @@ void modbus_read_discretes(modbus_request_t *r, uint16_t first, uint16_t count) 
   read_bits(r, DISCRETE, AXIS_DISCRETE_COUNT, first, count);
 }
 
-/* Whether the request asks for nothing but a stop, which is not the owner's alone. */
+/* Whether the request only commands a stop, which every source may do. */
 static bool only_stops(const modbus_request_t *r) {
   bool stops = false;
   for (uint32_t n = 0; n < AXIS_COIL_COUNT; n++) {
@@ -126,7 +126,7 @@ static bool only_stops(const modbus_request_t *r) {
   return stops;
 }
 
-/* What the owner alone may write, or everybody. */
+/* Checks the permission to write: of the owner only, or of every source. */
 static void ask_permission(modbus_request_t *r) {
   const bool stops = only_stops(r);
   modbus_ask(r, PERMISSION, MODBUS_CHECK, stops ? AXIS_OBJ_CONTROLWORD : AXIS_OBJ_FAULT_RESET,
@@ -151,8 +151,8 @@ static void write(modbus_request_t *r, uint8_t step, uint16_t object, uint32_t v
   modbus_ask(r, step, MODBUS_WRITE, object, fx_s32_from_u32(value));
 }
 
-/* From any state but a fault to operation enabled. Only the halt bit is kept: an earlier request of
- * a set-point or homing must not be repeated. */
+/* Enables the axis from any state except a fault. Of the previous controlword only the halt bit is
+ * kept, because its other bits could start an earlier set-point or homing again. */
 static void switch_axis(modbus_request_t *r) {
   if (r->one[AXIS_COIL_ENABLE]) {
     modbus_ask(r, STATE_TO_ENABLE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
@@ -192,8 +192,8 @@ static void disarm(modbus_request_t *r) {
   }
 }
 
-/* Commands that can be refused while the controlword is writable are executed first; a request may
- * contain one of them. */
+/* Executes the command of the request before the controlword, because the command may be refused
+ * although the controlword would be accepted. A request contains at most one such command. */
 static void command(modbus_request_t *r) {
   const uint32_t state = (uint32_t)r->access.value;
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||
@@ -221,8 +221,8 @@ static void enable(modbus_request_t *r) {
   }
 }
 
-/* Whether a refusal of the last access ends the request. The others were checked before, and the
- * result of enabling is read from the drive's state. */
+/* Whether a refusal of the last access ends the request. All other accesses were checked before,
+ * and the state of the drive shows whether enabling succeeded. */
 static bool is_decisive(const modbus_request_t *r) {
   return r->step == PERMISSION || r->step == COMMAND || r->step == DISABLE;
 }

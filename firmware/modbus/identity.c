@@ -3,13 +3,13 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* The object access that is pending. */
+/* The access to an object that is in progress. */
 enum { STATE, NAME, IDENTITY };
 
 enum { TEXT_MAX = 30, HASH_DIGITS = 8, HASH = 0x80 };
 enum { INDEX_NAME = 0x1008, INDEX_HARDWARE = 0x1009, INDEX_SOFTWARE = 0x100A };
 
-/* Object ids of the device identification, ascending. */
+/* Ids of the objects in the device identification, in ascending order. */
 static const uint8_t identities[] = {0x00, 0x01, 0x02, 0x04, 0x05, HASH};
 enum { IDENTITIES = sizeof(identities) };
 
@@ -44,7 +44,7 @@ static uint16_t index_of(uint8_t number) {
   }
 }
 
-/* Appends a text; returns its length. */
+/* Appends a text and returns its length. */
 static uint8_t append_text(modbus_request_t *r, const char *text) {
   uint8_t n = 0;
   while (n < TEXT_MAX && text[n] != 0) {
@@ -60,7 +60,7 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Requests the entries of `identities` one by one, from r->first on. */
+/* Requests the entries of `identities` one by one, beginning at r->first. */
 static void next_identity(modbus_request_t *r) {
   if (r->first == r->after) {
     modbus_end(r, MODBUS_OK);
@@ -100,7 +100,7 @@ void modbus_identify(modbus_request_t *r) {
   } else if (category == 4 && !is_identity(number)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
   } else {
-    /* An unknown first object id restarts at the first one. */
+    /* If the first object id of the request is unknown, the answer begins with the first object. */
     const uint8_t first = is_identity(number) ? number : 0;
     const uint8_t last = (category == 4) ? number : identity_end(category);
     r->first = 0;

@@ -4,7 +4,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* The object access that is pending. */
+/* The access to an object that is in progress. */
 enum { ORDER_TO_READ, ORDER_TO_WRITE, VALUE, MASKED, CHECK, PREVIOUS, WRITE, TAKE_BACK };
 
 static uint16_t registers_of(uint16_t object) {
@@ -15,7 +15,8 @@ static uint32_t end_of(const axis_register_t *entry) {
   return (uint32_t)entry->first + registers_of(entry->object);
 }
 
-/* The last one of `count` entries that starts at or before a register; else the first one. */
+/* Returns the last of `count` entries that starts at or before a register; returns the first entry
+ * if there is none. */
 static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t count,
                                        uint32_t at) {
   while (count > 1) {
@@ -26,7 +27,8 @@ static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t 
   return entries;
 }
 
-/* Selects the entries of a range of registers; false: there are not all of them. */
+/* Selects the entries of a range of registers. Returns false if a register of the range does not
+ * exist. */
 static bool select_entries(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count) {
   const bool holding = table == MODBUS_HOLDING;
@@ -58,7 +60,7 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
   return select_entries(&request, table, first, count);
 }
 
-/* Register `n` of a value of `registers` registers. */
+/* Returns register `n` of a value that has `registers` registers. */
 static uint16_t word_of(uint32_t value, uint16_t registers, uint32_t n, bool low_first) {
   const bool low = registers == 1 || (n == 1) != low_first;
   return (uint16_t)fx_field(value, low ? 0 : 16, 16);
@@ -83,7 +85,8 @@ static void next_value(modbus_request_t *r) {
   }
 }
 
-/* Appends the requested registers of the entry's value: of 32 bits it may be one half. */
+/* Appends the requested registers of the value of an entry; of a 32-bit value it may be one
+ * half. */
 static void append_value(modbus_request_t *r) {
   const uint16_t registers = registers_of(r->entry->object);
   const uint32_t value = (uint32_t)r->access.value;
@@ -190,7 +193,7 @@ static void next_check(modbus_request_t *r) {
   }
 }
 
-/* A single write needs no check before it. */
+/* A single write needs no check before the write. */
 static void begin_writes(modbus_request_t *r) {
   if (r->end - r->begin == 1) {
     next_write(r);
@@ -202,7 +205,8 @@ static void begin_writes(modbus_request_t *r) {
 static void checked(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   if (access->kind == MODBUS_CHECK && access->refusal == FW_ERROR_LOCKED && takes_axis(r)) {
-    /* Values to be written after the axis is acquired are checked as the owner's. */
+    /* Values that are written after the request acquires the axis are checked as writes of the
+     * owner. */
     ask_for_entry(r, CHECK, MODBUS_CHECK_OWNER);
     return;
   }
@@ -277,7 +281,7 @@ void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count,
   }
 }
 
-/* For half a 32-bit object the word is irrelevant: the write is refused. */
+/* A write to half of a 32-bit object is refused, so the value of the word does not matter. */
 static void mask(modbus_request_t *r) {
   const uint32_t kept = (uint32_t)r->access.value & r->and_mask;
   const uint32_t given = (uint32_t)r->or_mask & ~(uint32_t)r->and_mask;

@@ -1,33 +1,33 @@
 #ifndef FIRMWARE_MODBUS_REGISTERS_H_
 #define FIRMWARE_MODBUS_REGISTERS_H_
 
-/* Registers over the objects: axis_holding and axis_input of the object table. 8 and 16 bits occupy
- * one register, 32 bits two, in the order of modbus_word_order; negative values are two's
- * complement, sign-extended to the register. A hole in the map is exception 2.
- * Half of a 32-bit object can be read; it cannot be written, exception 3.
+/* Modbus registers of the objects: axis_holding and axis_input of the object table. An object of 8
+ * or 16 bits has one register; an object of 32 bits has two, in the order of modbus_word_order.
+ * Negative values are two's complement, sign-extended to the register. Access to an address without
+ * register is exception 2. Half of a 32-bit object can be read; a write to it is exception 3.
  *
- * The calls below start the work of a request; modbus_registers_resume() continues it to its end.
- */
+ * The functions below start the work of a request; modbus_registers_resume() continues it to its
+ * end. */
 
 #include "firmware/modbus/step.h"
 
 typedef enum { MODBUS_HOLDING, MODBUS_INPUT } modbus_table_t;
 
-/* Whether there are registers first .. first + count - 1, without a hole; count > 0. */
+/* Whether all registers first .. first + count - 1 exist; count > 0. */
 bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count);
 
-/* Answers with `count` registers from `first` on. */
+/* Answers with `count` registers that begin at `first`. */
 void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count);
 
-/* Writes `count` registers from `first` on, all of them or none, then reads r->read_count
- * registers from r->read_first on. `words`, high byte first, are overwritten.
+/* Writes `count` registers that begin at `first`, all or none; then reads r->read_count registers
+ * that begin at r->read_first. `words`, high byte first, are overwritten.
  *
- * Each value must be acceptable by itself, beside the values from before the request; then they are
- * written in the order of the registers, but irreversible writes (the controlword, a native mode, a
- * command) last, so that a controlword acts on the targets written with it. If one is refused
- * nevertheless, those before it are restored, except the ownership of an axis acquired from LCM,
- * which only LCM can acquire again. */
+ * First each value is checked by itself, with the other objects at their values before the request.
+ * Then the values are written in the order of the registers. Irreversible writes (the controlword,
+ * a native mode, a command) come last, so that a controlword acts on the targets written with it.
+ * If a write is still refused, the earlier writes are restored. An axis that was acquired from LCM
+ * is not given back, because only LCM can acquire it again. */
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words);
 
 /* Writes one 16-bit object: (value and r->and_mask) or (r->or_mask and not r->and_mask). */

@@ -6,7 +6,7 @@
 #include "firmware/modbus/identity.h"
 #include "firmware/modbus/registers.h"
 
-/* Largest quantities that the protocol allows. */
+/* Largest numbers of registers and coils that the protocol permits in a request. */
 enum {
   READ_BITS_MAX = 2000,
   WRITE_BITS_MAX = 1968,
@@ -85,7 +85,8 @@ static void write_coils(modbus_request_t *r, uint16_t first, uint16_t count) {
   }
 }
 
-/* A copy is written: the response echoes the request, and the write overwrites its data. */
+/* A copy of the value is written, because the response repeats the request and the write changes
+ * its data. */
 static void write_register(modbus_request_t *r, uint16_t first, uint16_t value) {
   fx_store_be16(r->word, value);
   modbus_write_registers(r, first, 1, r->word);
@@ -106,7 +107,7 @@ static void mask_register(modbus_request_t *r, uint16_t first, uint16_t and_mask
   modbus_mask_register(r, first);
 }
 
-/* The range to read is checked first: a request that is answered by an exception writes nothing. */
+/* The range to read is checked first, so that a request with an exception writes nothing. */
 static void exchange_registers(modbus_request_t *r, uint16_t first, uint16_t count) {
   const uint16_t write_first = fx_load_be16(&r->pdu[THIRD]);
   const uint16_t write_count = fx_load_be16(&r->pdu[FOURTH]);

@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_MODBUS_REQUEST_H_
 #define FIRMWARE_MODBUS_REQUEST_H_
 
-/* One Modbus request, from its bytes to those of its answer, for every server of the map: RTU in
- * the firmware and TCP at the gateway. Passive: it requests one access to an object at a time, and
- * the caller carries that out, at once or over a bus.
+/* One Modbus request, from its bytes to the bytes of its answer, for every server of the registers:
+ * RTU in the firmware and TCP in the gateway. The code is passive: it requests one access to an
+ * object at a time, and the caller carries out this access, at once or over a bus.
  *
  *   modbus_request_begin(&request, unit, pdu, length, counters);
  *   while (!modbus_request_ended(&request)) {
@@ -19,20 +19,21 @@
 
 #include "firmware/modbus/step.h"
 
-/* Function code and data of the longest request or answer. */
+/* Largest length in bytes of function code and data, in a request or an answer. */
 enum { MODBUS_PDU_BYTES = 253 };
 
-/* Results of modbus_request_bytes() for a length that is not known: */
+/* Results of modbus_request_bytes() for a request whose length is not known. */
 enum {
-  MODBUS_BYTES_OPEN = 0,     /* an unknown function: any */
+  MODBUS_BYTES_OPEN = 0,     /* unknown function: any length */
   MODBUS_BYTES_MORE = 0xFFFF /* more bytes are needed */
 };
 
-/* The length of a PDU whose first `length` bytes are known; or MODBUS_BYTES_. */
+/* Returns the length of a PDU whose first `length` bytes are known, or MODBUS_BYTES_. */
 uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length);
 
-/* `pdu`: `length` bytes, at least one, of MODBUS_PDU_BYTES that stay until the request has ended.
- * `counters`: MODBUS_COUNTERS of them. No state of `request` is needed before. */
+/* Begins a request. `pdu` has `length` bytes, at least one, in a buffer of MODBUS_PDU_BYTES that
+ * must remain valid until the request has ended. `counters` has MODBUS_COUNTERS elements. `request`
+ * need not be initialised. */
 void modbus_request_begin(modbus_request_t *request, uint8_t unit, uint8_t *pdu, uint16_t length,
                           uint16_t *counters);
 
@@ -40,7 +41,7 @@ static inline bool modbus_request_ended(const modbus_request_t *request) {
   return request->part == MODBUS_ENDED;
 }
 
-/* Continues with the result of request->access. */
+/* Continues the request with the result of request->access. */
 void modbus_request_resume(modbus_request_t *request);
 
 #endif

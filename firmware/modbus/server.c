@@ -6,7 +6,7 @@
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
 enum { UNIT = 0, PDU = 1 }; /* offsets in a frame */
-enum { TOO_LONG = 0xFFFF }; /* length of a frame to be discarded */
+enum { TOO_LONG = 0xFFFF }; /* length that marks a frame that is to be discarded */
 
 static void begin_frame(modbus_t *modbus) {
   modbus->length = 0;
@@ -83,7 +83,7 @@ static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) 
   return request.length;
 }
 
-/* Handles a complete frame. */
+/* Processes a complete frame. */
 static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   const uint8_t unit = modbus->frame[UNIT];
   const uint16_t length = modbus->length;
@@ -106,14 +106,15 @@ static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   modbus->answer_sent = 0;
 }
 
-/* Whether the received bytes can be a complete frame: the CRC including its own bytes is 0. */
+/* Whether the received bytes can be a complete frame: the CRC over all bytes, including its own, is
+ * 0. */
 static bool closes(const modbus_t *modbus) {
   return modbus->crc == 0 && modbus->length >= FRAME_MIN && modbus->length <= MODBUS_FRAME_BYTES;
 }
 
-/* Whether the frame is complete. For other units only the CRC decides; after a chance match the
- * remaining bytes are discarded as an invalid frame. For an unknown function it does not: where the
- * high byte of the CRC is 0 the CRC matches one byte early. */
+/* Whether the frame is complete. For other units only the CRC decides; if it is 0 too early by
+ * chance, the remaining bytes are discarded as an invalid frame. For an unknown function the CRC
+ * does not decide: if its high byte is 0, the CRC is 0 one byte too early. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
@@ -158,7 +159,8 @@ void modbus_tick(modbus_t *modbus, dictionary_t *objects) {
   if (modbus->silence < modbus->silence_ticks) {
     return;
   }
-  /* A valid CRC, but not the length of its function code, or none is known: an exception. */
+  /* The CRC is correct, but the length does not match the function code, or the function is
+   * unknown: answers with an exception. */
   if (closes(modbus)) {
     take_frame(modbus, objects);
     return;

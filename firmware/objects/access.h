@@ -2,7 +2,7 @@
 #define FIRMWARE_OBJECTS_ACCESS_H_
 
 /* The object dictionary for protocols: values by object number, and entries by CANopen address.
- * Implemented by dictionary.c, which depends neither on the protocols nor on the owners of the
+ * dictionary.c implements it and depends neither on the protocols nor on the owners of the
  * values. */
 
 #include <stdbool.h>
@@ -12,73 +12,83 @@
 
 typedef struct dictionary dictionary_t;
 
-/* The source of an access. The first three are the values of command_source. */
+/* The source of an access. The first three sources are the values of command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
   FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
-  FW_SOURCE_LOCAL /* the port itself or a test bench; the lock does not apply */
+  FW_SOURCE_LOCAL /* the port itself or a test bench; the source lock does not apply */
 } fw_source_t;
 
-/* Refusals. A refused call changes nothing. */
+/* Reasons for a refusal. A refused call changes nothing. */
 typedef enum {
   FW_OK = 0,
   FW_ERROR_NO_OBJECT = -1,  /* no object of this number */
   FW_ERROR_READ_ONLY = -2,  /* a signal cannot be written */
   FW_ERROR_WRITE_ONLY = -3, /* a command cannot be read */
-  FW_ERROR_RANGE = -4,      /* outside the range of the object, or in conflict with another one */
-  FW_ERROR_STATE = -5,      /* not in this state of the axis, the recorder or the PDO */
-  FW_ERROR_NO_DATA = -6,    /* no finished recording, or no sample of this index */
-  FW_ERROR_LOCKED = -7,     /* another source owns the axis */
-  FW_ERROR_BUSY = -8,       /* the store is at work */
-  FW_ERROR_MAPPING = -9,    /* the object cannot be mapped into this PDO, or no longer fits; a
-                               heartbeat that is watched already */
-  FW_ERROR_NO_MEMORY = -10  /* there is no memory for parameters, or one too small */
+  /* outside the range of the object, or in conflict with another object */
+  FW_ERROR_RANGE = -4,
+  FW_ERROR_STATE = -5,   /* the state of axis, recorder or PDO does not permit it */
+  FW_ERROR_NO_DATA = -6, /* no complete recording, or no sample of this index */
+  FW_ERROR_LOCKED = -7,  /* another source owns the axis */
+  FW_ERROR_BUSY = -8,    /* the store is working */
+  /* the object cannot be mapped into this PDO, or exceeds its length; or a heartbeat that is
+   * already monitored */
+  FW_ERROR_MAPPING = -9,
+  FW_ERROR_NO_MEMORY = -10 /* there is no memory for parameters, or it is too small */
 } fw_error_t;
 
-/* The raw value of an object (AXIS_OBJ_); u32 as the same 32 bits. Any source may read.
- * Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
+/* Reads the raw value of an object (AXIS_OBJ_); an unsigned 32-bit value keeps its bits. Any source
+ * may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
-/* The only way to write: writes a raw value or executes a command on behalf of `source`, between
- * ticks; it acts in the next tick. Nothing is clipped.
- * FW_ERROR_LOCKED: another source owns the axis. Any bus may write its own number to
- *   command_source, and the owner canopen's.
- * FW_ERROR_RANGE: outside the object's range; 0 where the table forbids it; position_min above
- * position_max; a recorder channel or trigger that is no readable object; recorder_arm with no
- * channel, or with a pretrigger or length that the buffer does not hold; a mode of operation or
- * homing method that does not exist. FW_ERROR_STATE: an object that may only be written with the
- * axis disabled (or the recorder idle or done) while it is not; a native mode other than disabled
- * while a fault is latched, or over a bus, which uses controlword and modes_of_operation; a PDO's
- * mapping while the PDO is valid. FW_ERROR_BUSY: a stored parameter, a command to the store, or
- * what would enable the axis, while the store is at work. FW_ERROR_MAPPING: as above.
+/* The only function that writes: it writes a raw value or executes a command on behalf of `source`,
+ * between ticks. The write acts in the next tick. No value is limited to its range; a value out of
+ * range is refused.
+ *
+ * FW_ERROR_LOCKED: another source owns the axis. Exceptions: any bus may write its own number to
+ * command_source, and the owner may write the number of canopen.
+ * FW_ERROR_RANGE: outside the range of the object; 0 where the table forbids it; position_min above
+ * position_max; a recorder channel or trigger that is no readable object; recorder_arm without a
+ * channel, or with a pretrigger or length larger than the buffer; a mode of operation or homing
+ * method that does not exist.
+ * FW_ERROR_STATE: an object that may only be written while the axis is disabled (or the recorder
+ * idle or done), in another state; a native mode other than disabled while a fault is latched, or
+ * over a bus, which uses controlword and modes_of_operation; the mapping of a PDO while the PDO is
+ * valid.
+ * FW_ERROR_BUSY: a stored parameter, a command to the store, or a write that would enable the axis,
+ * while the store is working.
+ * FW_ERROR_MAPPING: see above.
  * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
- * Only an accepted write feeds the owner's watchdog: otherwise a client that only reads would keep
- * an axis moving that is no longer commanded. Writing the present value is enough.
- * The soft limits and position_setpoint are not checked against each other, in either order: a
- *   limit can always be tightened, and the axis stops at it on the way to a set-point beyond. */
+ *
+ * Only an accepted write resets the watchdog of the owner; otherwise a client that only reads would
+ * keep an axis in motion that nobody commands. A write of the present value is sufficient. The soft
+ * limits and position_setpoint are not compared with each other, in either order: a limit can
+ * always be reduced, and the axis stops at the limit on its path to a set-point beyond it. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* What dictionary_write() would return now; nothing is written. For a command without the checks
- * that its execution makes: whether the recorder's set-up fits, whether there is a store. */
+/* Returns what dictionary_write() would return now, without a write. For a command it omits the
+ * checks of its execution: whether the settings of the recorder are consistent, and whether there
+ * is a store. */
 int dictionary_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* The entry at a CANopen address, or NULL. */
+/* Returns the entry at a CANopen address, or NULL. */
 const axis_address_t *dictionary_address(uint16_t index, uint8_t sub);
 
-/* The object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
+/* Returns the object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
 uint16_t dictionary_object_at(uint32_t address);
 
-/* Where the lowest byte of a readable object lies, in bytes from `objects`; the others follow.
- * Mapped values are read from there in every tick. AXIS_OBJ_NONE: a byte that is always 0. */
+/* Returns the offset of the lowest byte of a readable object, in bytes from `objects`; the other
+ * bytes follow. TPDOs read mapped values there in every tick. For AXIS_OBJ_NONE it returns the
+ * offset of a byte that is always 0. */
 uint16_t dictionary_place(const dictionary_t *objects, uint16_t object);
 
-/* Text of an AXIS_ADDRESS_TEXT entry, ended by 0. */
+/* Returns the text of an AXIS_ADDRESS_TEXT entry, ended by 0. */
 const char *dictionary_text(const dictionary_t *objects, uint16_t index);
 
-/* The AXIS_ADDRESS_DOMAIN entry, the finished recording: oldest sample first, packed as in
- * recorder.h. Its size in bytes, 0 without one; and up to `count` bytes from `offset`, of which the
- * number is returned. */
+/* The AXIS_ADDRESS_DOMAIN entry is the completed recording, oldest sample first, packed as in
+ * recorder.h. The functions return its size in bytes (0 without a recording), and read up to
+ * `count` bytes from `offset` and return their number. */
 uint32_t dictionary_domain_size(const dictionary_t *objects);
 uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
                                 uint32_t count);

@@ -52,7 +52,7 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
   return FW_OK;
 }
 
-/* What the table, the lock and the state say. */
+/* Returns the refusal by the object table, the source lock or the state. */
 static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   if (!exists(object)) {
     return FW_ERROR_NO_OBJECT;

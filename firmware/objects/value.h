@@ -1,26 +1,27 @@
 #ifndef FIRMWARE_OBJECTS_VALUE_H_
 #define FIRMWARE_OBJECTS_VALUE_H_
 
-/* Values of the object table's types inside a structure; all travel as int32, a u32 as the same
- * 32 bits. `type` is AXIS_TYPE_...; `offset` counts bytes from `base` and must fit the type. */
+/* Values of the types of the object table inside a structure. All are passed as int32; an unsigned
+ * 32-bit value keeps its bits. `type` is AXIS_TYPE_; `offset` counts bytes from `base` and must be
+ * aligned for the type. */
 
 #include <stdint.h>
 
 #include "firmware/objects/generated/axis_objects.h"
 
-/* 1, 2 or 4. */
+/* Size of each type in bytes: 1, 2 or 4. */
 extern const uint8_t value_bytes_of_type[AXIS_TYPE_I32 + 1];
 static inline uint8_t value_bytes(uint8_t type) { return value_bytes_of_type[type]; }
 
 int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 
-/* The value must be in the range of the type. */
+/* Stores a value in a structure. The value must be in the range of the type. */
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
 
 /* Sets every object of one AXIS_BLOCK_ structure to its power-up value. */
 void value_store_defaults(void *structure, uint8_t block);
 
-/* The low bits of a value, as packed by the recorder, with their sign. */
+/* Returns the signed value of the low bits, as the recorder packs them. */
 int32_t value_from_bits(uint32_t bits, uint8_t type);
 
 #endif

@@ -1,8 +1,8 @@
-/* The program of every board; port.h is what a board is. */
+/* The program of every board; port.h declares the functions of a board. */
 
 #include "firmware/port/port.h"
 
-enum { SERIAL_CHUNK_BYTES = 32 }; /* bounds how long the tick is masked */
+enum { SERIAL_CHUNK_BYTES = 32 }; /* limits the time for which the tick is masked */
 
 static fw_t firmware;
 static volatile bool is_ticked; /* fw_between() is pending */
@@ -33,7 +33,8 @@ static void serial_in(void) {
   }
 }
 
-/* Bytes that were received already are no silence of Modbus, so they are handed over first. */
+/* Received bytes are handed over before the tick ends, because otherwise Modbus would count them as
+ * silence. */
 void port_settle(void) {
   if (is_ticked) {
     is_ticked = false;
@@ -42,7 +43,7 @@ void port_settle(void) {
   }
 }
 
-/* Until port_unlock() the main loop may use the firmware; a pending fw_between() runs first. */
+/* Lets the main loop use the firmware until port_unlock(); first runs a pending fw_between(). */
 static void acquire_firmware(void) {
   port_lock();
   port_settle();
@@ -67,7 +68,8 @@ static void poll_port(void) {
   port_unlock();
 }
 
-/* Each frame by itself: the longest takes the firmware 20 us, which is how late a tick may be. */
+/* Hands over each frame separately: the longest frame needs 20 us, which is the largest delay of a
+ * tick. */
 static void can_in(void) {
   can_frame_t frame;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {
@@ -78,9 +80,9 @@ static void can_in(void) {
 }
 
 static void can_out(void) {
-  static can_frame_t waiting; /* refused by the port, offered again */
+  static can_frame_t waiting; /* frame that the port refused and that is offered again */
   static bool is_waiting;
-  /* A frame from before bus off is out of date when the bus recovers. */
+  /* A frame from before bus off is too old when the bus works again. */
   is_waiting = is_waiting && bus != CAN_BUS_OFF;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE; i++) {
     if (!is_waiting) {

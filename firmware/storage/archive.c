@@ -8,7 +8,7 @@
 enum { IDLE, CHECKING, WRITING, LOADING };
 enum { PIECE_BYTES = 16, READ_BYTES = 64 };
 
-/* Its words, from the head of a record. */
+/* Offsets of the words of an incident from the head of its record. */
 enum {
   ABOUT_TICK = RECORD_HEAD_BYTES,
   ABOUT_CRC = ABOUT_TICK + 4,
@@ -25,7 +25,7 @@ static uint32_t end_of(const record_t *record) {
 
 static uint32_t mark_of(const record_t *record) { return end_of(record) - ARCHIVE_CLEARED_BYTES; }
 
-/* Whether the head of a record that fits is there; its CRC is checked later. */
+/* Whether there is a record head with plausible values; the CRC of the record is checked later. */
 static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
   if (end - at < archive_bytes(0)) {
     return false;
@@ -42,7 +42,7 @@ static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, r
 typedef struct {
   record_t last;
   record_t before;
-  uint32_t next; /* address behind them */
+  uint32_t next; /* address after the last record of the sector */
   uint32_t end;
 } sector_t;
 
@@ -58,7 +58,8 @@ static sector_t read_sector(const store_memory_t *memory, uint32_t number) {
   return sector;
 }
 
-/* Whether nothing is left there by a cut that no head of a record tells of. */
+/* Whether this part of the memory is blank, and no power cut has left bytes without a record
+ * head. */
 static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   uint8_t piece[READ_BYTES];
   uint32_t bits = UINT32_MAX;
@@ -73,10 +74,12 @@ static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   return bits == UINT32_MAX;
 }
 
-/* Where the next record goes: behind the newest, or into the other sector, then erased. */
+/* Finds the address of the next record: after the newest record, or in the other sector, which is
+ * then erased. */
 static uint32_t find_room(const store_memory_t *memory, const sector_t *home, const sector_t *other,
                           uint8_t other_number, uint32_t bytes) {
-  /* What a cut leaves begins with the head: the rest need not be read, which would take long. */
+  /* A record that a power cut interrupted begins with its head, so the rest of the memory need not
+   * be read, which would take long. */
   if (home->end - home->next >= bytes && is_blank(memory, home->next, home->next + PIECE_BYTES)) {
     return home->next;
   }
@@ -130,7 +133,8 @@ void archive_init(archive_t *archive, const store_memory_t *memory, uint32_t sam
   }
 }
 
-/* The record whose CRC is right is the archived incident, unless it was cleared. */
+/* The check of a record has ended. A record with a correct CRC is the archived incident, unless it
+ * was cleared. */
 static void end_check(archive_t *archive, bool is_right) {
   const store_memory_t *memory = archive->memory;
   archive->step = IDLE;
@@ -188,7 +192,7 @@ static void pack(uint8_t piece[PIECE_BYTES], uint32_t a, uint32_t b, uint32_t c,
   fx_store_le(piece + 12, d, 4);
 }
 
-/* The 16 bytes of a record at an offset. */
+/* Returns the 16 bytes of a record at an offset. */
 static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint32_t offset,
                      uint8_t piece[PIECE_BYTES]) {
   const record_t *record = &archive->record;
@@ -207,7 +211,7 @@ static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint3
   }
 }
 
-/* What cannot be written whole closes the sector until the next power-up. */
+/* If a record cannot be written completely, its sector is not used until the next power-up. */
 static void give_up(archive_t *archive) {
   archive->record = archive->before;
   archive->before = none;
@@ -274,7 +278,8 @@ static void step_load(archive_t *archive, blackbox_t *blackbox) {
                    (uint16_t)fx_field(count_word, 0, 16), (uint16_t)fx_field(count_word, 16, 16));
 }
 
-/* One that is not there yet, once a day. */
+/* Whether the incident must be archived: it is not in the archive yet, and none was archived in the
+ * last 24 hours. */
 static bool is_due(const archive_t *archive, const blackbox_t *blackbox, uint32_t tick) {
   const bool is_known = archive->sequence != 0 && archive->samples_crc == blackbox->crc;
   return archive->begin != ARCHIVE_NOWHERE && !is_known &&

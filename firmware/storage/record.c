@@ -31,7 +31,7 @@ uint32_t record_crc_of_memory(const store_memory_t *memory, uint32_t crc, uint32
   return crc;
 }
 
-/* Whether the entries are whole ones. */
+/* Whether the bytes of the entries are a whole number of entries. */
 static bool are_whole(const record_t *record) {
   const uint32_t size = record_entry_bytes(record->magic);
   uint32_t remaining = record->entries;
@@ -70,7 +70,7 @@ static void sort_in(record_t newest[2], const record_t *record) {
   }
 }
 
-/* A record that was cut off does not say where it ends: the next one is searched word by word. */
+/* An interrupted record does not state its end: the next record is searched word by word. */
 void record_newest(const store_memory_t *memory, record_t newest[2]) {
   newest[0].magic = RECORD_NONE;
   newest[1].magic = RECORD_NONE;

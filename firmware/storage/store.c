@@ -26,8 +26,8 @@ void store_init(store_t *store, const store_memory_t *memory) {
   store->step = STEP_IDLE;
 }
 
-/* Whether a record can be loaded: every entry of this table must fit, those of another one are
- * judged one by one. */
+/* Whether a record can be loaded. Every entry of a set of this table must match; entries of another
+ * table are compared one by one. */
 static bool is_usable(const store_t *store, const dictionary_t *objects, const record_t *record) {
   bool usable = record->magic == RECORD_SET || record->magic == RECORD_FORGOTTEN ||
                 (record->magic == RECORD_SET_0_1_0 && record->hash == AXIS_OBJECTS_HASH32_0_1_0);
@@ -41,7 +41,8 @@ static bool is_usable(const store_t *store, const dictionary_t *objects, const r
   return usable;
 }
 
-/* Notes a parameter that is not as stored, or keeps an old default. */
+/* Notes a parameter that does not have its stored value, or that keeps the default of an earlier
+ * object table. */
 static void note_change(store_t *store, const entry_t *entry) {
   const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {
@@ -52,7 +53,8 @@ static void note_change(store_t *store, const entry_t *entry) {
   store->dropped = dropped ? 1 : store->dropped;
 }
 
-/* Puts a value of the set into its object, if that is of the block; AXIS_BLOCK_NONE: of any. */
+/* Writes a value of the set into its object if the object belongs to the block; AXIS_BLOCK_NONE
+ * means any block. */
 static void restore(dictionary_t *objects, const entry_t *entry, uint8_t block) {
   if (entry->verdict != ENTRY_DROPPED &&
       (block == AXIS_BLOCK_NONE || axis_objects[entry->object].block == block)) {
@@ -66,13 +68,13 @@ static uint32_t sector_of(const store_t *store, uint32_t at) {
   return (at < store->memory->sector_bytes) ? 0 : 1;
 }
 
-/* Where a record ends, as the offset in its sector. */
+/* Returns the offset in the sector at which a record ends. */
 static uint32_t end_of(const store_t *store, const record_t *record) {
   const uint32_t sector = sector_of(store, record->begin);
   return record->begin - sector * store->memory->sector_bytes + record_bytes(record->entries);
 }
 
-/* Goes on behind this record, whose CRC may look blank, and behind whatever follows it. */
+/* Continues after this record, whose CRC may look blank, and after all bytes that follow it. */
 static void settle(store_t *store, const record_t *record) {
   const uint32_t end = end_of(store, record);
   store->home = sector_of(store, record->begin);
@@ -80,8 +82,8 @@ static void settle(store_t *store, const record_t *record) {
   store->tail = (store->tail < end) ? end : store->tail;
 }
 
-/* Whether something lies where nothing but a newer set can have been: behind this one, which store
- * has settled on, or in a sector that does not begin with a whole record. */
+/* Whether there are bytes that only a newer set can have left: after this set, to which the store
+ * has moved, or in a sector that does not begin with a complete record. */
 static bool has_remains(const store_t *store, const record_t *record) {
   const uint32_t sector_bytes = store->memory->sector_bytes;
   if (store->tail > end_of(store, record)) {
@@ -166,12 +168,12 @@ static uint32_t bytes_of_entries(const store_t *store) {
   return (store->forget != 0) ? 0 : (uint32_t)ENTRY_BYTES * AXIS_STORED_COUNT;
 }
 
-/* Where the entries end and the CRC lies. */
+/* Returns the address at which the entries end and the CRC begins. */
 static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_entries(store);
 }
 
-/* Begins a record behind the newest set, or in the other sector once that is erased. */
+/* Begins a record after the newest set, or in the other sector once that is erased. */
 static void begin_in(store_t *store, uint32_t sector) {
   const bool behind = sector == store->home;
   store->sector = (uint8_t)sector;
@@ -227,7 +229,7 @@ int store_save_only(store_t *store, uint16_t first, uint16_t last) {
 
 int store_forget(store_t *store) { return begin(store, true); }
 
-/* What was begun cannot be finished where it is. */
+/* The record cannot be completed in this sector. */
 static uint8_t give_up(store_t *store) {
   const uint32_t other = other_sector(store->sector);
   if (store->sector == store->home) {
@@ -242,7 +244,7 @@ static uint8_t give_up(store_t *store) {
   return AXIS_STORE_STATE_FAILED;
 }
 
-/* Programs the next piece; false: the memory refused it. */
+/* Programs the next bytes. Returns false if the memory refused them. */
 static bool program(store_t *store, const uint8_t *bytes, uint32_t count) {
   const bool done = store->memory->program(store->memory->context, store->at, bytes, count);
   store->at += count;
@@ -268,7 +270,7 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* The step behind a piece that was programmed. */
+/* Returns the step that follows the bytes that were programmed. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }
@@ -284,11 +286,11 @@ static bool step_head(store_t *store) {
   return done;
 }
 
-/* Of the next object to be programmed. */
+/* Returns the value to save for the next object. */
 static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
   int32_t value = 0;
   if (store->object < store->first || store->object > store->last) {
-    /* Without a set the test is on at power-up, and must stay so with this one. */
+    /* Without a set the first motion test is on at power-up; it must remain on with this set. */
     const bool has_none = store->basis.magic == RECORD_NONE;
     return (has_none && store->object == AXIS_OBJ_FIRST_MOTION_TEST)
                ? AXIS_FIRST_MOTION_TEST_ON

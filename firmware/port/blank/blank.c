@@ -1,6 +1,6 @@
-/* A board with nothing on it: the beginning of a new one. Its axis sees sensors that are not valid,
- * so it never enables anything. This file compiles for any target, start.c has what is of the chip.
- * ../README.md says in which order to fill this in. */
+/* A board without peripherals, as the start of a new port. Its axis has sensors that are not valid,
+ * so it never enables the amplifier. This file compiles for any target; start.c has the parts that
+ * depend on the chip. ../README.md gives the order in which to write the functions. */
 
 #include <stddef.h>
 
@@ -10,7 +10,8 @@
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 
 void port_init(void) {
-  /* 1. The DAC to mid-scale, amplifier off, brake on. 2. Clocks. 3. Everything else. */
+  /* 1. Set the DAC to mid-scale, amplifier off, brake on. 2. Start the clocks. 3. Start all other
+   * peripherals. */
 }
 
 const fw_config_t *port_config(void) {
@@ -54,7 +55,7 @@ uint16_t port_can_lost(void) { return 0; }
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
 
 bool port_overran(uint32_t *missed) {
-  *missed = 0; /* counted by a clock that an erase of the flash does not stop */
+  *missed = 0; /* counted by a clock that continues during an erase of the flash */
   return false;
 }
 

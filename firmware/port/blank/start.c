@@ -1,24 +1,24 @@
-/* What blank/ has of its chip: vectors and start, tick, lock and serial line. All but the serial
- * line is that of every Cortex-M; the symbols are the linker script's. */
+/* The parts of blank/ that depend on the chip: vectors, start-up, tick, lock and serial line. All
+ * except the serial line are valid for every Cortex-M; the linker script defines the symbols. */
 
 #include "firmware/port/port.h"
 
 typedef volatile uint32_t reg_t;
 
-/* Of the core. */
+/* System timer of the core. */
 typedef struct {
   reg_t CSR;
   reg_t RVR;
   reg_t CVR;
 } systick_t;
 #define SYSTICK ((systick_t *)0xE000E010)
-enum { SYSTICK_RUNS_WITH_INTERRUPT = 7 }; /* of the core's clock */
+enum { SYSTICK_RUNS_WITH_INTERRUPT = 7 }; /* clocked by the core */
 
 /* 168 MHz / 1500 Hz, exactly. */
 #define TICK_CYCLES UINT32_C(112000)
 
-/* The serial line: USART1 of the STM32F405, polled, without pins and baud rate, which QEMU does not
- * have. A board has a ring each way, filled and emptied by an interrupt. */
+/* The serial line: USART1 of the STM32F405, polled, without pins and bit rate, which QEMU does not
+ * model. A board has a ring buffer in each direction, and an interrupt fills and empties it. */
 typedef struct {
   reg_t SR;
   reg_t DR;
@@ -39,12 +39,12 @@ int main(void);
 _Noreturn void reset(void);
 void tick_interrupt(void);
 
-/* Of addresses, because to C these are different objects. */
+/* The difference is computed from addresses, because in C these symbols are different objects. */
 static uint32_t words(const uint32_t *begin, const uint32_t *end) {
   return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
 }
 
-/* A fault of the core. Here the outputs become safe and the chip is reset. */
+/* Reaction to a fault of the core. A port makes its outputs safe here and resets the chip. */
 _Noreturn static void fail(void) {
   for (;;) {
   }
@@ -78,12 +78,12 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         {
             HANDLER(1, reset),
             HANDLER(2, fail), /* NMI */
-            HANDLER(3, fail), /* hard fault, and all that are not enabled by themselves */
+            HANDLER(3, fail), /* hard fault, and all faults that are not enabled separately */
             HANDLER(15, tick_interrupt),
         },
 };
 
-/* A board with a watchdog starts it here too. */
+/* A board with a watchdog also starts it here. */
 void port_start(void) {
   USART->CR1 = USART_CR1_ENABLED;
   SYSTICK->RVR = TICK_CYCLES - 1;
@@ -91,7 +91,7 @@ void port_start(void) {
   SYSTICK->CSR = SYSTICK_RUNS_WITH_INTERRUPT;
 }
 
-/* Locks all interrupts; later only the tick's is locked, by its priority. */
+/* Locks all interrupts. A finished port locks only the tick, by its priority. */
 void port_lock(void) { __asm volatile("cpsid i" ::: "memory"); }
 
 void port_unlock(void) { __asm volatile("cpsie i" ::: "memory"); }

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 typedef struct {
-  fw_t fw; /* the first member: what is handed out */
+  fw_t fw; /* must be the first member, because the caller receives its address */
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
 } axis_host_t;

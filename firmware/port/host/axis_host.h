@@ -1,25 +1,27 @@
 #ifndef FIRMWARE_PORT_HOST_AXIS_HOST_H_
 #define FIRMWARE_PORT_HOST_AXIS_HOST_H_
 
-/* The firmware on a host, for Python, nodes and tests: makes one, which is then used by the calls
- * of firmware/app/fw.h. Axes share nothing; one axis must not be used from two threads at once. */
+/* The firmware on a host, for Python, nodes and tests. These functions create a firmware, which the
+ * functions of firmware/app/fw.h then use. Axes share no data; two threads must not use one axis at
+ * the same time. */
 
-/* The firmware's own headers carry no conditional, so a C++ program gets their C linkage here. */
+/* The headers of the firmware contain no conditionals, so a C++ program gets their C linkage
+ * here. */
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 #include "firmware/app/fw.h"
 
-/* A powered-up axis on no bus, with a recorder buffer of FW_RECORDER_BYTES, or NULL without
- * memory. */
+/* Creates a powered-up axis on no bus, with a recorder buffer of FW_RECORDER_BYTES. Returns NULL if
+ * there is not enough memory. */
 fw_t *axis_host_create(void);
 
-/* The same with a configuration; where that has no recorder buffer, one is allocated, and
- * on buses a black box. */
+/* Creates an axis with a configuration. If the configuration has no recorder buffer, one is
+ * allocated, and on buses also a black box. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
-/* Of one that was made here; NULL is allowed. */
+/* Destroys an axis that these functions created; NULL is permitted. */
 void axis_host_destroy(fw_t *fw);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* Files and their locks are POSIX. */
+/* Files and their locks use POSIX. */
 #define _GNU_SOURCE
 
 #include "firmware/port/host/store_file.h"
@@ -12,7 +12,7 @@
 
 enum { CHUNK_BYTES = 256 };
 
-/* Whole or not at all, as far as the caller is concerned. */
+/* Writes all bytes; returns false if any of them was not written. */
 static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t count) {
   while (count > 0) {
     const ssize_t done = pwrite(file, bytes, count, (off_t)at);
@@ -29,7 +29,7 @@ static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t coun
   return true;
 }
 
-/* What cannot be read reads as blank, which no CRC covers. */
+/* Bytes that cannot be read are returned as blank, and no CRC is valid over blank bytes. */
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const store_file_t *store_file = context;
   memset(bytes, 0xFF, count);
@@ -39,7 +39,7 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
   } while (done < 0 && errno == EINTR);
 }
 
-/* Programming clears bits and sets none. */
+/* Programming can only clear bits, as in a flash memory. */
 static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
   const store_file_t *store_file = context;
   uint8_t chunk[CHUNK_BYTES];
@@ -86,7 +86,7 @@ static bool is_blank(store_file_t *store_file, uint32_t count) {
   return blank;
 }
 
-/* A file that was just made, or whose making was cut off, holds nothing yet. */
+/* A file that was just created, or whose creation was interrupted, has no contents yet. */
 static const char *check_contents(store_file_t *store_file, const char *expected) {
   const int file = store_file->file;
   const uint32_t bytes = 2 * store_file->memory.sector_bytes;

@@ -1,4 +1,4 @@
-/* What the released and the emulated image have in common above their peripherals. */
+/* Parts that the released and the emulated image share, apart from peripherals. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -6,7 +6,7 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/tick.h"
 
-/* Not cleared at start-up: an incident outlives a reset. */
+/* Start-up does not clear this memory, so that an incident remains over a reset. */
 static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 static fw_config_t config;

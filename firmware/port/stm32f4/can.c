@@ -4,44 +4,46 @@
 
 enum { PIN_RX = 8, PIN_TX = 9, FUNCTION_CAN1 = 9 };
 
-/* Frames between two ticks: at 1 Mbit/s at most 14, of the shortest. A power of 2. */
+/* Frames between two ticks: at most 14 of the shortest frames at 1 Mbit/s. The size is a power of
+ * 2. */
 enum { RING = 32 };
 
-/* The bus is joined after 11 recessive bits. After bus off the controller waits for them 128 times,
- * in normal mode alone: RM0090 32.7.6. On an idle bus these are 2.2 ticks at 1 Mbit/s; on a full
- * one 11 bits come once a frame, of at most 135 bits, and each step of the prescaler is 9 ticks.
- * Whoever is not in a second later begins again. */
+/* A node joins the bus after 11 recessive bits. After bus off the controller waits for 128 such
+ * sequences, only in normal mode (RM0090 32.7.6). On an idle bus this takes 2.2 ticks at 1 Mbit/s.
+ * On a full bus 11 recessive bits occur once in each frame of at most 135 bits, and each step of
+ * the prescaler adds 9 ticks. A node that has not joined within one more second starts again. */
 enum { PATIENCE_TICKS = 1500, PATIENCE_TICKS_OF_PRESCALER = 9 };
 
-/* What a node that is error passive could not send for so long, 100 ms, is out of date: three of
- * the longest frames take 41 ms at 10 kbit/s. */
+/* A frame that an error passive node could not send for this time, 100 ms, is too old: three of the
+ * longest frames take 41 ms at 10 kbit/s. */
 enum { STALE_TICKS = 150 };
 
-/* 14 quanta a bit; at 1000 kbit/s a quantum is 42 MHz / 3. Sampled after 12 of them, 86 %, next to
- * the 87.5 % of CiA 301: two nodes may differ by 1.1 %, far more than crystals do. The internal
- * oscillator's 1 % needs three quanta behind the sample, all of them to resynchronise with: 79 %,
- * and 1.7 % from a node with a crystal. */
+/* A bit has 14 quanta; at 1000 kbit/s a quantum is 3 cycles of 42 MHz. The sample point is after 12
+ * quanta, 86 %, near the 87.5 % of CiA 301: two nodes may differ by 1.1 %, far more than crystals
+ * do. The internal oscillator with its 1 % needs three quanta after the sample point, all of them
+ * for resynchronisation: 79 %, and 1.7 % difference from a node with a crystal. */
 #define QUANTA 14u
 #define BIT_TIMING (CAN_BTR_TS1_11 | CAN_BTR_TS2_2 | CAN_BTR_SJW_2)
 #define BIT_TIMING_INTERNAL (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
 
-/* Frames leave in the order they came; a full FIFO keeps what it has; retries, no automatic return
- * from bus off, awake. */
+/* Frames are sent in the order of their arrival; a full FIFO keeps its frames; frames are repeated;
+ * no automatic return from bus off; not in sleep mode. */
 #define MODE (CAN_MCR_TXFP | CAN_MCR_RFLM)
 
 static can_frame_t ring[RING];
-static volatile uint8_t ring_in;  /* of the interrupt */
-static volatile uint8_t ring_out; /* of the main loop */
-static volatile uint16_t dropped; /* counts up, of the interrupt */
+static volatile uint8_t ring_in;  /* index that the interrupt writes */
+static volatile uint8_t ring_out; /* index that the main loop writes */
+static volatile uint16_t dropped; /* counts up; the interrupt writes it */
 static uint16_t dropped_reported;
 
 static enum { STOPPED, ENTERING, JOINING, RUNNING } state;
 static uint32_t waited_ticks;
-static uint16_t stalled_ticks; /* error passive, and nothing could be sent */
+/* ticks for which the node is error passive and could send nothing */
+static uint16_t stalled_ticks;
 static uint32_t prescaler = CLOCK_APB1_HZ / (QUANTA * 1000000u);
 static uint8_t reported;
 
-/* What waits in the mailboxes is given up. */
+/* Aborts the frames that wait in the mailboxes. */
 static void abort_all(void) { CAN1->TSR = CAN_TSR_ABRQ0 | CAN_TSR_ABRQ1 | CAN_TSR_ABRQ2; }
 
 static void enter_initialisation(void) {
@@ -50,8 +52,8 @@ static void enter_initialisation(void) {
   waited_ticks = 0;
 }
 
-/* Bit timing can be written in initialisation only. One filter: every frame without the bit of an
- * extended identifier, into FIFO 0. */
+/* The bit timing can only be written during initialisation. One filter accepts every frame with an
+ * 11-bit identifier into FIFO 0. */
 static void configure_and_join(void) {
   CAN1->BTR = (clock_is_external() ? BIT_TIMING : BIT_TIMING_INTERNAL) | CAN_BTR_BRP(prescaler);
   CAN1->FMR |= CAN_FMR_FINIT;
@@ -69,7 +71,7 @@ static void configure_and_join(void) {
   waited_ticks = 0;
 }
 
-/* Requests initialisation; port_can_bus() continues with it from tick to tick. */
+/* Requests initialisation; port_can_bus() continues it in each tick. */
 void can_init(bool clock_is_right) {
   if (!clock_is_right) {
     reported = CAN_BUS_OFF;
@@ -86,8 +88,9 @@ void can_init(bool clock_is_right) {
   enter_initialisation();
 }
 
-/* Nobody acknowledges what an error passive node sends: its mailboxes keep their frames for as long
- * as that lasts. They are given up, and meanwhile port_can_transmit() takes others in vain. */
+/* No other node acknowledges the frames of an error passive node, so they stay in its mailboxes.
+ * After STALE_TICKS they are aborted; meanwhile port_can_transmit() accepts other frames, which are
+ * lost too. */
 static void give_up_stale(void) {
   const uint32_t empty = CAN_TSR_TME0 | CAN_TSR_TME1 | CAN_TSR_TME2;
   if (reported != CAN_BUS_PASSIVE || (CAN1->TSR & empty) == empty) {
@@ -120,7 +123,8 @@ uint8_t port_can_bus(void) {
       }
       break;
     case JOINING:
-      /* After bus off the first 11 bits end initialisation, and the last ones bus off. */
+      /* After bus off the first 11 recessive bits end the initialisation, and the last of the 128
+       * sequences ends bus off. */
       if ((CAN1->MSR & CAN_MSR_INAK) == 0 && (CAN1->ESR & CAN_ESR_BOFF) == 0) {
         state = RUNNING;
       } else {
@@ -154,7 +158,7 @@ uint16_t port_can_lost(void) {
   }
   uint16_t lost = (uint16_t)(dropped - dropped_reported);
   dropped_reported = (uint16_t)(dropped_reported + lost);
-  /* At least one; the controller does not count. */
+  /* At least one frame was lost; the controller does not count them. */
   if ((CAN1->RF0R & CAN_RF0R_FOVR0) != 0) {
     CAN1->RF0R = CAN_RF0R_FOVR0;
     lost++;
@@ -193,7 +197,7 @@ void can_interrupt(void) {
     const uint32_t length = CAN1->RDT0R & CAN_RDT0R_DLC;
     frame->id = (uint16_t)(CAN1->RI0R >> 21);
     frame->remote = ((CAN1->RI0R & CAN_RI0R_RTR) != 0) ? 1 : 0;
-    /* A length above 8 is allowed on the wire and means 8. */
+    /* CAN permits a length code above 8, which means 8 bytes. */
     frame->length = (uint8_t)((length > 8) ? 8 : length);
     unpack(&frame->data[0], CAN1->RDL0R);
     unpack(&frame->data[4], CAN1->RDH0R);
@@ -203,7 +207,7 @@ void can_interrupt(void) {
     dropped++;
   }
   CAN1->RF0R = CAN_RF0R_RFOM0;
-  /* Until it is released, the FIFO would show the same frame again. */
+  /* Until the FIFO has released the frame, it would show the same frame again. */
   for (uint8_t polls = 0; polls < 8 && (CAN1->RF0R & CAN_RF0R_RFOM0) != 0; polls++) {
   }
 }

@@ -1,21 +1,21 @@
 #include "firmware/port/stm32f4/board.h"
 
-/* 8 MHz of the ST-Link / 4, or, where they are not there, 16 MHz of the internal oscillator / 8 =
- * 2 MHz, * 168 = 336 MHz, / 2 = 168 MHz. Supply 2.7..3.6 V: five wait states. Voltage scale 1 is
- * what a reset leaves. */
+/* The 8 MHz of the ST-Link / 4 or, without them, the 16 MHz of the internal oscillator / 8 are 2
+ * MHz; * 168 is 336 MHz; / 2 is 168 MHz. A supply of 2.7..3.6 V needs five wait states. A reset
+ * selects voltage scale 1. */
 #define PLL (RCC_PLLCFGR_PLLN_168 | RCC_PLLCFGR_PLLP_2 | RCC_PLLCFGR_PLLQ_7)
 #define PLL_EXTERNAL (PLL | RCC_PLLCFGR_PLLSRC | RCC_PLLCFGR_PLLM_4)
 #define PLL_INTERNAL (PLL | RCC_PLLCFGR_PLLM_8)
 #define PLL_FIELDS (MASK(0, 6) | MASK(6, 9) | MASK(16, 2) | MASK(24, 4) | RCC_PLLCFGR_PLLSRC)
 #define CACHES (FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN)
 
-/* Of at least 6 cycles of the internal oscillator. The PLL locks within 300 us, 4800 cycles; what
- * is fed in from outside is ready after some of its own cycles. */
+/* Numbers of polls, each of at least 6 cycles of the internal oscillator. The PLL locks within 300
+ * us, 4800 cycles; an external clock is ready after some of its own cycles. */
 enum { POLLS_MAX = 4000, POLLS_OF_INPUT = 400 };
 
 static bool is_external;
 
-/* Whether the masked bits of a register became `wanted` in time. */
+/* Whether the masked bits of a register become `wanted` in time. */
 static bool becomes_within(uint32_t polls_max, const reg_t *reg, uint32_t mask, uint32_t wanted) {
   for (uint32_t polls = 0; polls < polls_max; polls++) {
     if ((*reg & mask) == wanted) {
@@ -29,7 +29,7 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   return becomes_within(POLLS_MAX, reg, mask, wanted);
 }
 
-/* The state of a reset, whatever ran before: internal oscillator, PLL off. */
+/* Restores the clocks of a reset, whatever ran before: internal oscillator, PLL off. */
 static bool fall_back(void) {
   RCC->CR |= RCC_CR_HSION;
   const bool is_ready = becomes(&RCC->CR, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
@@ -40,7 +40,7 @@ static bool fall_back(void) {
   return is_ready && is_slow && is_off;
 }
 
-/* The level at the pin is the clock; there is no crystal. */
+/* Uses the signal at the pin as the clock, because there is no crystal. */
 static bool external_start(void) {
   RCC->CR |= RCC_CR_HSEBYP;
   RCC->CR |= RCC_CR_HSEON;
@@ -51,7 +51,8 @@ static bool external_start(void) {
   return false;
 }
 
-/* Locked, and the regulator ready for it: that begins with the PLL. */
+/* Starts the PLL and waits until it has locked. The voltage regulator, which starts with the PLL,
+ * must be ready too. */
 static bool pll_start(uint32_t settings) {
   RCC->PLLCFGR = (RCC->PLLCFGR & ~PLL_FIELDS) | settings;
   RCC->CR |= RCC_CR_PLLON;
@@ -60,7 +61,7 @@ static bool pll_start(uint32_t settings) {
 }
 
 static bool speed_up(void) {
-  /* APB1 at 42 and APB2 at 84 MHz, which are their limits, before the core is fast. */
+  /* APB1 is set to 42 MHz and APB2 to 84 MHz, their limits, before the core becomes fast. */
   RCC->CFGR = RCC_CFGR_PPRE1_4 | RCC_CFGR_PPRE2_2;
   RCC->CFGR |= RCC_CFGR_SW_PLL;
   return becomes(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL);
@@ -80,7 +81,8 @@ bool clock_start(void) {
     return false;
   }
   if (is_external) {
-    /* From now on a clock that stops is an NMI: outputs off, reset, and the internal oscillator. */
+    /* From now on a clock that stops causes an NMI: outputs off, reset, and a start with the
+     * internal oscillator. */
     RCC->CR |= RCC_CR_CSSON;
   }
   return true;
@@ -88,7 +90,7 @@ bool clock_start(void) {
 
 bool clock_is_external(void) { return is_external; }
 
-/* Its clock is twice that of APB1 where that is divided. */
+/* The counter has twice the clock of APB1 if that clock is divided. */
 void clock_counter_start(void) {
   RCC->APB1ENR |= RCC_APB1ENR_TIM2EN;
   (void)RCC->APB1ENR;

@@ -2,14 +2,15 @@
 
 enum { MID_SCALE = 2048, PIN = 4 };
 
-/* Without its buffer the converter reaches both rails, from 15 kOhm: nothing may load the pin. The
- * board's switch, which amp_enable closes, makes mid-scale of a pin that nothing drives. The pin is
- * analog before the converter drives it, and the converter holds mid-scale before it is enabled.
- * Untriggered, a code is put out one cycle of APB1 later. */
+/* Without its buffer the converter reaches both ends of its range with an output resistance of 15
+ * kOhm, so the pin must have no load. The switch of the board, which amp_enable closes, gives
+ * mid-scale if the pin is not driven. The pin is set to analog before the converter drives it, and
+ * the converter has mid-scale before it is enabled. Without a trigger a code is output one cycle of
+ * APB1 later. */
 void dac_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB1ENR |= RCC_APB1ENR_DACEN;
-  (void)RCC->APB1ENR; /* a clock is there two cycles after its bit is */
+  (void)RCC->APB1ENR; /* a clock runs two cycles after its bit is set */
   DAC->DHR12R1 = MID_SCALE;
   pin_mode(GPIOA, PIN, PIN_ANALOG, PIN_PULL_NONE);
   DAC->CR = DAC_CR_BOFF1 | DAC_CR_EN1;

@@ -2,7 +2,8 @@
 
 enum { PIN_A = 0, PIN_B = 1, FUNCTION_TIM5 = 2 };
 
-/* All four edges of both tracks, in 32 bits. An edge counts after 8 samples at 84 MHz, 95 ns. */
+/* Counts all four edges of both tracks in 32 bits. An edge counts after 8 equal samples at 84 MHz,
+ * 95 ns. */
 void encoder_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB1ENR |= RCC_APB1ENR_TIM5EN;

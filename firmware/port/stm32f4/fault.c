@@ -1,4 +1,5 @@
-/* A fault of the core: outputs off, what it was kept over the reset, reset. */
+/* Handles a fault of the core: switches the outputs off, keeps the data of the fault over the
+ * reset, and resets the chip. */
 
 #include <stddef.h>
 
@@ -7,7 +8,7 @@
 extern uint32_t stack_bottom[];
 extern uint32_t stack_top[];
 
-/* The start-up does not clear this. */
+/* Data of a fault; start-up does not clear it. */
 typedef struct {
   uint32_t magic;
   fw_core_fault_t words;
@@ -19,8 +20,9 @@ static kept_t kept __attribute__((section(".noinit.core_fault")));
 
 enum { FRAME_WORDS = 8, FRAME_LR = 5, FRAME_PC = 6 };
 
-/* On a stack of its own making, with nothing that ran before to be trusted. `sp`: where the core
- * has pushed its frame; not if that failed as well, which CFSR tells. */
+/* Runs on a new stack and does not rely on the state of the interrupted program. `sp` is the
+ * address at which the core has saved its registers; it is not valid if this save failed too, which
+ * CFSR shows. */
 __attribute__((noreturn, used)) void board_failed(uint32_t sp);
 
 __attribute__((noreturn, used)) void board_failed(uint32_t sp) {
@@ -42,8 +44,8 @@ __attribute__((noreturn, used)) void board_failed(uint32_t sp) {
   }
 }
 
-/* The stack may be what is broken: a push, and the core locks up with the outputs as they are. So
- * the stack begins anew before anything is called. */
+/* The stack itself may be invalid: a push would then lock the core while the outputs are still on.
+ * So the function sets a new stack before it calls another function. */
 __attribute__((naked)) void board_fail(void) {
   __asm volatile(
       "mrs r0, msp\n"
@@ -53,7 +55,8 @@ __attribute__((naked)) void board_fail(void) {
       "b board_failed\n");
 }
 
-/* Memory after a power-up is arbitrary: only a reset by software can have left something. */
+/* After a power-up the memory is arbitrary: only a reset by software can have left data of a
+ * fault. */
 const fw_core_fault_t *board_fault_before(uint8_t reset_cause) {
   const bool is_kept = kept.magic == KEPT_MAGIC && (reset_cause & FW_RESET_SOFTWARE) != 0;
   kept.magic = 0;

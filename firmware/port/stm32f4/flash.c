@@ -3,7 +3,7 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 
-/* Two neighbouring sectors, which the linker script keeps free. */
+/* Two adjacent sectors, which the linker script keeps free. */
 typedef struct {
   uint32_t base;
   uint32_t erase[2]; /* FLASH_CR_SNB_ */
@@ -18,14 +18,15 @@ static const sectors_t *sectors_of(const void *context) { return context; }
   (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR | \
    FLASH_SR_RDERR)
 
-/* A flash that never becomes ready ends by the watchdog: while it is busy, fetches from it stall,
- * and so do writes of its CR (RM0390 3.5, 3.8.5). The drive is disabled and the outputs are off. */
+/* If the flash never becomes ready, the watchdog resets the chip: while the flash is busy,
+ * instruction fetches from it and writes to its CR stall (RM0390 3.5, 3.8.5). The drive is disabled
+ * and the outputs are off. */
 
-/* An erase of 16 KiB takes 250 ms, at most 800; of 128 KiB 1 s, at most 2. A poll of the loop below
- * takes about 1000 cycles. */
+/* An erase of 16 KiB takes 250 ms, at most 800 ms; an erase of 128 KiB takes 1 s, at most 2 s. A
+ * poll of the loop below takes about 1000 cycles. */
 enum { ERASE_POLLS_MAX = 420000, ERASE_POLL_LOOPS = 50 };
 
-/* Before CR is written: a write while the flash is busy stalls the bus. */
+/* Call it before a write to CR, because such a write stalls the bus while the flash is busy. */
 static void await_ready(void) {
   while ((FLASH->SR & FLASH_SR_BSY) != 0) {
   }
@@ -35,7 +36,7 @@ static void unlock(void) {
   await_ready();
   FLASH->KEYR = FLASH_KEY1;
   FLASH->KEYR = FLASH_KEY2;
-  /* Errors are cleared by writing them. */
+  /* A write of 1 clears an error bit. */
   FLASH->SR = ERRORS;
 }
 
@@ -50,7 +51,7 @@ static void unpack(uint8_t *bytes, uint32_t word) {
 
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const uint32_t base = sectors_of(context)->base;
-  /* Whole words of aligned addresses are most of what is read. */
+  /* Most reads are complete words at aligned addresses. */
   while (count >= 4 && (address & 3u) == 0) {
     const uint32_t word = *(const volatile uint32_t *)(base + address);
     unpack(bytes, word);
@@ -84,15 +85,15 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
   return done;
 }
 
-/* The core stalls if it fetches from the flash during an erase, which outlasts the watchdog. So
- * this function lies in RAM, masks interrupts, and feeds the watchdog in place of the ticks; the
- * drive is disabled. An erase that never ends is fed for no longer than its polls, and then
- * returned from into a flash that stalls: the watchdog resets the chip. */
+/* During an erase, which lasts longer than the watchdog time, an instruction fetch from the flash
+ * would stall the core. So this function is in RAM, masks interrupts, and feeds the watchdog
+ * instead of the ticks; the drive is disabled. If an erase never ends, the function stops feeding
+ * after its polls and returns to the flash, where the core stalls: the watchdog resets the chip. */
 __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
     uint32_t control) {
   bool done = false;
   __asm volatile("cpsid i" ::: "memory");
-  /* RM0390 3.6.3: sector and mode first, the start by itself. */
+  /* RM0390 3.6.3: sector and mode are written first, and the start bit separately. */
   FLASH->CR = control;
   FLASH->CR = control | FLASH_CR_STRT;
   __asm volatile("dsb" ::: "memory");
@@ -107,7 +108,7 @@ __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_fro
   return done;
 }
 
-/* The data cache may hold what was erased; it can be emptied only while it is off. */
+/* The data cache may contain erased data; it can be emptied only while it is off. */
 static void empty_cache(void) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;

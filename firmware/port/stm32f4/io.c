@@ -5,8 +5,8 @@
 #include "firmware/port/stm32f4/board.h"
 
 static bool clock_is_right;
-static uint16_t found;   /* FW_BOARD_ bits of power-up */
-static int16_t dac_code; /* as it stands */
+static uint16_t found;   /* FW_BOARD_ bits that were found at power-up */
+static int16_t dac_code; /* present code of the DAC */
 
 void io_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN | RCC_AHB1ENR_GPIOBEN | RCC_AHB1ENR_GPIOCEN;
@@ -40,8 +40,8 @@ void io_make_safe(void) {
 
 uint8_t io_node_id(void) { return pins_node_id(); }
 
-/* CRC-32 of the chip's own 96 bits: any two chips of a lot differ in it, in LSS as well. An
- * emulator that lacks the clocks lacks them too, and faults. */
+/* CRC-32 of the unique 96 bits of the chip: it distinguishes two chips of one production lot, also
+ * in LSS. An emulator without the clocks also lacks these bits and would have a fault. */
 uint32_t io_serial_number(void) {
   if (!clock_is_right) {
     return 0;
@@ -62,7 +62,8 @@ bool port_sample(axis_inputs_t *inputs) {
   return true;
 }
 
-/* What this tick finds of the board. Without the clock the sensors are not valid in any case. */
+/* Returns the errors of the board that this tick detects. Without the correct clock the sensors are
+ * never valid. */
 static uint16_t board_state(void) {
   supply_look();
   second_clock_tick();
@@ -72,21 +73,23 @@ static uint16_t board_state(void) {
                     (clock_is_right ? second_clock_state() : 0));
 }
 
-/* The board first: meanwhile the conversion runs. */
+/* The board is checked first, while the conversion runs. */
 void port_sense(axis_inputs_t *inputs) {
   fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
   const bool valid = adc_read(codes) && clock_is_right;
   inputs->sensor_valid = valid ? 1 : 0;
-  /* Always 12 bits, of which the axis gets the upper ones; beyond that zeros follow. */
+  /* The ADC always gives 12 bits. The axis uses the upper adc_bits of them; for more than 12 bits
+   * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
   for (uint8_t i = 0; i < 2; i++) {
     inputs->adc_code[i] = (uint16_t)((uint32_t)codes[i] << 4 >> (16 - bits));
   }
 }
 
-/* Going on, the amplifier is enabled at mid-scale, where the DAC has stood since it was disabled,
- * and only if it does; going off, the DAC is there before the amplifier is off. */
+/* When the axis is enabled, the amplifier is switched on only if the DAC is at mid-scale, where it
+ * was set when the axis was disabled. When the axis is disabled, the DAC is set to mid-scale before
+ * the amplifier is switched off. */
 void port_act(const axis_outputs_t *outputs) {
   static bool is_on;
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());
@@ -95,7 +98,7 @@ void port_act(const axis_outputs_t *outputs) {
     dac_code = outputs->dac_code;
     dac_write(dac_code);
   }
-  /* The supply may have fallen while these were written. */
+  /* The supply may have fallen while the outputs were written. */
   if (!is_on || supply_is_low()) {
     io_make_safe();
   }

@@ -1,5 +1,5 @@
-/* What start-up finds of its memories: the image in the flash, beside the CRC that tools/image has
- * put behind it, and the RAM. */
+/* Start-up checks of the memories: the image in the flash against the CRC that tools/image has
+ * appended, and the RAM. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -10,14 +10,14 @@ extern const uint32_t code_end[];
 extern uint32_t stack_bottom[];
 extern uint32_t ram_end[];
 
-/* What protect.c keeps from being touched. */
+/* Words at the end of the stack that protect.c protects from access. */
 enum { GUARD_WORDS = 8 };
 
-/* The CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as the
- * chip's unit makes it: 0x04C11DB7, from all ones, highest bit first. */
+/* CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as the CRC
+ * unit of the chip computes it: 0x04C11DB7, initial value all ones, highest bit first. */
 __attribute__((section(".image_check"), used)) static const volatile uint32_t image_crc = 0;
 
-/* Four words are taken at once; each word costs a read and a write. */
+/* Adds four words in each loop; each word needs a read and a write. */
 static void take(const uint32_t *at, const uint32_t *end) {
   for (; (uintptr_t)end - (uintptr_t)at >= 4 * sizeof(uint32_t); at += 4) {
     CRC->DR = at[0];
@@ -39,7 +39,8 @@ bool image_is_whole(void) {
   return CRC->DR == image_crc;
 }
 
-/* The bits of a word that hold neither of two patterns, one the inverse of the other. */
+/* Returns the bits of a word that fail to keep one of two patterns, which are the inverse of each
+ * other. */
 static inline uint32_t stuck_bits(volatile uint32_t *at) {
   const uint32_t before = *at;
   *at = UINT32_C(0x55555555);
@@ -50,8 +51,8 @@ static inline uint32_t stuck_bits(volatile uint32_t *at) {
   return ~(first ^ second);
 }
 
-/* Each word in use, one after the other, and then again what it held: the stack and the variables
- * outlive this, and an incident. */
+/* Tests each used word separately and restores its value afterwards, so that the stack, the
+ * variables and an incident remain. */
 bool ram_is_right(void) {
   uint32_t wrong = 0;
   __asm volatile("cpsid i" ::: "memory");

@@ -1,30 +1,33 @@
 #include "firmware/core/axis.h"
 #include "firmware/port/stm32f4/board.h"
 
-/* Outputs, on port B; a pull-down of the board holds each low while the chip is in reset. */
+/* Outputs on port B; a pull-down resistor of the board keeps each of them low while the chip is in
+ * reset. */
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
-/* Option of the board, on port C: to ground, amp_enable is a square wave of 750 Hz while the axis
- * is enabled, for a charge pump or a monostable that no level holds. */
+/* Option of the board on port C. If this pin is connected to ground, amp_enable is a square wave of
+ * 750 Hz while the axis is enabled, for a charge pump or a monostable that a constant level does
+ * not keep on. */
 enum { STRAP_DYNAMIC = 10 };
 
 /* Tracks A and B of the encoder, on port A. */
 #define TRACKS (BIT(0) | BIT(1))
 
-/* Edges of the index between two ticks that are looked at: no noise takes more time than these. */
+/* Largest number of index edges between two ticks that are processed, so that noise cannot use more
+ * time. */
 enum { EDGES_MAX = 4 };
 
 static bool is_dynamic;
-static volatile bool is_high; /* amp_enable, as it was last put out */
+static volatile bool is_high; /* last level of amp_enable */
 static volatile bool index_seen;
 static volatile uint8_t edges;
 
-/* Inputs, on port C. Enable chain and limit switches are closed contacts to 3.3 V with pull-downs,
- * so a broken wire reads as an open chain, or as a switch that is reached. Index and home switch
- * are high when they are on. */
+/* Inputs on port C. Enable chain and limit switches are closed contacts to 3.3 V with pull-down
+ * resistors, so a broken wire reads as an open chain or as an active switch. Index and home switch
+ * are high when they are active. */
 enum { ENABLE = 0, LIMIT_POS = 1, LIMIT_NEG = 2, INDEX = 3, HOME = 9 };
 
-/* Straps of the node id, on port C: to ground counts. */
+/* Straps of the node id on port C: a strap connected to ground is a 1. */
 enum { STRAP_FIRST = 4, STRAPS = 5 };
 
 static void set_field(reg_t *reg, uint32_t at, uint32_t width, uint32_t value) {
@@ -40,7 +43,7 @@ void pin_speed(gpio_t *port, uint8_t pin, uint32_t speed) {
   set_field(&port->OSPEEDR, 2u * pin, 2, speed);
 }
 
-/* The function first, so that no other one is ever connected to the pin. */
+/* The function is selected first, so that the pin is never connected to another function. */
 void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) {
   set_field((pin < 8) ? &port->AFRL : &port->AFRH, 4u * (pin % 8u), 4, function);
   pin_mode(port, pin, PIN_ALTERNATE, pull);
@@ -48,15 +51,15 @@ void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) 
 
 void pins_write(bool amp_enable, bool brake_release) {
   is_high = amp_enable && !(is_dynamic && is_high);
-  /* The upper half of the register clears. */
+  /* The upper half of the register clears bits. */
   GPIOB->BSRR = (is_high ? BIT(AMP_ENABLE) : BIT(AMP_ENABLE + 16)) |
                 (brake_release ? BIT(BRAKE_RELEASE) : BIT(BRAKE_RELEASE + 16));
 }
 
-/* The pin itself: something outside may hold it. */
+/* Reads the pin itself, because an external circuit may force its level. */
 bool pins_enable_is_right(void) { return ((GPIOB->IDR & BIT(AMP_ENABLE)) != 0) == is_high; }
 
-/* An index pulse is shorter than a tick, so its edge interrupts. */
+/* An index pulse is shorter than a tick, so its edge causes an interrupt. */
 static void index_init(void) {
   RCC->APB2ENR |= RCC_APB2ENR_SYSCFGEN;
   (void)RCC->APB2ENR;
@@ -68,8 +71,8 @@ static void index_init(void) {
   NVIC->ISER0 = BIT(IRQ_EXTI3);
 }
 
-/* An index stands in the quarter of a line in which A and B are high, and outlasts this; a spike on
- * its wire does not. */
+/* An index pulse has the length of the quarter line in which A and B are high, so it is still high
+ * here; a spike on its wire is not. */
 void index_interrupt(void) {
   EXTI->PR = EXTI_PR_PR3; /* writing 1 clears it */
   if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
@@ -106,7 +109,7 @@ void pins_init(void) {
   pin_mode(GPIOC, STRAP_DYNAMIC, PIN_INPUT, PIN_PULL_UP);
 }
 
-/* Once the pull-ups have had their time. */
+/* Call it when the pull-up resistors have had time to act. */
 void pins_read_options(void) { is_dynamic = (GPIOC->IDR & BIT(STRAP_DYNAMIC)) == 0; }
 
 uint8_t pins_din(void) {

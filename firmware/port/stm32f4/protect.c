@@ -1,4 +1,4 @@
-/* Memory protection: what is not meant to be touched faults when it is. */
+/* Memory protection: an access to memory outside its purpose causes a fault. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -9,16 +9,16 @@ typedef struct {
   uint32_t attributes;
 } region_t;
 
-/* A higher one counts before a lower one; what no region holds is as without them. */
+/* A region with a higher number has priority; memory outside all regions is not protected. */
 static const region_t regions[] = {
-    /* Below the flash: nothing is meant to be there, and pointers that are 0 lead there. */
+    /* Below the flash: this memory has no use, and null pointers point to it. */
     {0x00000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(27) | MPU_RASR_ENABLE},
-    /* The flash is read and executed, */
+    /* The flash can be read and executed, */
     {0x08000000, MPU_RASR_AP_READ | MPU_RASR_C | MPU_RASR_SIZE(19) | MPU_RASR_ENABLE},
-    /* but for the parameters, eighths 2 to 5 of the first 64 KiB, which can be programmed, */
+    /* except the parameters, eighths 2 to 5 of the first 64 KiB, which can be programmed, */
     {0x08000000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SRD(0xC3) |
                      MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},
-    /* and the archive of incidents. */
+    /* and except the archive of incidents. */
     {0x08040000,
      MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE},
     /* The stack grows towards the bottom of the RAM. */

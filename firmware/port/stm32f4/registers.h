@@ -2,10 +2,12 @@
 #define FIRMWARE_PORT_STM32F4_REGISTERS_H_
 
 /* The registers of the STM32F446 and STM32F405 that this port uses, with the names of the reference
- * manuals RM0390 and RM0090; those of the core with the names of the ARMv7-M manual. Written for
- * this port; tools/check_svd compares every address, offset and bit with the vendor's SVD files.
+ * manuals RM0390 and RM0090; registers of the core have the names of the ARMv7-M manual. The file
+ * was written for this port; tools/check_svd compares every address, offset and bit with the SVD
+ * files of the vendor.
  *
- * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of the field, with _<VALUE> one of its values. */
+ * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of the field; with _<VALUE> it is one value of the
+ * field. */
 
 #include "firmware/port/stm32f4/registers_bits.h"
 #include "firmware/port/stm32f4/registers_core.h"
@@ -86,7 +88,7 @@ typedef struct {
 #define PWR_CSR_PVDO BIT(2)
 #define PWR_CSR_VOSRDY BIT(14)
 
-/* Real-time clock: the second clock. */
+/* Real-time clock, used as the second clock. */
 
 typedef struct {
   reg_t TR;
@@ -106,7 +108,8 @@ typedef struct {
 #define RTC_ISR_INIT BIT(7)
 #define RTC_PRER_PREDIV_S MASK(0, 15)
 #define RTC_SSR_SS MASK(0, 16)
-/* What opens its registers, in this order, and any other value that closes them. */
+/* Keys that unlock the registers of the real-time clock, in this order; any other value locks
+ * them. */
 #define RTC_KEY1 UINT32_C(0xCA)
 #define RTC_KEY2 UINT32_C(0x53)
 #define RTC_KEY_NONE UINT32_C(0xFF)
@@ -158,9 +161,9 @@ typedef struct {
 #define FLASH_CR_PSIZE_32 FIELD(8, 2, 2)
 #define FLASH_CR_STRT BIT(16)
 #define FLASH_CR_LOCK BIT(31)
-/* 0: level 3, 2.7 V at least; 3: off, as delivered. */
+/* Brown-out level. 0: level 3, at least 2.7 V; 3: off, as delivered. */
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
-/* What opens FLASH_CR, in this order. */
+/* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
 #define FLASH_KEY2 UINT32_C(0xCDEF89AB)
 
@@ -185,7 +188,7 @@ typedef struct {
 #define GPIOB ((gpio_t *)GPIOB_BASE)
 #define GPIOC ((gpio_t *)GPIOC_BASE)
 
-/* Edges of pins: line n is pin n of the port that SYSCFG selects. */
+/* External interrupts: line n is pin n of the port that SYSCFG selects. */
 
 typedef struct {
   reg_t MEMRM;
@@ -212,12 +215,12 @@ typedef struct {
 #define EXTI_IMR_MR3 BIT(3)
 #define EXTI_RTSR_TR3 BIT(3)
 #define EXTI_PR_PR3 BIT(3)
-/* Line 16 is the supply's detector. */
+/* Line 16 is the voltage detector of the supply. */
 #define EXTI_IMR_MR16 BIT(16)
 #define EXTI_RTSR_TR16 BIT(16)
 #define EXTI_PR_PR16 BIT(16)
 
-/* Timers: 5 is the encoder, 2 the free-running counter. */
+/* Timers: timer 5 counts the encoder, timer 2 is the free-running counter. */
 
 typedef struct {
   reg_t CR1;
@@ -321,7 +324,7 @@ typedef struct {
   reg_t ESR;
   reg_t BTR;
   reg_t unused_20[88];
-  reg_t TI0R; /* three mailboxes, four registers each */
+  reg_t TI0R; /* three mailboxes with four registers each */
   reg_t TDT0R;
   reg_t TDL0R;
   reg_t TDH0R;
@@ -416,7 +419,7 @@ typedef struct {
 
 /* Unique device ID: three words. */
 #define UID_BASE 0x1FFF7A10
-/* What the ADC gave of its reference at 3.3 V when the chip was made: 16 bits. */
+/* ADC code of the internal reference at 3.3 V, measured when the chip was made: 16 bits. */
 #define VREFINT_CAL_BASE 0x1FFF7A2A
 
 /* Independent watchdog. */
@@ -433,7 +436,7 @@ typedef struct {
 #define IWDG_SR_PVU BIT(0)
 #define IWDG_SR_RVU BIT(1)
 #define IWDG_PR_PR_16 FIELD(0, 3, 2)
-/* Keys of KR. */
+/* Keys of the watchdog register KR. */
 #define IWDG_KEY_FEED UINT32_C(0xAAAA)
 #define IWDG_KEY_ACCESS UINT32_C(0x5555)
 #define IWDG_KEY_START UINT32_C(0xCCCC)

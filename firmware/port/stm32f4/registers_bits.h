@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 #define BIT(n) (UINT32_C(1) << (n))
-/* `value` in the field of `width` bits that begins at bit `at`. */
+/* Places `value` into the field of `width` bits that begins at bit `at`. */
 #define FIELD(at, width, value) ((uint32_t)(value) << (at))
 #define MASK(at, width) (((UINT32_C(1) << (width)) - 1u) << (at))
 

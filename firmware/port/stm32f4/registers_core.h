@@ -1,11 +1,12 @@
 #ifndef FIRMWARE_PORT_STM32F4_REGISTERS_CORE_H_
 #define FIRMWARE_PORT_STM32F4_REGISTERS_CORE_H_
 
-/* The part of registers.h that belongs to the core. */
+/* Registers of the core; registers.h has those of the chip. */
 
 #include "firmware/port/stm32f4/registers_bits.h"
 
-/* What a debugger stops with the core; only a power-up resets it. */
+/* Debug register: peripherals that stop when a debugger stops the core. Only a power-up resets
+ * it. */
 
 typedef struct {
   reg_t IDCODE;
@@ -77,7 +78,7 @@ typedef struct {
 #define SCB_CFSR_MSTKERR BIT(4)
 #define SCB_CFSR_STKERR BIT(12)
 
-/* Memory protection: regions, of which the highest that holds an address counts. */
+/* Memory protection: if several regions contain an address, the highest region applies. */
 typedef struct {
   reg_t TYPE;
   reg_t CTRL;
@@ -93,7 +94,7 @@ typedef struct {
 #define MPU_RASR_ENABLE BIT(0)
 /* A region has 2^n bytes. */
 #define MPU_RASR_SIZE(n) FIELD(1, 5, (n)-1)
-/* The eighths of itself that a region leaves out, a bit each. */
+/* Eighths of the region that are excluded from it, one bit each. */
 #define MPU_RASR_SRD(eighths) FIELD(8, 8, eighths)
 #define MPU_RASR_C BIT(17)
 #define MPU_RASR_AP_NONE FIELD(24, 3, 0)

@@ -1,26 +1,29 @@
-/* The tick beside the watchdog's oscillator, which no other clock of the chip has anything to do
- * with. It is anywhere from 17 to 47 kHz, so it is measured at power-up by the internal oscillator,
- * whose 16 MHz are right within 4 %; from then on it is the measure of the tick. The real-time
- * clock counts it. */
+/* Compares the tick with the oscillator of the watchdog, which is independent of all other clocks
+ * of the chip. Its rate is between 17 and 47 kHz. At power-up it is measured with the internal
+ * oscillator, whose 16 MHz have an error of at most 4 %; afterwards the tick is measured with it.
+ * The real-time clock counts it. */
 
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/tick.h"
 
-/* Counts of the slow oscillator that are measured: 0.4 to 1.2 ms, to 5 %. */
+/* Counts of the slow oscillator that are measured: 0.4 to 1.2 ms, with an error of 5 %. */
 enum { MEASURED = 20 };
 
-/* Ticks of a comparison, 10 ms, 170 to 470 counts. Over temperature both oscillators drift by less
- * than PERMILLE_MAX together. */
+/* Ticks of one comparison: 10 ms, 170 to 470 counts. The temperature drift of both oscillators
+ * together is less than PERMILLE_MAX. */
 enum { WINDOW_TICKS = 15, PERMILLE_MAX = 250 };
 
-/* A count lasts at most 59 us, 941 cycles of the internal oscillator; a poll at least 6. */
+/* A count lasts at most 59 us, 941 cycles of the internal oscillator; a poll takes at least 6
+ * cycles. */
 enum { POLLS_MAX = 4000 };
 
-static uint32_t cycles; /* of 16 MHz in MEASURED counts; 0: not known */
-static uint32_t before; /* RTC at the beginning of the window */
+/* number of cycles of the 16 MHz oscillator in MEASURED counts of the slow oscillator; 0: not
+ * known */
+static uint32_t cycles;
+static uint32_t before; /* RTC count at the beginning of the window */
 static uint8_t ticks = WINDOW_TICKS;
 static bool is_compared;
-static bool is_running; /* `before` is set */
+static bool is_running; /* 1: `before` is valid */
 static int16_t permille;
 
 static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
@@ -32,15 +35,17 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   return false;
 }
 
-/* The real-time clock counts the oscillator itself, down from 32767, and is read directly. */
+/* The real-time clock counts the oscillator directly, downwards from 32767, and is read without
+ * synchronisation. */
 static bool counter_start(void) {
   RCC->CSR |= RCC_CSR_LSION;
   if (!becomes(&RCC->CSR, RCC_CSR_LSIRDY, RCC_CSR_LSIRDY)) {
     return false;
   }
   PWR->CR |= PWR_CR_DBP;
-  (void)PWR->CR; /* before the domain is written */
-  /* Its source can be chosen once; only a reset of its domain frees it. */
+  (void)PWR->CR; /* wait before the backup domain is written */
+  /* The clock source can be selected only once; a reset of the backup domain permits a new
+   * selection. */
   if ((RCC->BDCR & RCC_BDCR_RTCSEL) != RCC_BDCR_RTCSEL_LSI) {
     RCC->BDCR |= RCC_BDCR_BDRST;
     RCC->BDCR &= ~RCC_BDCR_BDRST;
@@ -52,14 +57,15 @@ static bool counter_start(void) {
   RTC->CR |= RTC_CR_BYPSHAD;
   RTC->ISR |= RTC_ISR_INIT;
   const bool done = becomes(&RTC->ISR, RTC_ISR_INITF, RTC_ISR_INITF);
-  RTC->PRER = RTC_PRER_PREDIV_S; /* two writes: the fields one after the other */
+  /* two writes, because the fields must be written one after the other */
+  RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->ISR &= ~RTC_ISR_INIT;
   RTC->WPR = RTC_KEY_NONE;
   return done;
 }
 
-/* Polls until the counter moves; false: it stands. */
+/* Polls until the counter changes. Returns false if it does not change. */
 static bool await_count(void) {
   const uint32_t now = RTC->SSR;
   for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
@@ -70,7 +76,7 @@ static bool await_count(void) {
   return false;
 }
 
-/* The core and clock_count() run from the internal oscillator here. */
+/* At this time core and clock_count() run from the internal oscillator. */
 void second_clock_start(void) {
   RCC->APB1ENR |= RCC_APB1ENR_PWREN;
   (void)RCC->APB1ENR;
@@ -86,12 +92,13 @@ void second_clock_start(void) {
   cycles = clock_count() - begin;
 }
 
-/* A tick that is slow lets more counts pass: counts / MEASURED * cycles / 16 MHz is how long the
- * window was. */
+/* In a slow tick more counts pass: counts / MEASURED * cycles / 16 MHz is the true length of the
+ * window. */
 static void compare(uint32_t counts) {
   const uint32_t window_us = WINDOW_TICKS * UINT32_C(2000) / 3;
   const uint32_t per_window = MEASURED * (CLOCK_HSI_HZ / 1000000u) * window_us;
-  /* 470 counts of 18824 cycles, and a tick that is 20 times too long, still fit. */
+  /* No overflow: 470 counts of 18824 cycles, and a tick that is 20 times too long, need at most 32
+   * bits. */
   const int32_t thousands = (int32_t)(counts * cycles / (per_window / 1000u)) - 1000;
   permille = (int16_t)((thousands > INT16_MAX) ? INT16_MAX : thousands);
   is_compared = true;
@@ -113,7 +120,7 @@ void second_clock_tick(void) {
 
 int16_t second_clock_permille(void) { return permille; }
 
-/* Without the slow oscillator there is no watchdog either. */
+/* Without the slow oscillator there is no watchdog either, so this is an error. */
 uint16_t second_clock_state(void) {
   if (cycles == 0 || permille > PERMILLE_MAX || permille < -PERMILLE_MAX) {
     return FW_BOARD_TICK;

@@ -4,10 +4,11 @@
 
 enum { PIN_TX = 2, PIN_RX = 3, FUNCTION_USART2 = 7, BAUD = MODBUS_BAUD_DEFAULT };
 
-/* Driver enable of an RS-485 transceiver, on port B; high from the first bit to the last. */
+/* Driver enable of an RS-485 transceiver on port B; high from the first bit to the last bit. */
 enum { PIN_DRIVE = 12 };
 
-/* Powers of 2. In: what comes in 20 ms of a main loop that is held up. Out: a frame. */
+/* Sizes, powers of 2. Input: the bytes of 20 ms in which the main loop is delayed. Output: one
+ * frame. */
 enum { RING = 256 };
 
 typedef struct {
@@ -19,7 +20,8 @@ typedef struct {
 static ring_t received;
 static ring_t to_send;
 
-/* 8 bits and even parity, which counts as a ninth bit. */
+/* Format of a character: 8 data bits and even parity; the register counts the parity bit as a ninth
+ * data bit. */
 #define LINE \
   (USART_CR1_UE | USART_CR1_M | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
 
@@ -41,7 +43,8 @@ void serial_init(uint32_t clock_hz) {
 
 void serial_interrupt(void) {
   const uint32_t status = USART2->SR;
-  /* Reading the byte also ends an overrun. A byte that was damaged goes on to the CRC. */
+  /* A read of the byte also ends an overrun. A damaged byte is passed on, and the CRC detects
+   * it. */
   if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
     const uint8_t byte = (uint8_t)USART2->DR;
     if ((status & USART_SR_RXNE) != 0 && used(&received) < RING) {
@@ -59,7 +62,7 @@ void serial_interrupt(void) {
       USART2->CR1 = LINE | USART_CR1_TCIE;
     }
   } else if ((control & USART_CR1_TCIE) != 0 && (status & USART_SR_TC) != 0) {
-    /* The interrupted main loop may have added bytes. */
+    /* The interrupted main loop may have added bytes to the ring buffer. */
     if (used(&to_send) > 0) {
       USART2->CR1 = LINE | USART_CR1_TXEIE;
     } else {
@@ -91,7 +94,7 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
   }
   if (taken > 0) {
     GPIOB->BSRR = BIT(PIN_DRIVE);
-    /* The interrupt clears this when the last byte is out. */
+    /* The interrupt clears this bit after the last byte is sent. */
     USART2->CR1 = LINE | USART_CR1_TXEIE;
   }
   return taken;

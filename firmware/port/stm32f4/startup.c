@@ -1,4 +1,4 @@
-/* Vectors and start-up of the image; the symbols are the linker script's. */
+/* Interrupt vectors and start-up of the image; the linker script defines the symbols. */
 
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/tick.h"
@@ -14,7 +14,7 @@ extern const uint32_t vectors_begin[];
 int main(void);
 _Noreturn void reset(void);
 
-/* Of addresses, because to C these are different objects. */
+/* The difference is computed from addresses, because in C these symbols are different objects. */
 static uint32_t words(const uint32_t *begin, const uint32_t *end) {
   return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
 }
@@ -40,7 +40,8 @@ typedef void (*handler_t)(void);
 
 enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
 
-/* Entries that are 0 belong to interrupts that are never enabled; the core faults on them. */
+/* Vectors with the value 0 belong to interrupts that are never enabled; the core has a fault if one
+ * occurs. */
 typedef struct {
   uint32_t *stack;
   handler_t handlers[EXCEPTION_IRQ + IRQ_USART2];
@@ -54,7 +55,7 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         {
             HANDLER(1, reset),
             HANDLER(2, board_fail), /* NMI */
-            HANDLER(3, board_fail), /* hard fault, and all that are not enabled by themselves */
+            HANDLER(3, board_fail), /* hard fault, and all faults that are not enabled separately */
             HANDLER(4, board_fail),
             HANDLER(5, board_fail),
             HANDLER(6, board_fail),

@@ -1,5 +1,6 @@
-/* The supply. Below 2.9 V its detector switches the outputs off by interrupt, before the brown-out
- * reset at 2.7 V; five wait states and programming by words are for 2.7 V and more. */
+/* Supply voltage. Below 2.9 V the voltage detector causes an interrupt that switches the outputs
+ * off, before the brown-out reset at 2.7 V. Five wait states and programming by words require at
+ * least 2.7 V. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -16,7 +17,8 @@ void supply_init(void) {
   NVIC->ISER0 = BIT(IRQ_PVD);
 }
 
-/* The tick may be about to put out a code: port_act() looks at supply_is_low() after it has. */
+/* The interrupted tick may be about to output a code, so port_act() checks supply_is_low() after
+ * its output. */
 void supply_interrupt(void) {
   EXTI->PR = EXTI_PR_PR16;
   is_low = true;
@@ -25,8 +27,10 @@ void supply_interrupt(void) {
 
 bool supply_is_low(void) { return is_low; }
 
-/* Once a tick: an interrupt stays in force until the detector says that the supply is back. */
+/* Call it once in each tick. After an interrupt the supply counts as low until the detector reports
+ * that it has recovered. */
 void supply_look(void) { is_low = (PWR->CSR & PWR_CSR_PVDO) != 0; }
 
-/* The option bytes hold the level of the brown-out reset; as delivered it is off. */
+/* The option bytes select the level of the brown-out reset; a chip is delivered with the reset
+ * off. */
 bool supply_resets_in_time(void) { return (FLASH->OPTCR & FLASH_OPTCR_BOR_LEV) == 0; }

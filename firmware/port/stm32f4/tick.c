@@ -4,8 +4,8 @@
 #include "firmware/port/stm32f4/board.h"
 
 static volatile uint32_t entries;
-static uint32_t period; /* of a tick, in counts of clock_count() */
-static uint32_t due;    /* when the tick was to come, by that counter, or a moment before */
+static uint32_t period; /* length of a tick in counts of clock_count() */
+static uint32_t due;    /* count at which the tick was due, or slightly earlier */
 static uint32_t missed;
 static bool is_late;
 
@@ -20,7 +20,7 @@ void tick_start(void) {
 
 uint32_t tick_entries(void) { return entries; }
 
-/* An interrupt that is held up stands for one tick, however many times have passed. */
+/* A delayed interrupt occurs once, even if several ticks have passed. */
 static void count_missed(void) {
   due += period;
   const uint32_t behind = clock_count() - due;
@@ -31,7 +31,7 @@ static void count_missed(void) {
   }
 }
 
-/* Reading the flag clears it: if it is set again at the end, the next tick is late. */
+/* A read of the flag clears it: if it is set again at the end, the next tick is late. */
 void tick_interrupt(void) {
   entries++;
   (void)SYSTICK->CSR;

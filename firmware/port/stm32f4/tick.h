@@ -3,11 +3,11 @@
 
 #include <stdint.h>
 
-/* 168 MHz / 1500 Hz, exactly. */
+/* Processor cycles in a tick: 168 MHz / 1500 Hz, exactly. */
 #define TICK_CYCLES UINT32_C(112000)
 
 void tick_start(void);
 void tick_interrupt(void);
-uint32_t tick_entries(void); /* interrupts since power-up */
+uint32_t tick_entries(void); /* number of tick interrupts since power-up */
 
 #endif

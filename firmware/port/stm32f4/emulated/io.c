@@ -1,7 +1,7 @@
-/* In place of the peripherals that QEMU's netduinoplus2 lacks: RCC, flash, encoder, ADC, DAC, pins,
- * watchdog. Inputs and outputs are records of the host, host/link/chip_side.hpp has their bytes:
- * each interrupt waits for one and answers it, and the emulator's time stands still meanwhile.
- * Without a host the sensors read zero and the outputs go nowhere. */
+/* Replaces the peripherals that QEMU's netduinoplus2 lacks: RCC, flash, encoder, ADC, DAC, pins,
+ * watchdog. Inputs and outputs are records of the host; host/link/chip_side.hpp defines their
+ * bytes. Each interrupt waits for a record and answers it, and the time of the emulator stops
+ * meanwhile. Without a host the sensors read zero and the outputs are discarded. */
 
 #include <stddef.h>
 
@@ -95,7 +95,7 @@ bool port_sample(axis_inputs_t *inputs) {
     semihosting_read(from_host, record, sizeof(record));
   }
   if (record[0] != RECORD_TICK) {
-    answer(tick_entries() - 1, ticks); /* this entry found no tick to do */
+    answer(tick_entries() - 1, ticks); /* this interrupt had no tick to compute */
     semihosting_exit();
   }
   ticks++;
@@ -119,7 +119,7 @@ void port_act(const axis_outputs_t *outputs) {
   }
 }
 
-/* CAN: frames of 12 bytes over a serial line. */
+/* CAN in the emulator: each frame is 12 bytes on a serial line. */
 
 enum { FRAME_BYTES = 12 };
 
@@ -171,9 +171,10 @@ uint16_t port_can_lost(void) { return 0; }
 
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
 
-/* The emulated USART requests an interrupt when a byte is received, but not when one may be sent.
- * With a host there is no wfi, because QEMU, which counts instructions then, doubles the period of
- * every timer by it; and no further round of the main loop, whose register accesses are slow. */
+/* The emulated USART requests an interrupt when a byte is received, but not when a byte can be
+ * sent. With a host there is no wfi, because QEMU then counts instructions and doubles the period
+ * of every timer. The main loop also makes no further cycle, because its register accesses are
+ * slow. */
 void port_idle(void) {
   static uint32_t seen;
   if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {

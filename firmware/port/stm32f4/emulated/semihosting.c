@@ -37,7 +37,7 @@ int32_t semihosting_open(const char *name, uint32_t mode) {
   return call(SYS_OPEN, block);
 }
 
-/* The result is the number of bytes not read; a pipe returns what it holds. */
+/* The result is the number of bytes not read; a pipe returns the bytes that it has. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count) {
   while (count > 0) {
     const uint32_t block[3] = {(uint32_t)file, (uint32_t)bytes, count};

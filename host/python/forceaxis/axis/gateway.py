@@ -13,7 +13,9 @@ from forceaxis.bus.state_names import BY_NAME
 READY_S = 10.0
 STOPPED_S = 2.0  # longest time until the gateway's polling detects the end of a recording
 POLL_S = 0.1
-NOT_YET = "not set up yet"  # the gateway's words
+# Phrases of the refusals of the gateway (host/gateway/commands.cpp).
+NOT_YET = "not set up yet"
+RECORDER_BUSY = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # 1008h of that product
 AT_ONCE = 64  # largest number of objects in one command
@@ -97,7 +99,7 @@ class GatewayLink(Link):
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
             except Refused as refusal:  # a recording of another client that has ended
-                if "another capture" not in str(refusal) or time.monotonic() > end:
+                if RECORDER_BUSY not in str(refusal) or time.monotonic() > end:
                     raise
             self.client.write_raw({"recorder_arm": 0})
             time.sleep(POLL_S)

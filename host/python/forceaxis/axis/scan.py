@@ -53,10 +53,10 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
     """Each axis whose gateway publishes states within `seconds`."""
     from forceaxis.axis.gateway import GatewayLink
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import Live
+    from forceaxis.bus.sources import LiveSource
 
     watch = Watch()
-    source = Live(watch, url, None)
+    source = LiveSource(watch, url, None)
     try:
         time.sleep(seconds)
         numbers = sorted(n for n, a in watch.axes.items() if a.state is not None)

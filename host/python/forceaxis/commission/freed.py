@@ -8,6 +8,7 @@ follows from the damper and the recorded speed.
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -246,7 +247,7 @@ def _refused(p: float, model: str, about: Record) -> Refusal:
 
 def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
-    paths_of: list[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
+    paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
     """commission.fit.joint of the responses at `paths_of`. If the model is rejected, it is fitted
     again with dampers for the measured friction of guide and gear. Raises Refusal `friction` if the

@@ -72,7 +72,7 @@ class Incident:
         p = self.parameters
         scale = 2.0 ** (FULL_SCALE_BITS - p["adc_bits"])
         counts = (self.column("force_raw") - p["force_zero_code"]) * scale * p["force_sign"]
-        return (counts - from_raw("force_tare", p["force_tare"])) * p["force_scale"] * 1e-6
+        return (counts - float(from_raw("force_tare", p["force_tare"]))) * p["force_scale"] * 1e-6
 
     @property
     def travel(self) -> Samples:
@@ -237,7 +237,7 @@ def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
     way = incident.travel / scale
     demand = way + (incident.column("profile_position") - incident.column("position")) / scale
     wanted = incident.column("force_demand") * incident.parameters["rated_force"] * 1e-6
-    limit = from_raw("force_max", incident.parameters["force_max"])  # 0: none
+    limit = float(from_raw("force_max", incident.parameters["force_max"]))  # 0: none
     bound = limit * incident.parameters["force_scale"] * 1e-6
     columns = (
         ("force, N", ((incident.force_N, INK), (wanted, WANTED)), bound),

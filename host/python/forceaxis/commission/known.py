@@ -40,7 +40,7 @@ class Prior:
 
 def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
-    overrides: dict[str, float] | None = None,
+    overrides: linear.Overrides | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
     """{parameter: Prior} of a model. Masses and constants of the drive and of the contact have the
     accuracy of a data sheet; the workpiece and the parameters in `over` are nearly unknown.

@@ -100,7 +100,9 @@ class _Story:
         self.reason = incident.column("limit_reason")[until]
         self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED
         p = incident.parameters
-        self.threshold = from_raw("contact_force", p["contact_force"]) * p["force_scale"] * 1e-6
+        self.threshold = (
+            float(from_raw("contact_force", p["contact_force"])) * p["force_scale"] * 1e-6
+        )
         self.contact = np.abs(self.force) > self.threshold
 
     def lines(self) -> list[str]:

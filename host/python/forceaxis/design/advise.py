@@ -208,7 +208,7 @@ class AdviceOrder:
     """
 
     text: str | Path  # MODEL or EXPERIMENT
-    overrides: Mapping[str, float] | None = None
+    overrides: Mapping[str, float | str] | None = None
     timing: str | None = None
     factor: float = FACTOR
     runs: str = "present"

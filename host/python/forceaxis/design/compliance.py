@@ -82,7 +82,7 @@ class ComplianceOrder:
 
     text: str  # MODEL or EXPERIMENT
     element: str | None = None  # a parameter in N/m; None: the stiffness of the contact
-    overrides: Mapping[str, float] | None = None
+    overrides: Mapping[str, float | str] | None = None
     over: Sequence[str] | None = None  # texts NAME=PERCENT%; None: `sets.workpiece`
     span: tuple[float, float] | None = None  # (lowest, highest) N/m; None: SPAN
     points: int = 9

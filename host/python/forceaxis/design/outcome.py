@@ -1,6 +1,6 @@
 """Order and result of `design`: DesignOrder, DesignOutcome, DesignResult."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,7 +27,7 @@ class DesignOrder:
 
     text: str  # MODEL or EXPERIMENT
     over: tuple[str, ...] = ()
-    overrides: dict[str, float] = field(default_factory=dict)
+    overrides: Mapping[str, float | str] = field(default_factory=dict)
     together: tuple[dict[str, float], ...] = ({},)  # as PlantSet has them
     modes: str = "visited"
     states: dict[str, str] = field(default_factory=dict)  # {element: state} of all members

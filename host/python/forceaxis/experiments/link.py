@@ -267,7 +267,8 @@ def run_on_chip(
             )
         except TransportError as error:
             raise LinkError(f"{error}; {emulator.last_words()}") from None
-    where = f"{board.emulator.machine} in {board.emulator.program}"
+    emulated = chip.emulated_image(board)
+    where = f"{emulated.machine} in {emulated.program}"
     ticks_per_s = details["ticks_per_s"]
     report = replace(
         _report_here(link.kind, where, result, emulator.process.pid, ticks_per_s),
