@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from forceaxis.results import json_field
 
-if TYPE_CHECKING:  # the package loads SciPy, which `forceaxis --help` does without
+if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help` does not need it
     from forceaxis.linear.bank import Bank
 
 

@@ -96,7 +96,7 @@ class SimulatedContact:
     static_error_percent: float | None
     missed: tuple[MissedContactLimit, ...]
     peak_N: float
-    losses: int  # of contact, in the whole run
+    losses: int  # number of contact losses in the whole run
     saturated_ms: float
     settle_ms: float | None
     overshoot_percent: float | None

@@ -224,7 +224,8 @@ def collect(given, ask=None):
             if text not in (None, field.word):
                 raise InputError(f"{field.option}: {refusal}")
             values[field.name] = None
-            sources.pop(field.name, None)  # the origin belongs to an answer from before the return
+            # the stored origin belongs to an answer before the user returned to this question
+            sources.pop(field.name, None)
             i += 1
             continue
         default = field.default(values) if callable(field.default) else field.default

@@ -36,10 +36,12 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
-PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # share of P's limit; integral rate of the first law
+# gain of the first law as a share of the limit of P; integral rate of the first law
+PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]
-Instead = Callable[[str], DesignOutcome | None]  # the design with the named structure, if any
+# function that returns the design with the named structure, if there is one
+Instead = Callable[[str], DesignOutcome | None]
 
 
 def check(order: DesignOrder) -> None:
@@ -276,7 +278,8 @@ def settled(
             try:
                 one = one and left(one, least)
             except InputError as error:
-                refused = error  # the last try includes the smallest gain
+                # the last try includes the smallest gain, so its error is the reported one
+                refused = error
                 passed[name] = str(error)
                 continue
             if one and (best is None or one.worst.bandwidth_Hz > best.worst.bandwidth_Hz):

@@ -163,7 +163,7 @@ class First:
     pushes_N: float  # force of the approach at its start: from the command and the weight
     # multiple of the declared dry friction that this force overcomes; None: less than 1
     friction_most: float | None
-    raised: bool  # the set-point was raised for this reason
+    raised: bool  # True if the set-point was raised to overcome the friction
 
 
 def approach_m_per_s(axis):

@@ -44,7 +44,7 @@ Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
 
 # Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
-OF_STALL = 0.25  # largest share of the drive's largest force
+OF_STALL = 0.25  # largest set-point as a share of the drive's largest force
 RAMP_S = 0.2  # rise time of the largest set-point
 STRIKE_S = 0.5 / 150  # impulse of an impact, N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02
@@ -58,13 +58,15 @@ STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # factors of the impulse o
 DWELLS_MS = (300, 100, 600)
 SHARES = (0.5, 1.0)  # shares of the largest friction against which the approach may have to move
 BACKOFF, BACKOFFS = 0.9, 20
-ERROR_MAX = 0.02  # share of the set-point, for a law with integral action; or HALF_COUNT
+# permitted force error as a share of the set-point, for a law with integral action; at least
+# HALF_COUNT
+ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # 8-bit counts: error of the measured force at rest
 PEAK_MAX = 1.3  # set-points
 LOSSES_MAX = 1
 SPEEDS = (1.0, 0.5, 0.25, 0.1)  # shares of the approach speed that are tried
 SATURATED_MAX_S = 0.02
-WEAK = 0.25  # share of the designed gain; such a law has no effect on an impact
+WEAK = 0.25  # gain as a share of the designed gain; such a weak law has no effect on an impact
 
 
 class ContactBench:

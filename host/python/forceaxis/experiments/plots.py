@@ -75,7 +75,7 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-# share of the figure's width within which marks overlap, and largest number of marks there
+# marks within this share of the figure's width overlap; largest number of overlapping marks
 CLOSE, MANY = 0.015, 3
 CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
@@ -283,7 +283,7 @@ class Settling:
     """An expected settling time; times are measured from from_s."""
 
     from_s: float
-    band: list[float]  # lower and upper edge, in the unit of the trace
+    band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
     expected_s: tuple[float, float] | None
     obtained_s: float | None
 
