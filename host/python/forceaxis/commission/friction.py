@@ -51,7 +51,8 @@ NOISE_SLIDES = 2.5  # dead zones: noise with fewer codes does not slide most of 
 # Relative difference from the force set-point above which a force law without integral action
 # counts as stopped by friction.
 STANDS_WITHIN = 0.06
-# a block of samples whose force changes faster than this share of force_slope belongs to a motion
+# a block of samples whose force changes faster than this share of the mean slope belongs to a
+# motion
 RISES = 0.3
 # fewest blocks of a motion; time for which the axis waits at the end of a motion
 FEWEST_BLOCKS, HELD_S = 8, 1.0

@@ -53,7 +53,9 @@ from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
 MODE_FIGURES = ("frequency_hz", "damping_ratio", "label", "against_below", "shape")
-LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
+# ratio to the crossing frequency up to which a noncolocated mode may limit the gain by its phase
+# lag
+LAG = 3.0
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
