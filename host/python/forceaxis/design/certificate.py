@@ -192,7 +192,8 @@ def _static_error(grid: Grid, bank: Bank) -> float:
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
-    """Largest static error of the members, as a share of the set-point."""
+    """A sentence about the bound that limits the gain of a bank. steep: gain of the law at high
+    frequency for force_gain 1; finer: text of Goal.hf_cure()."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(law, steep, free)
