@@ -1,7 +1,8 @@
 """forceaxis: firmware for force-controlled machine axes, and the simulator that proves it.
 
-`Experiment` and its `Result` simulate, `Axis` is a live one, `linear`, `loops`, `modes`, `beam` and
-`resonance` compute in the frequency domain. Everything is loaded when it is first used.
+`Experiment` and its `Result` simulate an axis, `Axis` controls a real one; `linear`, `loops`,
+`modes`, `beam` and `resonance` compute in the frequency domain. A module is loaded when one of its
+names is first used.
 """
 
 import importlib
@@ -31,7 +32,7 @@ __all__ = [
     "run_many",
 ]
 
-# Where the names are that scripts import from here.
+# {public name: the module that defines it}.
 _MODULES = {
     "beam": "forceaxis.linear.beam",
     "linear": "forceaxis.linear",
@@ -52,7 +53,7 @@ _MEMBERS = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used."""
+    """Loads a public name when it is first used."""
     if name in _MODULES:
         return importlib.import_module(_MODULES[name])
     if name not in _MEMBERS:
@@ -63,5 +64,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names."""
+    """Lists the public names."""
     return sorted([*globals(), *__all__])

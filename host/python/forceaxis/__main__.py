@@ -1,6 +1,7 @@
-"""The programs of this package: `forceaxis`, and the nodes that a build makes.
+"""The programs of this package: `forceaxis`, and the node programs of a build.
 
-Ctrl-C ends `forceaxis` at any moment, while modules load too, with status 130 and one line."""
+Ctrl-C ends `forceaxis` at any time, also while modules are loaded, with status 130 and one line.
+"""
 
 import os
 import signal
@@ -17,7 +18,8 @@ def main() -> None:
         raise KeyboardInterrupt
 
     def unraisable(what: "sys.UnraisableHookArgs") -> None:
-        # Python drops an exception that it raises in a destructor: the interrupt is sent again.
+        # Python ignores an exception that is raised in a destructor, so the interrupt is sent
+        # again.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         else:
@@ -25,7 +27,8 @@ def main() -> None:
 
     try:
         sys.unraisablehook = unraisable
-        # Ignored where a shell started this in the background, which stays so.
+        # A shell that starts this program in the background makes it ignore the signal; this is
+        # kept.
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, interrupt)
         from forceaxis.cli.main import main as command_line
@@ -33,7 +36,7 @@ def main() -> None:
         command_line()
     except SystemExit:
         raise
-    except BaseException:  # a module whose loading is interrupted may raise anything
+    except BaseException:  # an interrupted import of a module may raise any exception
         if not interrupted:
             raise
         sys.stderr.write("forceaxis: interrupted\n")

@@ -1,5 +1,5 @@
-"""The one style of all figures and pages: colours, axes, legends, titles, numbers, and writing
-them to files."""
+"""The common style of all figures and pages: colours, axes, legends, titles, numbers; writes
+figures to files."""
 
 import base64
 import io
@@ -31,7 +31,7 @@ FAINT = "#8a95a0"
 GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
-# Of a verdict: lines and marks, areas.
+# Colours of a verdict: of lines and marks, of areas.
 VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,
@@ -49,13 +49,13 @@ AREA = {
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
-LARGEST = 400_000  # bytes of an SVG in a page; a figure of more points becomes a PNG
-# What ends an attribute, starts a fragment or is an escape in a data URI.
+LARGEST = 400_000  # bytes of an SVG in a page; a figure with more becomes a PNG
+# Characters that would end an attribute, begin a fragment or begin an escape in a data URI.
 ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
 def style(ax: Axes) -> None:
-    """Light grid, no box, small type."""
+    """Sets the style of figures: light grid, no frame, small type."""
     ax.set_axisbelow(True)
     ax.grid(True, linewidth=0.3, color=GRID)
     ax.spines[["top", "right"]].set_visible(False)
@@ -67,13 +67,13 @@ def style(ax: Axes) -> None:
 
 
 def legend(where: Axes | Figure, **more: Any) -> Legend:
-    """A legend of axes or of a figure: small, without a frame."""
+    """Adds a legend to axes or to a figure: small, without a frame."""
     return where.legend(**({"fontsize": 7, "frameon": False} | more))
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Numbers without powers of ten along a logarithmic axis, at 1, 2 and 5 of each decade where
-    it has less than two."""
+    """Labels a logarithmic axis with numbers without powers of ten; at 1, 2 and 5 of each decade if
+    it has less than two decades."""
     low, high = sorted(axis.get_view_interval())
     short = high < 100 * low
     axis.set_major_locator(matplotlib.ticker.LogLocator(subs=(1, 2, 5) if short else (1,)))
@@ -82,7 +82,8 @@ def plain_ticks(axis: Axis) -> None:
 
 
 def decibels(ax: Axes, unit: str = "") -> Axes:
-    """A scale in dB, of 1 `unit`, on the right of a logarithmic axis whose limits are final."""
+    """Adds a scale in dB relative to 1 `unit` on the right of a logarithmic axis with final
+    limits."""
     right = ax.twinx()
     low, high = (20 * np.log10(edge) for edge in ax.get_ylim())
     right.set_ylim(low, high)
@@ -95,20 +96,21 @@ def decibels(ax: Axes, unit: str = "") -> Axes:
 
 
 def name_of(file: Path | str) -> str:
-    """What a figure calls the axis of a file: the file's name, or that of its folder where every
-    axis has a file of that name."""
+    """Name of an axis' file in a figure: the file's name, or that of its folder if all files have
+    the same name."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 
 
 def check_name(path: Path | str | None) -> None:
-    """Refuse a file to which no figure can be written; to be called before the computation."""
+    """Raises InputError for a file name to which no figure can be written; to be called before the
+    computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
         raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
 def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:
-    """Write a figure as `kind`, by default what the name of `path` ends in; equal figures, equal
+    """Writes a figure as `kind`, by default the suffix of `path`; equal figures give equal
     bytes."""
     if kind is None:
         check_name(path)
@@ -119,15 +121,16 @@ def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float =
 
 
 def uri(figure: Figure) -> str:
-    """The figure as a data URI for a page, closed: without a background, so that the page's own
-    shows in light and in dark."""
+    """The figure as a data URI for a page; the figure is closed. It has no background, so that it
+    shows the light or dark background of the page."""
     text, image = io.StringIO(), io.BytesIO()
     with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None}, transparent=True)
     plt.close(figure)
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
-    # A hundredth of a point, of what is drawn; what is written keeps its digits.
+    # Coordinates in the SVG are rounded to a hundredth of a point; written numbers are not
+    # rounded.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
     if len(svg) <= LARGEST:
         return "data:image/svg+xml," + svg.translate(ESCAPES)
@@ -136,12 +139,12 @@ def uri(figure: Figure) -> str:
 
 
 def page_style() -> str:
-    """The style sheet that all pages have in common."""
+    """The common style sheet of all pages."""
     return resources.files("forceaxis").joinpath("page.css").read_text(encoding="utf-8")
 
 
 def finish(figure: Figure, ax: Axes, title: str) -> None:
-    """Title, layout; the figure leaves pyplot's list."""
+    """Sets title and layout; pyplot no longer lists the figure."""
     ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)

@@ -1,4 +1,4 @@
-"""Errors of the library that a caller can tell apart by more than their text."""
+"""Errors of the library that a caller can distinguish by their type."""
 
 from forceaxis._core import InputError
 
@@ -16,5 +16,6 @@ class ParameterError(InputError):
         self.text = text
 
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
-        # Without it, an error that a worker process sends back cannot be made again.
+        # Without this method, an error from a worker process cannot be created again in this
+        # process.
         return type(self), (self.parameter, self.text)

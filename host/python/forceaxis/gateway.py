@@ -1,4 +1,4 @@
-"""`forceaxis.axis.session` by the name that scripts import: a session at an axis."""
+"""`forceaxis.axis.session` under the name that scripts import: a session with an axis."""
 
 from forceaxis.axis.axis import MODES, trigger_on
 from forceaxis.axis.session import Session, seconds

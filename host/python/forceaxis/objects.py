@@ -1,4 +1,4 @@
-"""The firmware's objects as _core was compiled with them, and the bits of its Modbus map."""
+"""The objects of the firmware with which _core was compiled, and the bits of its Modbus map."""
 
 from typing import NamedTuple
 
@@ -24,13 +24,14 @@ class AxisObject(NamedTuple):
     enum: tuple[str, ...]
     index: int  # CANopen
     sub: int
-    modbus: int  # first register, holding if rw, input if ro; -1: none
+    modbus: int  # first register, holding for rw, input for ro; -1: no register
     stored: bool  # saved by the parameter store
     title: str  # CANopen's name
-    node_id: bool  # a COB-ID to whose default the node id is added
-    mappable: int  # 0: no PDO carries it, 1: any, as its access allows, 2: a TPDO alone
-    quantity: str  # of what a count of the unit is a step: "force", "encoder"; "" where unit tells
-    values: tuple[tuple[int, str], ...]  # names of single raw values of an object that is no enum
+    node_id: bool  # True for a COB-ID to whose default value the node id is added
+    mappable: int  # 0: in no PDO, 1: in PDOs that its access permits, 2: in TPDOs only
+    quantity: str  # quantity of a count: "force", "encoder"; "" if the unit defines the quantity
+    # names of special raw values of an object that is not an enumeration
+    values: tuple[tuple[int, str], ...]
 
 
 class AxisBit(NamedTuple):
@@ -49,20 +50,20 @@ DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 
 
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
-    """{object: raw value} of the certificate of a bank with this CRC, made for an ADC of so many
-    bits and a force_scale in uN; an object's name goes on with _ and the bank's number."""
+    """{object: raw value} of the certificate of a bank with this CRC, for an ADC of `bits` bits and
+    a force_scale in uN; the number of the bank is added to the names."""
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 
 def default(name: str) -> float:
-    """Engineering value of an object as it is delivered."""
+    """Default of an object as an engineering value."""
     known = BY_NAME[name]
     return known.default * known.scale
 
 
 def unit_in_words(known: AxisObject) -> str:
-    """The unit of an object for a reader: of what its counts and codes are. A count of force is one
-    of an 8-bit ADC."""
+    """The unit of an object as text for a user, with the quantity of its counts or codes. A count
+    of force is a count of an 8-bit ADC."""
     unit = "" if known.unit == "1" else known.unit
     of_force = known.quantity == "force"
     force, encoder = "count of force", "encoder count"

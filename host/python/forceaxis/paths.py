@@ -1,4 +1,5 @@
-"""Where models and experiments are: the checkout's sim/, or the copy inside an installed wheel."""
+"""Folder of the models and experiments: sim/ of the checkout, or the copy inside an installed
+wheel."""
 
 import contextlib
 import errno
@@ -16,13 +17,13 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
-# The files generated for other programs: data sheet, DBC, Modbus map.
+# Files that are generated for other programs: data sheet, DBC, Modbus map.
 _generated = _package.parents[2] / "firmware/objects/generated"
 OBJECT_FILES = _generated if _generated.is_dir() else _package / "objects_files"
 
 
 def display(path: Path | str) -> str:
-    """The path for display: relative to the current folder where it lies below."""
+    """The path as text, relative to the current folder if the path is below that folder."""
     path = Path(path).resolve()
     try:
         return str(path.relative_to(Path.cwd()))
@@ -31,15 +32,15 @@ def display(path: Path | str) -> str:
 
 
 def quoted(path: Path | str) -> str:
-    """The path for display as a word of a shell, quoted where it has blanks."""
+    """The path as text for a shell, with quotes if it contains blanks."""
     return shlex.quote(display(path))
 
 
 @contextlib.contextmanager
 def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
-    """Paths to write to. They become the files `names` of the folder, which is created, when the
-    block ends without an exception (Ctrl-C is one). Otherwise no file is written and no folder
-    remains. Raises OSError."""
+    """Context with paths to write to. If the block ends without an exception (Ctrl-C is an
+    exception), they become the files `names` of the folder, which is created. Otherwise no file is
+    written and no folder remains. Raises OSError."""
     fresh = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
@@ -59,11 +60,11 @@ def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
             path.unlink(missing_ok=True)
         if fresh:
             with contextlib.suppress(OSError):
-                folder.rmdir()  # refused where the files are there
+                folder.rmdir()  # fails if the folder contains the files
 
 
 def replace_text(file: Path | str, text: str) -> None:
-    """Replace the contents of a file completely or not at all. The file keeps its mode, a link
+    """Replaces the content of a file completely or not at all. The file keeps its mode, and a link
     remains a link. Raises OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")

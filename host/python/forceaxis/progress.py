@@ -1,4 +1,5 @@
-"""How far a long computation is. A verb shows it on a terminal; elsewhere it prints the phases."""
+"""Progress of a long computation. A verb shows it on a terminal; without a terminal it prints the
+phases."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sized
@@ -12,7 +13,7 @@ _tell: Callable[[str], None] | None = None  # of told()
 
 @contextlib.contextmanager
 def told(tell: Callable[[str], None]) -> Iterator[None]:
-    """Context in which tell(phase) is called as each phase begins."""
+    """Context in which tell(phase) is called at the beginning of each phase."""
     global _tell
     before, _tell = _tell, tell
     try:
@@ -35,8 +36,9 @@ def phase(text: str) -> Iterator[None]:
 
 
 def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items one by one; meanwhile `shown` says how many of them are done. what: the
-    plural of their name; total: their number, needed where `items` has no length."""
+    """Yields the items one by one and updates `shown`, the text with the number of items that are
+    done. what: plural name of the items; total: number of items, needed if `items` has no length.
+    """
     global shown
     if total is None and isinstance(items, Sized):
         total = len(items)

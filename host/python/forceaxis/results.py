@@ -1,4 +1,4 @@
-"""Results of the verbs as JSON: one serialiser for every result, which is a frozen dataclass.
+"""Converts results to JSON and back. Every result is a frozen dataclass.
 
     @dataclass(frozen=True)
     class Margins:
@@ -6,8 +6,11 @@
         gain_margin: float = json_field(key="gain margin")
         note: str | None = json_field(default=None, omit_none=True)
 
-    to_json(Margins(...))                   {"fS_Hz": ..., "gain margin": ...}
-    from_json(Margins, json.loads(text))    the dataclass; InputError where a key or a type differs
+The keys are the names of the fields in their order, or the `key` of a field. A field with
+`omit_none` has no key while its value is None, and is written after the other fields. NumPy arrays
+and scalars become lists and numbers, paths become texts, tuples become lists. nan and infinities
+remain floats. A result should contain None instead, because json.dumps(allow_nan=False) raises an
+error for them.
 
 The keys are the names of the fields in their order, or the field's `key`. A field with `omit_none`
 has no key while it is None, and comes after the others. NumPy's arrays and scalars become lists and
@@ -32,20 +35,21 @@ KEY, OMIT_NONE = "json_key", "json_omit_none"
 
 
 def json_field(*, key: str | None = None, omit_none: bool = False, **given: Any) -> Any:
-    """A field of a result: `key` in JSON instead of its name; `omit_none`: no key while it is None,
-    which is then its default. given: those of dataclasses.field."""
+    """A field of a result. key: name in JSON that replaces the name of the field; omit_none: no key
+    in JSON while the value is None, which is then the default. given: arguments of
+    dataclasses.field."""
     if omit_none:
         given.setdefault("default", None)
     return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none}, **given)
 
 
 def json_key(field: "dataclasses.Field[Any]") -> str:
-    """The key in JSON of a field of a result."""
+    """The key of a result's field in JSON."""
     return field.metadata.get(KEY) or field.name
 
 
 def _is_scalar_union(kind: Any) -> bool:
-    """Whether a type is a union of texts, numbers and bools: JSON keeps which one a value is."""
+    """Whether a type is a union of texts, numbers and bools, whose values JSON can distinguish."""
     kinds = set(get_args(kind)) - {NoneType}
     is_union = get_origin(kind) in (Union, UnionType)
     return is_union and len(kinds) > 1 and kinds <= {bool, int, float, str}
@@ -62,7 +66,7 @@ def _overrides(kind: type) -> dict[str, Any]:
 
 
 def _to_dict(kind: type) -> Any:
-    # Types that stand in texts and those behind `Any` are found from the value itself.
+    # Types that are given as texts, and those behind `Any`, follow from the value itself.
     return make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
 
 
@@ -87,13 +91,13 @@ _converter.register_structure_hook(Path, lambda value, _: Path(value))
 
 
 def to_json(result: Any) -> Any:
-    """A result as what json.dumps takes: dicts, lists, texts, numbers, bools and None."""
+    """The result as an argument for json.dumps: dicts, lists, texts, numbers, bools and None."""
     return _converter.unstructure(result)
 
 
 def from_json(kind: type[T], table: Mapping[str, Any], where: str = "") -> T:
-    """The result of type `kind` that to_json made `table` of. Raises InputError, which begins with
-    `where`, for keys that are absent or unknown and for values of another type."""
+    """The result of type `kind` from a `table` that to_json made. Raises InputError, whose text
+    begins with `where`, for missing or unknown keys and for values of another type."""
     try:
         return _converter.structure(table, kind)
     except (cattrs.BaseValidationError, ValueError, TypeError) as error:

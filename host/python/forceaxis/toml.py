@@ -1,4 +1,4 @@
-"""TOML files, read by the same reader as models and experiments."""
+"""Reads TOML files with the reader that is also used for models and experiments."""
 
 import datetime
 import difflib
@@ -11,7 +11,7 @@ from forceaxis import _core
 
 
 def read(path: Path | str) -> dict[str, Any]:
-    """The file's tables. Raises InputError: file, line, what was expected."""
+    """The tables of a file. Raises InputError with file, line and the expected content."""
     table: dict[str, Any] = _core.read_toml(str(path))
     return table
 
@@ -23,8 +23,8 @@ def read_text(text: str) -> dict[str, Any]:
 
 
 def write_text(value: Mapping[str, Any]) -> str:
-    """A table as TOML, with tables in it written inline; NumPy values as plain ones. Raises
-    TypeError for what TOML does not have."""
+    """A table as TOML text, with its tables written inline and NumPy values as plain values. Raises
+    TypeError for a value that TOML cannot represent."""
     return "".join(f"{_text(str(key))} = {_text(item)}\n" for key, item in value.items())
 
 
@@ -51,8 +51,8 @@ def _text(value: Any) -> str:
 def expect_keys(
     table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
 ) -> None:
-    """Refuse all keys but the known ones, at once, by fail(key, message), which raises. kind: what
-    the known keys are, in place of the list of them."""
+    """Reports all unknown keys at once by fail(key, message), which raises. kind: text that
+    describes the known keys, in place of their list."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

@@ -1,17 +1,17 @@
-"""Numbers and texts for people: digits, plurals, control characters, suggestions for a name."""
+"""Numbers and texts for users: digits, plurals, control characters, suggestions for a name."""
 
 import difflib
 import re
 from collections.abc import Iterable
 
-# Characters that act on a terminal and are not shown: control characters of ASCII and of Latin-1,
-# line and paragraph separators, and those that change the direction of writing.
+# Characters that would control a terminal: control characters of ASCII and Latin-1, line and
+# paragraph separators, and those that change the direction of writing.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """A number with `digits` significant digits; thousands are separated from five places on
-    (28,890); an exponent is used below 1e3 where %g uses it, and from 1e7 on."""
+    """A number with `digits` significant digits as text. Thousands are separated from five digits
+    on (28,890). Below 1e3 an exponent is used as by %g, and from 1e7 on always."""
     rounded = float(f"{value:.{digits}g}")
     if not 1e3 <= abs(rounded) < 1e7:
         return f"{value:.{digits}g}"
@@ -38,9 +38,9 @@ def suggestion(name: str, known: Iterable[str]) -> str:
 
 
 def option_words(**options: object) -> list[str]:
-    """Options of a program as the words of a command line, named as parameters of Python are:
-    lcm_url="x" becomes --lcm-url x. True gives the option alone, a list gives the option once for
-    each value, and None, False and an empty text give no option."""
+    """Arguments of a Python function as options of a command line: lcm_url="x" becomes --lcm-url x.
+    True gives the option without a value, a list gives the option once for each value, and None,
+    False and an empty text give no option."""
     words = []
     for name, given in options.items():
         option = f"--{name.replace('_', '-')}"

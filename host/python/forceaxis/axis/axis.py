@@ -1,4 +1,4 @@
-"""A live axis in engineering units, over any link.
+"""An axis in engineering units, over any connection.
 
 with Axis.sim("sim/experiments/session.toml") as axis:    # acquired; or can, gateway, modbus
     axis.set(position_gain=4.0, velocity_gain=20.0, force_gain=5.0)

@@ -1,5 +1,6 @@
-"""Targets beyond what an axis takes. The firmware clips them, so they are refused before they are
-written: what was asked, the bound, the object that sets it, and what to do.
+"""Checks targets against the limits of an axis. The firmware limits such targets, so they are
+refused before they are written; the text states the target, the bound, the object that sets the
+bound, and the remedy.
 
 expect(axis, {"target_force": 5000})      # InputError where 6072h and rated_force permit less
 

@@ -270,7 +270,9 @@ class CanLink(RecorderLink):
             self._rival.set()
 
     def _send_beat(self, data: bytes) -> None:
-        try:  # in a thread, because a transfer may take longer than the consumer heartbeat time
+        # the heartbeat runs in a thread, because a transfer may take longer than the consumer
+        # heartbeat time
+        try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
             raise NoAnswer(f"{self.where}: expected to send a heartbeat, {error}") from None

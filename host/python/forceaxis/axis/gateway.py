@@ -98,7 +98,8 @@ class GatewayLink(Link):
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
-            except Refused as refusal:  # a recording of another client that has ended
+            # the recorder still has the recording of another client that has ended
+            except Refused as refusal:
                 if RECORDER_BUSY not in str(refusal) or time.monotonic() > end:
                     raise
             self.client.write_raw({"recorder_arm": 0})

@@ -55,7 +55,8 @@ class Recording:
     """Content of the recorder: raw values (samples, signals), each `decimation` ticks apart."""
 
     signals: tuple[str, ...]
-    raw: RawSamples = field(repr=False)  #: (n, len(signals)) int64; a u32 is not negative
+    #: (n, len(signals)) int64; unsigned objects have values >= 0
+    raw: RawSamples = field(repr=False)
     decimation: int = 1
     trigger_sample: int = 0  #: index of the first sample at or after the trigger
 

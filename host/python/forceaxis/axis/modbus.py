@@ -14,7 +14,7 @@ from forceaxis.errors import ParameterError
 
 TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
-BAUD = 115_200  # the firmware's default; 8 data bits, even parity
+BAUD = 115_200  # baud rate, the default of the firmware; 8 data bits, even parity
 PARITIES = "EN"
 IDENTITY = {NAME: 4, SOFTWARE: 2}  # {CANopen index: object of function 43 / 14}
 EXCEPTIONS = {

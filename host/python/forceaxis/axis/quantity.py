@@ -214,7 +214,7 @@ def to_raw(axis: Scaled, name: str, value: Any) -> int:
 
 
 def number(axis: Scaled, name: str, text: str) -> float:
-    """A value that has to be a number. Raises InputError."""
+    """A value that must be a number. Raises InputError."""
     try:
         return float(parse(axis, name, text))
     except ValueError:

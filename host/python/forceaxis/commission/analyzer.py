@@ -59,11 +59,12 @@ BACKS = 6  # largest number of times that the amplitude is halved
 # that the axis slides.
 LESS, BACKS_RUBS = 0.7, 12
 FREE_SWING = 400  # counts, peak to peak
-FREE_SETTLE = 0.3  # share of the settling time in contact
-SEARCH_SETTLE = 0.5  # share of the settling time during the search of the amplitude
+FREE_SETTLE = 0.3  # settling time out of contact, as a share of the settling time in contact
+# settling time during the search of the amplitude, as a share of the normal one
+SEARCH_SETTLE = 0.5
 CERTAIN = 0.04  # relative error, median over the lines, at which fewer averages suffice
 STANDING = 4  # counts: at standstill the position changes by less
-CODE_NOISE = 5.0  # largest difference of two mean codes, in standard deviations of a mean
+CODE_NOISE = 5.0  # largest difference of two mean DAC codes, in standard deviations of a mean
 
 
 class Ended(Exception):

@@ -14,7 +14,7 @@ from forceaxis.commission.refusal import LEFT, ORPHANED
 
 SAMPLES = 750  # half a second at rest
 READINGS, READING_PERIOD_S = 25, 0.02  # for a connection without recordings
-STANDING_CNT = 2  # largest change of the encoder at standstill, as in the firmware's test
+STANDING_CNT = 2  # largest change of the encoder count at standstill, as in the firmware's test
 DITHER_LSB = 0.4  # with less noise, a value smaller than one code cannot be measured
 REACH = 8  # multiple of first_motion_counts that bounds the motion of the firmware's test
 TRAVEL_CNT, OUTPUT_CODES = 400, 250  # travel and largest code of the move out and back

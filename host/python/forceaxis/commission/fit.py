@@ -107,7 +107,8 @@ class JointFit:
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
     #: {"a/b" or "a*b": (value, low, high)} of pairs that are known better than their parameters
     ratios: dict[str, tuple[float, float, float]] | None = None
-    correlation: Samples | None = None  #: in the order of the names in `best`
+    #: correlation matrix; rows and columns in the order of the names in `best`
+    correlation: Samples | None = None
     plants: plant_set.PlantSet | None = None  #: for a design
     limiting_hz: float | None = None
     #: for each response {parameter: value}, with the parameters that belong to this response alone

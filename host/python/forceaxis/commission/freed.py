@@ -195,14 +195,15 @@ def _with(
         found = fit_response.fit(slides, starts | free, tries=TRIES)
     except InputError:  # the damper has no effect, or only together with another parameter
         return None
-    # a parameter that has no effect while the workpiece sticks
+    # the parameter has no effect while the workpiece sticks
     if found.single.max() > fit_response.REACH:
         return None
     values = dict(zip(found.names, found.values.tolist(), strict=True))
     newtons = {}
     for rub in rubs:
         whole = about.table_N if rub in table else (None if about.least else about.moving_N)
-        known_N = rub.newton * (whole or 0.0)  # share of this friction if the model has several
+        # share of the measured friction, if the model has several frictions
+        known_N = rub.newton * (whole or 0.0)
         if not known_N and about.speed and rub.damping in values:
             known_N = values[rub.damping] * about.speed / friction.damping(1.0, 1.0)
         newtons[rub.name] = known_N or None

@@ -31,7 +31,7 @@ Samples = NDArray[np.float64]
 
 SHARE_OF_WAY = 0.85  # share of the travel in each direction over which glide() moves
 GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
-SLOWER = 0.6  # ratio of the smaller to the larger code
+SLOWER = 0.6  # ratio of the smaller DAC code to the larger one in the two motions
 ENOUGH = 1.2  # a code is large enough if its speed would cover this multiple of the travel
 # period of reading the position; a motion ends at this multiple of the travel
 LOOK_S, BEYOND = 0.02, 1.3
@@ -41,7 +41,9 @@ FELT_CODES = 0.12  # codes: a smaller dead zone counts as no friction
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 BLOCK = 20  # samples of a mean
 BINS = 6
-SOFTER = 1.6  # ratio to the compliance at the two forces, from which a place counts as soft
+# ratio of the compliance between two forces to that at the forces, from which the workpiece counts
+# as soft
+SOFTER = 1.6
 # friction is accepted if it reduces the error of the position by more than this share
 FELT_SHARE = 0.15
 LEAST_COUNTS = 0.35  # counts of travel from which friction under the workpiece can be measured
@@ -49,7 +51,9 @@ NOISE_SLIDES = 2.5  # dead zones: noise with fewer codes does not slide most of 
 # Relative difference from the force set-point above which a force law without integral action
 # counts as stopped by friction.
 STANDS_WITHIN = 0.06
-RISES = 0.3  # share of the slope of the force; a faster block belongs to a motion
+# a block of samples whose force changes faster than this share of the mean slope belongs to a
+# motion
+RISES = 0.3
 # fewest blocks of a motion; time for which the axis waits at the end of a motion
 FEWEST_BLOCKS, HELD_S = 8, 1.0
 # Friction counts as found above all three: standard errors, codes, and share of the codes that the
@@ -65,7 +69,7 @@ class Glide:
     dead_zone: float
     difference: float
     rate: float
-    codes: int  #: largest code that was output
+    codes: int  #: largest DAC code that was output
 
     @property
     def rubs(self) -> bool:

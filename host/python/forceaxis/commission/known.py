@@ -21,8 +21,10 @@ LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_
 # step and number of steps: a step response reaches its peak within a few time constants
 FINE_S, FINE_STEPS = 1e-5, 300
 STEADY_HZ = 0.02
-PEAKY = 2  # ratio to the codes whose peak is still linear; noise reaches its peak rarely
-UNSATURATED = 0.7  # share of the limit: a step of the noise is up to twice its amplitude
+# ratio of the codes of a noise to those that keep its peak linear; noise reaches its peak rarely
+PEAKY = 2
+# share of the drive's limit, because a step of the noise is up to twice its amplitude
+UNSATURATED = 0.7
 
 
 @dataclass(frozen=True)

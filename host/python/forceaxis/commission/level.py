@@ -33,7 +33,7 @@ class MeasuringOrder:
     #: searches for dry friction; with friction, the amplitude is large enough to slide
     finds_friction: bool = True
     rubs: bool = False  #: the axis has dry friction, whose effect grows at smaller amplitudes
-    swing: float = 0.4  #: share of the bias force, peak to peak
+    swing: float = 0.4  #: range of the force peak to peak, as a share of the bias force
     #: relative distance from the force set-point at which the force counts as settled
     within: float = 0.05
 
@@ -74,7 +74,7 @@ class Level:
     swing: float = 0.0  #: peak to peak, N in contact, counts out of contact
     #: rms of the output's rate, from the waveform alone: N/s in contact, counts/s out of contact
     speed_rms: float = 0.0
-    distorted: float = 1.0  #: ratio of the difference of the first realisations to their noise
+    distorted: float = 1.0  #: ratio of the difference between the first realisations to their noise
     aborts: list[Abort] = field(default_factory=list)
     of_loop: bool = False
 

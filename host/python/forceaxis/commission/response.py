@@ -124,7 +124,8 @@ def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
     """Seeds of the firmware's noise whose integral over a period stays nearest to 0. An integrating
     axis then stays near its start position. first: another number gives other seeds."""
     seeds = (np.arange(CANDIDATES) + CANDIDATES * first) % 65536
-    random = (seeds * 2654435769 % 2**32).astype(np.uint32)  # as in firmware/core/excitation.c
+    # the same random number generator as in firmware/core/excitation.c
+    random = (seeds * 2654435769 % 2**32).astype(np.uint32)
     integral = np.zeros(CANDIDATES)
     furthest = np.zeros(CANDIDATES)
     for start in range(0, samples, hold):

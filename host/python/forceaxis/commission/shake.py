@@ -25,7 +25,8 @@ FREQUENCIES = 11
 # multiple of the displacement at which the spring overcomes the friction; enough for a result
 SLIDES = 3.0
 LEAST = 1.25  # smallest accepted multiple of that displacement
-TRIES, MORE = 7, 1.6  # largest number of increases of the amplitude, and the factor of each
+# largest number of increases of the amplitude of a sine, and the factor of each increase
+TRIES, MORE = 7, 1.6
 FEWEST = 3  # frequencies at least
 
 

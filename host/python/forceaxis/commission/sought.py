@@ -18,7 +18,7 @@ from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-LOWER = LOWEST + MARGIN  # share of the smallest force at which the slow change of the force begins
+LOWER = LOWEST + MARGIN  # the slow change of the force begins at this share of the smallest force
 # relative force error within which friction may stop an axis without integral action
 RUBS_WITHIN = 0.2
 LEFT_SAMPLES = 750  # half a second
@@ -27,10 +27,13 @@ NOT_LOOKED = (
     "bias",
     "travel",
     "contact",
-)  # refusals of the slow change that do not end the measurement
-# share of the compliance of the contact from which the workpiece counts as not sticking
+)  # errors of the slow change after which the measurement continues
+# smallest compliance behind the contact, as a share of the contact's own, with which permanent
+# sticking can be detected
 GIVES = 0.3
-WHOLE = 1.2  # ratio to the friction under a workpiece: half of a force swing with which it slides
+# half of the force range has to be this multiple of the friction under the workpiece, so that it
+# slides
+WHOLE = 1.2
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Look:
         self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
-            self.model = ""  # the model has no conversion of codes and counts
+            self.model = ""  # the model does not define the size of codes and counts
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):
             self.newton = 0.0

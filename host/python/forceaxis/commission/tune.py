@@ -187,7 +187,7 @@ class Tuning(TuningFolder):
             self.write(tune_files.BETWEEN, done.result.between)
             if done.result.between.friction_N > 0:
                 self.write(tune_files.SHAKEN, done.result.shaken)
-            else:  # a file of the replaced measurement
+            else:  # the file belongs to a measurement that is replaced
                 (self.folder / tune_files.SHAKEN).unlink(missing_ok=True)
             done = done._replace(result=done.result.levels)
         tune_files.write_step(self.folder, step, done)

@@ -35,8 +35,8 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
 AVERAGES_MIN = 5
-SMALLER_FACTOR = 3  # ratio of the first to the second amplitude
-# share of the smallest force at which the slow change of the force begins
+SMALLER_FACTOR = 3  # ratio of the first to the second amplitude of the excitation
+# the slow change of the force begins at this share of the smallest force
 LOWEST_FORCE_FACTOR = 0.6
 COASTED_TRAVELS = 5  # travels: an axis that has coasted farther than this is not moved back
 

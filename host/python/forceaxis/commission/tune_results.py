@@ -22,7 +22,8 @@ Setting = int | float | str  # engineering value of an object, or the name of an
 Settings = dict[str, Setting]  # {object: Setting}
 Values = dict[str, float]  # {parameter of the model: SI value}
 Range = tuple[float, float]  # low, high
-Sections = tuple[tuple[float, ...], ...]  # of a bank: (b0, b1, b2, a1, a2) each
+# second-order sections of a bank: (b0, b1, b2, a1, a2) each
+Sections = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -63,7 +63,7 @@ BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
 # counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 IMPACT_PEAK_N = 10.0  # peak force of a first contact from the momentum of the axis alone
-# ratio to the bandwidth of P, below which the text names the limiting bound
+# if the bandwidth is below this multiple of that of P, the text names the limiting bound
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # of REASONS
 

@@ -1,1 +1,1 @@
-"""Coefficients of the force law for a set of plants, and what they are worth."""
+"""Design of the force law for a set of plants, and the performance of a designed law."""

@@ -12,7 +12,7 @@ from forceaxis.linear.system import find_model
 
 
 def figure(result: Advice) -> Figure:
-    """Critical gain and crossover under each change."""
+    """Figure of critical gain and crossover frequency under each change."""
     known = [(row, row.ratio.critical_gain) for row in result.rows]
     gains = [(row, gain) for row, gain in known if gain]
     drawn, ax = plt.subplots(figsize=(6.6, 0.9 + 0.21 * len(gains)))

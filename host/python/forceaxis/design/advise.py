@@ -53,14 +53,16 @@ from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
 MODE_FIGURES = ("frequency_hz", "damping_ratio", "label", "against_below", "shape")
-LAG = 3.0  # noncolocated modes up to this multiple of the crossing may limit by their lag
+# ratio to the crossing frequency up to which a noncolocated mode may limit the gain by its phase
+# lag
+LAG = 3.0
 
 
 HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
 
 
 class NotAsked(Enum):
-    """The value of a result that was not asked for; JSON has no key for it."""
+    """Stands for a value that was not requested; JSON has no key for it."""
 
     NOT_ASKED = "not asked"
 
@@ -70,11 +72,12 @@ NOT_ASKED = NotAsked.NOT_ASKED
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of a loop at its critical gain, as the head of the module defines them.
+    """Figures of a loop at its critical gain, defined in the docstring of the module.
 
     Gains in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain None:
     the loop is stable at every gain, or at every gain up to known_to, above which rounding decides.
-    The other figures are then None, or those of known_to."""
+    The other figures are then None, or those of known_to.
+    """
 
     critical_gain: float | None
     known_to: float | None
@@ -94,9 +97,9 @@ class FiguresOverSet(WorstFigures):
 
 @dataclass(frozen=True)
 class SimulatedLimit:
-    """The largest firmware gain with a stable verdict (None: no run is stable), the next one that
-    is not (None: stable up to the end of the row), its share of the linear limit, the number of
-    runs, and the force ripple in 8-bit counts at a smaller gain."""
+    """The largest firmware gain with a stable verdict (None: no run is stable), the next simulated
+    gain, which is not stable (None: all larger gains are stable), its ratio to the linear limit,
+    the number of runs, and the force ripple in 8-bit counts at a smaller gain."""
 
     stable_gain: float | None
     unstable_gain: float | None
@@ -107,7 +110,8 @@ class SimulatedLimit:
 
 @dataclass(frozen=True)
 class Ratios:
-    """Factors of the figures under a change; None where one of the two does not exist."""
+    """Ratio of each figure with a change to the figure without it; None if one of the two does not
+    exist."""
 
     critical_gain: float | None
     loop_gain: float | None
@@ -117,7 +121,7 @@ class Ratios:
 
 @dataclass(frozen=True, kw_only=True)
 class PresentDesign(Performance):
-    """The present design; over: None where no gain keeps all members stable."""
+    """The present design; over: None if no gain keeps all members stable."""
 
     over: FiguresOverSet | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
     simulated: SimulatedLimit | NotAsked = json_field(default=NOT_ASKED, omit_none=True)
@@ -125,8 +129,8 @@ class PresentDesign(Performance):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceRow(Performance):
-    """One change of the design: name, kind, section of the thesis, whether the firmware can do it,
-    and its factors. simulated: None where a run is not possible or not wanted."""
+    """One change of the design: name, kind, section of the thesis, whether the firmware supports
+    it, and its factors. simulated: None if a run is not possible or was not requested."""
 
     change: str
     kind: str
@@ -139,8 +143,9 @@ class AdviceRow(Performance):
 
 @dataclass(frozen=True)
 class LimitingMode:
-    """The mode of vibration that limits the gain: its element with most of the elastic energy, its
-    body that moves most, undamped frequency, label, shape {body: amplitude}, and how it limits."""
+    """The mode of vibration that limits the gain: the element with most of its elastic energy, the
+    body with its largest motion, undamped frequency, label, shape {body: amplitude}, and text about
+    its effect."""
 
     name: str
     element: str | None
@@ -155,7 +160,7 @@ class LimitingMode:
 
 @dataclass(frozen=True)
 class NoLimitingMode:
-    """No mode of vibration limits the gain; how: what limits instead."""
+    """No mode of vibration limits the gain; how: text about the limiting effect."""
 
     how: str
     name: str = "none"
@@ -171,7 +176,7 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """What `forceaxis advise --json` prints; unit: of gains; reference_hz: frequency of
+    """The content of `forceaxis advise --json`; unit: of gains; reference_hz: frequency of
     loop_gain_at; present_gain: force_gain of the experiment; over, modes: the set of plants."""
 
     model: str
@@ -242,7 +247,7 @@ def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
 
 
 def ratios(new: Performance, old: Performance) -> Ratios:
-    """The factor of each figure under a change."""
+    """Ratio of each figure with a change to the figure without it."""
 
     def factor(one: float | None, other: float | None) -> float | None:
         return one / other if one and other else None
@@ -273,7 +278,8 @@ def strain(model: Path, overrides: Mapping[str, float], shape: Mapping[str, floa
 
 
 def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode | None:
-    """The mode that limits the gain (see the head of the module). None if nothing limits."""
+    """The mode that limits the gain, by the definition in the docstring of the module; None if
+    nothing limits it."""
     limit = loop.limit()
     if not limit.gain or limit.frequency_hz is None:
         return None
@@ -308,8 +314,8 @@ def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode |
 
 
 def next_crossing(loop: Loop) -> NextCrossing | None:
-    """The next pole that becomes unstable above the limit, or None: the limit if the first were
-    removed."""
+    """The next pole that becomes unstable above the limit, or None. Its gain would be the limit if
+    the first pole were removed."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
     return NextCrossing(above[0].gain, above[0].frequency_hz) if above else None
@@ -317,7 +323,8 @@ def next_crossing(loop: Loop) -> NextCrossing | None:
 
 @np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
 def branch_start(loop: Loop, limit: Limit) -> complex:
-    """The open-loop pole, 1/s, from which the branch on the boundary at the limit starts."""
+    """The open-loop pole in 1/s at which the branch begins that is on the stability boundary at the
+    limit."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError("gain: expected a loop with a critical gain, it is stable at every gain")
     gains = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 40) * limit.gain])
@@ -329,8 +336,9 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
 def rank(
     figures: Performance, in_firmware: bool, over: FiguresOverSet | NotAsked | None = NOT_ASKED
 ) -> tuple[float, float]:
-    """Sorting key: over a set by its bandwidth; else no limit first, then by crossover, then by
-    loop gain. A change that the firmware cannot do comes last."""
+    """Sorting key: over a set by bandwidth. Without a set, changes without a limit come first, then
+    by crossover frequency, then by loop gain. A change that the firmware does not support comes
+    last."""
     if not in_firmware:
         return (math.inf, 0.0)
     if not isinstance(over, NotAsked):
@@ -385,8 +393,8 @@ class _Over:
         return FiguresOverSet(**vars(found.worst), firmware_gain=found.bank.force_gain)
 
     def designed(self) -> list[Change]:
-        """Changes of the present law for the bank designed over the set, with the present ADC and
-        with a finer one."""
+        """Changes from the present law to the bank designed over the set, with the present ADC and
+        with one of more bits."""
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
@@ -486,7 +494,7 @@ def simulated_limit(
     design: Design, change: Change | None, linear_figures: Performance,
     threads: int | None = None, quiet_gain: float | None = None,
 ) -> SimulatedLimit:  # fmt: skip
-    """Largest firmware gain up to which the verdict of the runs is stable.
+    """Largest firmware gain up to which all runs have a stable verdict.
 
     Of a row of gains up to 1.3 times the linear limit, the smallest stable one and the next that is
     not (smaller ones are ignored: so slow an approach does not settle in time); two finer rows

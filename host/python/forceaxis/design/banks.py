@@ -1,11 +1,11 @@
-"""A bank of the firmware as results have it in JSON."""
+"""A bank of the firmware in the form of its JSON."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from forceaxis.results import json_field
 
-if TYPE_CHECKING:  # the package loads SciPy, which `forceaxis --help` does without
+if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help` does not need it
     from forceaxis.linear.bank import Bank
 
 
@@ -41,9 +41,9 @@ def bank_figures(bank: "Bank") -> BankFigures:
 
 @dataclass(frozen=True)
 class BankKeys:
-    """A bank as [firmware.bank_N] of an experiment has it; gain and hf_gain in DAC codes per 8-bit
-    count, integral rate in 1/s, velocity_gain in DAC codes per count/tick. What a bank has not is
-    None and has no key."""
+    """A bank with the keys of [firmware.bank_N] in an experiment; gain and hf_gain in DAC codes per
+    8-bit count, integral rate in 1/s, velocity_gain in DAC codes per count/tick. A part that the
+    bank lacks is None and has no key."""
 
     gain: float
     integral_rad_per_s: float | None = json_field(omit_none=True)

@@ -45,7 +45,7 @@ class MissedContactLimit:
 
 @dataclass(frozen=True)
 class ContactRun:
-    """The figures of one run that a design uses; None where a run has no such figure."""
+    """The figures of one run that a design uses; None if a run has no such figure."""
 
     verdict: str
     fault: str
@@ -96,11 +96,11 @@ class SimulatedContact:
     static_error_percent: float | None
     missed: tuple[MissedContactLimit, ...]
     peak_N: float
-    losses: int  # of contact, in the whole run
+    losses: int  # number of contact losses in the whole run
     saturated_ms: float
     settle_ms: float | None
     overshoot_percent: float | None
-    losses_max: int | None = None  # of contact, that the verdict permits; None: any number
+    losses_max: int | None = None  # contact losses that the verdict permits; None: any number
 
     @property
     def is_stable(self) -> bool:
@@ -132,8 +132,8 @@ def simulated_contact(
 
 
 def read_contacts(rows: Iterable[Mapping[str, Any]]) -> list[SimulatedContact]:
-    """Simulated contacts of a JSON file. Columns that are no field, such as "kind", are left out;
-    so are rows of earlier versions that have not all columns."""
+    """Simulated contacts from a JSON file. Columns without a field, such as "kind", are ignored,
+    and so are rows of earlier versions without all columns."""
     fields = dataclasses.fields(SimulatedContact)
     names = {field.name for field in fields}
     needed = {field.name for field in fields if field.default is dataclasses.MISSING}

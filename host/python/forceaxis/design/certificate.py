@@ -33,7 +33,7 @@ CONSTRAINTS = {
 
 @dataclass(frozen=True)
 class WorstFigures:
-    """The worst figures of a law over a set of plants; None where a figure does not exist."""
+    """The worst figures of a law over a set of plants; None if a figure does not exist."""
 
     fS_Hz: float | None  # lowest frequency at which |S| reaches -3 dB
     fT_Hz: float | None  # frequency at which |T| last falls through -3 dB
@@ -46,7 +46,7 @@ class WorstFigures:
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS in Hz; 0 where it does not exist."""
+        """fS in Hz; 0 if it does not exist."""
         return self.fS_Hz or 0.0
 
     @property
@@ -64,7 +64,7 @@ class PFigures(WorstFigures):
 
 @dataclass(frozen=True)
 class NoPFigures:
-    """There is no P law that keeps the margins."""
+    """The P law keeps the margins at no gain."""
 
     force_gain: float = 0.0
 
@@ -128,8 +128,8 @@ def _most(values: Sequence[float | None]) -> float | None:
 def exact(
     plants: PlantSet, grids: Sequence[Grid], bank: Bank, goal: Goal
 ) -> tuple[Bank, WorstFigures | None]:
-    """(bank, figures): the gain is lowered until the exact worst figures of the set keep the
-    margins. The gain is 0 and the figures are None if no gain does."""
+    """(bank, figures) after the gain has been lowered until the exact worst figures of the set keep
+    the margins. The gain is 0 and the figures are None if no gain keeps them."""
     bank = lowered(bank, FIRST_GAIN_FACTOR)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
@@ -192,7 +192,8 @@ def _static_error(grid: Grid, bank: Bank) -> float:
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
-    """Largest static error of the members, as a share of the set-point."""
+    """A sentence about the bound that limits the gain of a bank. steep: gain of the law at high
+    frequency for force_gain 1; finer: text of Goal.hf_cure()."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(law, steep, free)

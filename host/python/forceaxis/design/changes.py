@@ -1,4 +1,4 @@
-"""A design that can be changed: a model under its parameters, and the changes of `advise`."""
+"""A design that can be changed: a model with its parameter values, and the changes for `advise`."""
 
 import contextlib
 import math
@@ -48,7 +48,7 @@ class Change:
     states: dict = field(default_factory=dict)  # {element: state}
     firmware: dict = field(default_factory=dict)  # objects that the simulation needs
     simulated: bool = True  # False: not run by `advise --simulate`
-    in_firmware: bool = True  # False: firmware and simulator lack it
+    in_firmware: bool = True  # False: firmware and simulator do not support it
     thesis: str = ""  # section of the thesis that proposes it
 
 
@@ -70,7 +70,7 @@ def read_firmware(experiment: Path | None) -> dict[str, Any]:
 
 
 class Design:
-    """A model under its parameter values, with the experiment that simulates it.
+    """A model with its parameter values, and the experiment that simulates it.
 
     text: MODEL or EXPERIMENT as on the command line; `overrides` take precedence over an
     experiment's [set]. states: {element: state} in which the plant is linearised; all other

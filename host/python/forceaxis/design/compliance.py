@@ -50,7 +50,8 @@ class CompliancePoint:
     p_static_error: float | None  # share of the set-point
     static_error: float | None
     motion_m: float  # travel of the drive from first contact to the set-point
-    p_strike_N_s: float | None  # hardest impact that is stable; 0: not even the weakest
+    # largest impact that is stable; 0: the smallest is already unstable
+    p_strike_N_s: float | None
     strike_N_s: float | None
     p_bank: BankKeys | None
     bank: BankKeys | None
@@ -59,8 +60,8 @@ class CompliancePoint:
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """What `forceaxis compliance --json` prints; present: stiffness of the model in N/m; over: the
-    tolerances; strike_max_N_s: the hardest impact that is simulated."""
+    """The content of `forceaxis compliance --json`; present: stiffness of the model in N/m; over:
+    the tolerances; strike_max_N_s: the largest impact that is simulated."""
 
     model: str
     element: str
@@ -77,7 +78,7 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ComplianceOrder:
-    """What `compliance` is asked for; a field for each option of the verb."""
+    """The options of `compliance`, a field for each option of the verb."""
 
     text: str  # MODEL or EXPERIMENT
     element: str | None = None  # a parameter in N/m; None: the stiffness of the contact
@@ -220,7 +221,7 @@ Curve = tuple[str, Column, str]  # name, values, colour
 
 
 def figure(result: Compliance) -> Figure:
-    """Bandwidth, error and motion, and tolerated impacts over the stiffness, as a figure."""
+    """Figure of bandwidth, error, motion and tolerated impacts over the stiffness."""
     rows = result.rows
     k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))
@@ -241,7 +242,7 @@ def figure(result: Compliance) -> Figure:
     for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        struck = ax is axes[-1]  # 0 is a result: not even the weakest impact is stable
+        struck = ax is axes[-1]  # 0 is a result too: the smallest impact is already unstable
         if not struck:
             ax.set_yscale("log")
         for name, column, colour in curves:

@@ -92,7 +92,7 @@ def weight_n(v):
 
 
 def default_brake(v):
-    """Twice the weight along the axis, and at least 1 N."""
+    """Twice the component of the weight along the axis, and at least 1 N."""
     return max(1.0, 2.0 * abs(weight_n(v)))
 
 
@@ -207,8 +207,8 @@ BACK = "<"  # answer that returns to the previous question
 
 
 def collect(given, ask=None):
-    """Every value and its origin. `given`: texts by name; `ask(field, proposed, number)` -> text
-    that parses, or BACK; number: of the field, from 1.
+    """Collects every value and its origin. given: texts by name; ask(field, proposed, number)
+    returns a text that can be parsed, or BACK; number: of the field, from 1.
 
     Returns (values, sources). Raises InputError for a value that is out of range or without effect.
     """
@@ -224,7 +224,8 @@ def collect(given, ask=None):
             if text not in (None, field.word):
                 raise InputError(f"{field.option}: {refusal}")
             values[field.name] = None
-            sources.pop(field.name, None)  # the origin belongs to an answer from before the return
+            # the stored origin belongs to an answer before the user returned to this question
+            sources.pop(field.name, None)
             i += 1
             continue
         default = field.default(values) if callable(field.default) else field.default

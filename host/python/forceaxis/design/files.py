@@ -198,7 +198,7 @@ def write(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),
         outcome.worst.largest_ms, outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
-    if outcome.slowed:  # the speed with which its contacts were simulated
+    if outcome.slowed:  # the contacts were simulated with this approach speed
         values = {"approach_velocity_max": bench.approach_count_per_s(case)} | values
     contact = bench.text(case, outcome.bank, outcome.loss_objects, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}

@@ -36,10 +36,12 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
-PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # share of P's limit; integral rate of the first law
+# gain of the first law as a share of the limit of P; integral rate of the first law
+PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]
-Instead = Callable[[str], DesignOutcome | None]  # the design with the named structure, if any
+# function that returns the design with the named structure, if there is one
+Instead = Callable[[str], DesignOutcome | None]
 
 
 def check(order: DesignOrder) -> None:
@@ -153,7 +155,7 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
 def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
-    """The outcome of the search, and a function that gives the one with another structure."""
+    """The outcome of the search, and a function that returns the outcome with another structure."""
     timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
     goal = search.Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
@@ -188,11 +190,12 @@ def found(
 def simulated(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
 ) -> tuple[DesignOutcome, ContactBench]:
-    """(the design with the gain that the simulation permits, or that of another structure if it
-    then has more bandwidth; the bench with the approach of this design).
+    """(the design with the gain that the simulation permits, or with another structure whose
+    bandwidth is then larger; the bench with the approach of this design).
 
     The approach becomes slower where contacts do not settle or lose contact more than LOSSES_MAX
-    times, unless the order names a speed. Raises InputError where no gain is permitted."""
+    times, unless the order names a speed. Raises InputError where no gain is permitted.
+    """
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = LATENCIES[order.latency]
     members = contact_members(bench, outcome.plants, MEMBERS)
@@ -275,7 +278,8 @@ def settled(
             try:
                 one = one and left(one, least)
             except InputError as error:
-                refused = error  # the last try includes the smallest gain
+                # the last try includes the smallest gain, so its error is the reported one
+                refused = error
                 passed[name] = str(error)
                 continue
             if one and (best is None or one.worst.bandwidth_Hz > best.worst.bandwidth_Hz):

@@ -57,7 +57,8 @@ def ranges(
 
 
 def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
-    """Overrides: without any friction, and with the most of each."""
+    """Overrides of the member without friction and of the member with the largest value of each
+    friction."""
     if not found:
         return []
     shares = ([0.0 for _ in found], [one.most for one in found])

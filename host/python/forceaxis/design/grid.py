@@ -37,7 +37,7 @@ BLOCK_MEMBERS = 16  # members of each Grid that blocks() returns
 # Largest gain at high frequency in codes per 8-bit count. It does not grow with the ADC's
 # resolution, because the noise in N of the measured force does not decrease.
 HF_DEFAULT = 80.0
-HF_SHARE = 0.99  # share of a bound, because the coefficients are rounded
+HF_SHARE = 0.99  # share of a bound that is used, because the coefficients are rounded
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class GainLimit(NamedTuple):
     place: GridPlace | None
 
 
-Index = tuple[int, int]  # (member, frequency) of an array of a Grid
+Index = tuple[int, int]  # index (member, frequency) in an array of a Grid
 
 
 def hf_most(adc_bits: int) -> float:
@@ -262,7 +262,7 @@ class Grid:
         return np.array(found)
 
     def _where(self, level: Samples) -> Samples:
-        """The first frequency of each row at which the level passes 1."""
+        """The first frequency of each row at which the level exceeds 1."""
         past = level >= 1
         j = np.where(past.any(axis=1), np.argmax(past, axis=1), level.shape[1] - 1)
         return np.where(j == 0, 0.0, self._between(level, np.maximum(j - 1, 0), j))

@@ -1,4 +1,4 @@
-"""A model and two experiments of a user's own axis, from data-sheet values (`forceaxis new`)."""
+"""A model and two experiments of a user's axis, from data-sheet values (`forceaxis new`)."""
 
 import math
 import os
@@ -72,8 +72,9 @@ def derive(v):
         fail("current_loop_hz", f"more than R/(2 pi L) = {R / (2 * math.pi * L):.4g} Hz, "
              f"got {v['current_loop_hz']:g}", "raise it or check R and L")  # fmt: skip
     k_tach = v["tachometer_v_s_per_rad"] or full_V * r / speed
-    # Without filter and inductance (R + k_amp k_current) i = k_amp (k_preamp_cmd u - k_preamp_fdbk
-    # k_tach v/r) - k_back_emf v/r; k_torque/r i - b v is to be D (speed/full_V u - v).
+    # Without filter and inductance, (R + k_amp k_current) i = k_amp (k_preamp_cmd u -
+    # k_preamp_fdbk k_tach v/r) - k_back_emf v/r, and k_torque/r i - b v has to equal D
+    # (speed/full_V u - v).
     D = 2 * math.pi * v["velocity_loop_hz"] * mass
     b = v["guide_damping_n_s_per_m"] + v["motor_damping_n_m_s_per_rad"] / r**2
     Z = R + k_amp * k_current
@@ -162,7 +163,7 @@ class First:
     pushes_N: float  # force of the approach at its start: from the command and the weight
     # multiple of the declared dry friction that this force overcomes; None: less than 1
     friction_most: float | None
-    raised: bool  # the set-point was raised for this reason
+    raised: bool  # True if the set-point was raised to overcome the friction
 
 
 def approach_m_per_s(axis):
@@ -324,7 +325,7 @@ class BankForAxis:
 
     @property
     def set_text(self) -> str:
-        """The tolerances, such as "k_w +-30 %"."""
+        """The tolerances as text, such as "k_w +-30 %"."""
         return ", ".join(text.replace("=", " +-").replace("%", " %") for text in self.over)
 
 
@@ -355,7 +356,7 @@ class NewAxis:
     design: BankForAxis | NoBank | None  # None: not asked for
     defaults: list[str]
     doubts: list[str]
-    marked: int  # values of the model that are defaults
+    marked: int  # number of model values that are defaults
 
 
 def write(folder, values, sources, force=False, design=None):

@@ -36,13 +36,15 @@ class DesignOrder:
     gain_margin: float = 2.3
     adc_bits: int | None = None  # None: that of the model
     latency: str = "both"
-    # largest gain in codes per 8-bit count; None: as in grid.Goal; so for the fields below
+    # largest gain at high frequency in codes per 8-bit count; None here and below: as in grid.Goal
     hf_gain: float | None = None
     ramp_s: float | None = None
-    firmware: dict[str, float | str] = field(default_factory=dict)  # beside those of the experiment
+    # settings in addition to those of the experiment
+    firmware: dict[str, float | str] = field(default_factory=dict)
     # set-points of first contacts; empty: chosen by the ranges of sensor and drive
     forces_N: tuple[float, ...] = ()
-    approach_mm_per_s: float | None = None  # None: the speed of the experiment, otherwise 20 mm/s
+    # approach speed; None: that of the experiment, otherwise 20 mm/s
+    approach_mm_per_s: float | None = None
     simulate: bool = True
     threads: int | None = None
 
@@ -89,7 +91,7 @@ class SlowedApproach:
 
     from_m_per_s: float
     to_m_per_s: float
-    losses_before: int | None  # None: contacts do not settle at this speed
+    losses_before: int | None  # None: contacts do not settle at the original speed
     losses: int
     longer_s: float
 
@@ -108,10 +110,11 @@ class SlowedApproach:
 
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
-    """What `forceaxis design --json` prints, and the design in the folder of `tune`.
+    """The content of `forceaxis design --json`, and the design in the folder of `tune`.
 
     over: {parameter: (nominal, low, high)} in SI; together: values that change together; modes:
-    {element: state}; friction_N: {parameter: (low, high)} of the simulated contacts."""
+    {element: state}; friction_N: {parameter: (low, high)} of the simulated contacts.
+    """
 
     model: str
     over: dict[str, tuple[float, float, float]]

@@ -98,7 +98,8 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    spare: SettledContact | None = None  # the first combination with more contact losses
+    # the first combination that loses contact more often than in the first try
+    spare: SettledContact | None = None
     # With friction, the default at a contact loss, a cap of 0, is tried last: see
     # simulate.losses().
     for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAINS, SPEEDS):

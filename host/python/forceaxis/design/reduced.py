@@ -22,7 +22,8 @@ INTEGRALS = np.geomspace(0.1, 100, 31)  # rad/s, for PI
 LEAST_HZ = 0.05
 # factor of a bound for limited_by, and the increase of bandwidth that counts
 WIDER, NOTICED = 1.3, 1.02
-# share of PI's rate: with a slower integral, a static error of P disappears too slowly
+# smallest integral rate as a share of PI's rate; with a slower one a static error disappears too
+# slowly
 INTEGRAL_MIN = 0.15
 EVALUATIONS = 200  # of each start
 RESTARTS = 2

@@ -78,7 +78,8 @@ class SearchResult:
 
 
 class SearchProblem:
-    """A set of members on a grid, the bounds of a goal, and the bandwidth of a law under both."""
+    """A set of members on a grid, the bounds of a goal, and the bandwidth of a law within these
+    bounds."""
 
     def __init__(
         self, plants: PlantSet, members: list[Member], goal: Goal, ramp: Ramp | None,

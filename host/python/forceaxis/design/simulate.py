@@ -44,7 +44,7 @@ Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
 
 # Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
-OF_STALL = 0.25  # largest share of the drive's largest force
+OF_STALL = 0.25  # largest set-point as a share of the drive's largest force
 RAMP_S = 0.2  # rise time of the largest set-point
 STRIKE_S = 0.5 / 150  # impulse of an impact, N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02
@@ -58,13 +58,15 @@ STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # factors of the impulse o
 DWELLS_MS = (300, 100, 600)
 SHARES = (0.5, 1.0)  # shares of the largest friction against which the approach may have to move
 BACKOFF, BACKOFFS = 0.9, 20
-ERROR_MAX = 0.02  # share of the set-point, for a law with integral action; or HALF_COUNT
+# permitted force error as a share of the set-point, for a law with integral action; at least
+# HALF_COUNT
+ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # 8-bit counts: error of the measured force at rest
 PEAK_MAX = 1.3  # set-points
 LOSSES_MAX = 1
 SPEEDS = (1.0, 0.5, 0.25, 0.1)  # shares of the approach speed that are tried
 SATURATED_MAX_S = 0.02
-WEAK = 0.25  # share of the designed gain; such a law has no effect on an impact
+WEAK = 0.25  # gain as a share of the designed gain; such a weak law has no effect on an impact
 
 
 class ContactBench:
@@ -278,7 +280,8 @@ class ContactBench:
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
     def struck(self) -> tuple[str, float]:
-        """(body, sign) of an impact: the workpiece, or the body that presses on the ground."""
+        """(body, sign) of an impact: the workpiece, or the body that presses if the workpiece is
+        the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
@@ -296,15 +299,15 @@ class ContactBench:
         return sign * (changes.value_of(self.design, text) or 0.0)
 
     def touch_s(self, case: ContactCase) -> float:
-        """Time in s by which the axis is in contact, with a margin of a fifth."""
+        """Time in s at which the axis is in contact at the latest, with a margin of a fifth."""
         return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
 
     def text(
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: path of the model
-        from where the file will be; by default the absolute path."""
+        """The text of a case's experiment. loss: {"contact_loss_cap": code, ...}; model: path of
+        the model from the folder of the file; by default the absolute path."""
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         law = files.law_keys(self, bank, loss or {})
@@ -374,8 +377,8 @@ class ContactBench:
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
     def press_speed_code(self, speed_m_per_s: float, share: float = 1.0) -> int:
-        """The DAC code that moves the free axis at a speed against `share` of the largest friction.
-        With a smaller code the axis remains at standstill where the friction sticks."""
+        """The DAC code that moves the axis out of contact at a speed, against `share` of the
+        largest friction. With a smaller code, friction may keep the axis at standstill."""
         body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
@@ -395,8 +398,8 @@ class ContactBench:
 def run(
     jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
 ) -> list[ContactRun]:
-    """Runs of the jobs in their order. experiments: `_core.Experiments` that keeps files which were
-    read, for calls with the same files. Raises SimulationError of the first run that fails."""
+    """Runs the jobs in their order. experiments: `_core.Experiments`, which stores files that were
+    read, for calls with the same files. Raises SimulationError for the first run that fails."""
     shared = experiments or _core.Experiments()
     outcomes = _core.run_many(jobs, threads, None, True, None, shared)
     for outcome in outcomes:
@@ -409,8 +412,8 @@ def simulate(
     bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
     loss: Mapping[str, int] | None = None, threads: int = 1, law: str = "design",
 ) -> list[SimulatedContact]:  # fmt: skip
-    """All cases of a bench with a bank on each plant of `members` and with each latency; the user's
-    own experiment on the nominal plant alone."""
+    """Simulates all cases of a bench with a bank on each plant of `members` and with each latency;
+    the user's own experiment on the nominal plant only."""
     keys: list[tuple[ContactCase | NamedCase, Plant, int]] = []
     jobs, most = [], []
     for case in bench.cases:

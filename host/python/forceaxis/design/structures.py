@@ -22,7 +22,7 @@ HIGHEST_HZ = 600.0
 ZERO_DAMPING = (0.02, 2.0)
 # with less damping, a section amplifies the quantisation of the force at one frequency
 POLE_DAMPING = (0.4, 2.0)
-# {name: number of sections}; None: neither integral nor section.
+# {name of a structure: number of its sections}; None: neither integral nor section.
 STRUCTURES: dict[str, int | None] = {
     "P": None,
     "PI": 0,

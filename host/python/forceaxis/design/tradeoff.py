@@ -51,8 +51,8 @@ class TradeoffRow:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """What `forceaxis design --pareto --json` prints; against: name of the second figure, what: its
-    meaning."""
+    """The content of `forceaxis design --pareto --json`; against: name of the second figure; what:
+    its meaning."""
 
     model: str
     over: list[str]

@@ -181,7 +181,7 @@ class Number:
 
 
 Expected: TypeAlias = str | Number
-Obtained: TypeAlias = str | float | None  # None: the run does not have this value
+Obtained: TypeAlias = str | float | None  # None: the run has no such value
 
 
 @dataclass(frozen=True)

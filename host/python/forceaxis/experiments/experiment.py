@@ -199,7 +199,7 @@ class Result:
 
     @property
     def setpoint_N(self) -> float | None:
-        """The last set-point of force; None: the experiment controls no force."""
+        """The last force set-point in N; None if the experiment controls no force."""
         return self._held.setpoint_N if self._held else None
 
     @property
@@ -251,7 +251,7 @@ class Result:
         return name in self.units
 
     def plot(self, path: str | Path | None = None, *, codes: bool = False) -> Figure:
-        """Draw the run as a Matplotlib figure, and write it to `path` (.png, .svg, .pdf).
+        """Draws the run as a Matplotlib figure, and writes it to `path` (.png, .svg, .pdf).
 
         codes: shows the codes of the converters instead of N, mm and V.
         """

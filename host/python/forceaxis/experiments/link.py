@@ -46,7 +46,7 @@ class LinkError(Exception):
 
 @dataclass(frozen=True)
 class LinkOptions:
-    """How the processes of plant and firmware are linked."""
+    """Options of a run with plant and firmware in two processes."""
 
     kind: str = "inproc"  # of KINDS
     lcm_url: str = ""  # empty: a port number computed from the number of the run

@@ -75,7 +75,7 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-# share of the figure's width within which marks overlap, and largest number of marks there
+# marks within this share of the figure's width overlap; largest number of overlapping marks
 CLOSE, MANY = 0.015, 3
 CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
@@ -133,7 +133,7 @@ def trace(
 
 
 def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
-    """The lines of a row, with its label."""
+    """Draws the lines of a row, with its label."""
     for line in row:
         values = line.values
         if len(row) == 1 and line.names:
@@ -193,7 +193,7 @@ def ramps(
 
 
 def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
-    """Shade the times of contact and the window of the verdict."""
+    """Shades the times of contact and the window of the verdict."""
     low, high = time_s[0], time_s[-1]
     inside = [(max(a, low), min(b, high)) for a, b in marks.contacts if b > low and a < high]
     across = ax.get_xaxis_transform()
@@ -283,7 +283,7 @@ class Settling:
     """An expected settling time; times are measured from from_s."""
 
     from_s: float
-    band: list[float]  # lower and upper edge, in the unit of the trace
+    band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
     expected_s: tuple[float, float] | None
     obtained_s: float | None
 

@@ -63,7 +63,7 @@ class Metrics:
     window_ticks: int
     window_start_s: float
     force_ripple_count: float  # in counts of 8 bits
-    force_ripple_late_count: float  # as force_ripple_count, in the second half of the window
+    force_ripple_late_count: float  # force_ripple_count of the second half of the window
     position_ripple_count: float  # in encoder counts
     position_ripple_late_count: float
     contacts: int
@@ -107,7 +107,7 @@ class MissedLimit:
 
     limit: str
     verdict: str
-    value: float | None  # None: infinite, for a force that does not settle
+    value: float | None  # value of the run; None: infinite, for a force that does not settle
     bound: float
     unit: str
 

@@ -84,7 +84,7 @@ class Sweep:
     columns: Columns
     axes: list[SweepParameter]  # of the points
     search: SweepParameter | None
-    runs: list[tuple[float, Outcome]]  # of a search without axes: (value, outcome)
+    runs: list[tuple[float, Outcome]]  # (value, result) of the runs of a search without axes
     converters: Converters  # converters of the model, {} if the sweep changes them
     closer: Columns  # columns of the points around isolated points
 

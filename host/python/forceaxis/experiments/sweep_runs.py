@@ -26,8 +26,10 @@ Row: TypeAlias = dict[str, float]  # name of a swept parameter -> its value
 Outcome: TypeAlias = dict[str, Any]
 Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
 Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
-Finished: TypeAlias = Callable[[int, dict[str, Any]], None]  # (number of the job, its result)
-Progressed: TypeAlias = Callable[[int, int], None]  # (number of finished jobs, all)
+# is called with (number of a job, its result)
+Finished: TypeAlias = Callable[[int, dict[str, Any]], None]
+# is called with (number of finished jobs, number of all jobs)
+Progressed: TypeAlias = Callable[[int, int], None]
 
 METRICS = (
     "peak_force_N",
@@ -181,7 +183,7 @@ class Runner:
         self.place = place
         self.asked = 0
         self.ran = 0
-        self.seen: list[tuple[tuple[float, ...], Outcome]] = []  # (values, outcome) of every point
+        self.seen: list[tuple[tuple[float, ...], Outcome]] = []  # (values, outcome) of all points
 
     def key(self, values: Row) -> str:
         """Key of a run: hash of its inputs, and its values in the order of their names."""

@@ -321,7 +321,8 @@ def checked(measured: Measurement, file: Path) -> Measurement:
 
 
 def response_of_csv(file: Path, averages: int) -> Measurement:
-    """Measurement of a CSV file; variance (1 - c) |H|^2 / (c (averages - 1)) from coherence c."""
+    """Measurement from a CSV file; its variance is (1 - c) |H|^2 / (c (averages - 1)) with the
+    coherence c."""
 
     polar = "magnitude" in header_of(file)
     parts = ["magnitude", "phase_deg"] if polar else ["real", "imag"]

@@ -129,7 +129,8 @@ class ExcitedPlant:
         return np.asarray(setup.level * np.sin(2 * np.pi * turns))
 
     def play(self, count: int) -> Reals:
-        """(2, count) of input and output, in the units of the linear model."""
+        """Applies the excitation for `count` samples: (2, count) of input and output, in the units
+        of the linear model."""
         try:
             if self.setup.inject == "volts":
                 volts = np.resize(self.wave, count) + self.setup.bias
@@ -420,7 +421,7 @@ def estimate(
     rng: np.random.Generator,
     where: str,
 ) -> Measurement:
-    """H1, coherence, variance and quantisation floor from the recorded chunks."""
+    """H1, coherence, variance and quantisation floor from the recorded parts."""
     from scipy import fft
 
     results = {name: np.empty(len(lines)) for name in ("coherence", "variance", "floor")}

@@ -24,8 +24,8 @@ class Points:
 
     label: str
     frequency_hz: Reals
-    magnitude: Reals  #: in the unit of the model's curve
-    phase_deg: Reals  #: with the multiple of 360 degrees of the model's curve
+    magnitude: Reals  #: degrees, with the same multiple of 360 degrees as the model's curve
+    phase_deg: Reals  #: degrees, with the same multiple of 360 degrees as the model's curve
     radius: Reals  #: distance that contains the true response with a probability of 95 %
 
 
@@ -94,7 +94,7 @@ class Measurement:
     overrides: linear.Overrides  #: nominal parameters, which `predict()` uses without arguments
     free: bool = False  #: contacts apart
     scale: float = 1.0  #: factor of the output
-    window: str = "none"  #: or "hann", with which neighbouring frequencies mix
+    window: str = "none"  #: "none", or "hann", a window with which neighbouring frequencies mix
     resolution_hz: float = 0.0  #: distance between lines, 1 / length of a record
     band_hz: tuple[float, float] = (0.0, math.inf)  #: that was excited
     saturated: float = 0.0  #: share of the samples with an ADC code at an end of the range

@@ -388,7 +388,7 @@ def mode_parameters(
 
 @dataclass(frozen=True)
 class Split:
-    """Two masses on either side of a spring, kg."""
+    """Masses on either side of a spring, in kg."""
 
     #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen solution first
     solutions: tuple[tuple[Estimate, Estimate], tuple[Estimate, Estimate]]
@@ -399,7 +399,8 @@ class Split:
 
 
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
-    """m_r1 + m_r2 = m, w^2 = k m / (m_r1 m_r2): Estimates of m (kg), k (N/m) and w / (2 pi) (Hz).
+    """The two masses from m_r1 + m_r2 = m and w^2 = k m / (m_r1 m_r2), with Estimates of m (kg), k
+    (N/m) and w / (2 pi) (Hz).
 
     The frequency is that of both masses in free space. The choice is that of the thesis: the
     actuator has more than half of the inertia, m_r1 > m_r2. Raises InputError without a real
@@ -467,7 +468,8 @@ def motor_damping(
     resistance: Estimate,
     where: Path | str = "motor",
 ) -> Estimate:
-    """b_m (N m s/rad) from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at steady speed.
+    """Damping b_m (N m s/rad) of a motor from V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t) at
+    constant speed.
 
     ratio in V/V, k_torque in N m/A, k_tach and k_back_emf in V s/rad, resistance in ohm, Estimates.
     """

@@ -99,7 +99,7 @@ def fit(
     prominence_db: float = 1.0,
     refine: bool = False,
 ) -> Fit:
-    """Fit a cascade of at most `modes` resonances to a measured or simulated response: Fit.
+    """Fits a product of at most `modes` resonances to a measured or simulated response.
 
     frequency_hz (n,): rising, > 0. response and rigid_response (n,): complex or magnitudes, in one
     unit; only magnitudes are fitted. Analysed is their quotient, |G| / |G_rb|:

@@ -30,8 +30,8 @@ class Setup:
     excitation: str = "noise"  #: noise | sine (one line after another) | chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency
     resolution_hz: float = 0.0  #: distance between lines; 0: the lowest frequency
-    #: noise V rms, else amplitude V; amplitude in codes (a sine's is drawn from half of it on).
-    #: 0: 0.1 V, 20 codes
+    #: noise V rms, otherwise amplitude in V; for codes the amplitude in codes (that of a sine is
+    #: random from half of it on). 0: 0.1 V, 20 codes
     level: float = 0.0
     bias: float = 0.0  #: mean of the excitation in V or code
     averages: int = 16  #: number of realisations, or of segments that overlap by half
@@ -48,7 +48,8 @@ class Setup:
 
 
 def read_setup(target: str | Path, options: Mapping[str, Any] | None = None) -> tuple[Setup, str]:
-    """(Setup, where) of a measurement file, or of a model; `options` replace keys. InputError."""
+    """(Setup, name of the source) of a measurement file, or of a model; `options` replace keys.
+    Raises InputError."""
     options = {k: v for k, v in (options or {}).items() if v is not None}
     if not str(target).strip():
         raise InputError("measure: TARGET: expected a measurement or a model, got nothing")

@@ -18,7 +18,7 @@ from forceaxis.linear import system as linear
 
 @dataclass(frozen=True)
 class Factored:
-    """gain s^order prod(1 - s / zero) / prod(1 - s / pole): a rational function in factors.
+    """A rational function in factors: gain s^order prod(1 - s / zero) / prod(1 - s / pole).
 
     Zeros and poles are complex arrays in 1/s without the origin, which is `order` (negative: poles
     there); so `gain` is the low-frequency gain and no coefficient can overflow.
@@ -30,7 +30,7 @@ class Factored:
     order: int = 0
 
     def at(self, s: ArrayLike) -> np.ndarray:
-        """Values at complex s (1/s), any shape."""
+        """Values of the function at complex s (1/s) of any shape."""
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
         for zero, pole in zip_longest(self.zeros, self.poles):
@@ -386,7 +386,8 @@ class TwoLinkArm:
                 raise InputError(f"TwoLinkArm: {name}: expected >= 0, got {getattr(self, name)}")
 
     def mass_matrix(self) -> np.ndarray:
-        """2 x 2, kg m^2, of (angle of link 1, angle of link 2 against link 1)."""
+        """Mass matrix, 2 x 2, in kg m^2, for (angle of link 1, angle of link 2 relative to link
+        1)."""
         M22 = self.I2 + self.m2 * self.c2**2
         cross = self.m2 * self.l1 * self.c2 * np.cos(self.angle2_rad)
         M11 = self.I1 + self.m1 * self.c1**2 + self.m2 * self.l1**2 + M22 + 2 * cross
@@ -437,7 +438,8 @@ def _mechanical(
     output_names: Sequence[str],
     order: int = 1,
 ) -> linear.System:
-    """M q'' + D q' + K q = forces u; y = outputs q (order 0) or its rate (order 1)."""
+    """System from the equations M q'' + D q' + K q = forces u, with y = outputs q (order 0) or its
+    rate (order 1)."""
     n = len(M)
     inverse = np.linalg.inv(M)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])

@@ -143,7 +143,8 @@ def model_curve(
     channel: Channel | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> Curve:
-    """A model's open-loop response over a channel (None: command to reading), in SI units.
+    """A model's open-loop response over a channel (None: from command to measured force), in SI
+    units.
 
     Raises InputError if the input does not act on the output.
     """
@@ -169,7 +170,7 @@ def model_curve(
 
 
 def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
-    """Unit of output over input, "N/V"."""
+    """Unit of output per input, such as "N/V"."""
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal

@@ -81,7 +81,7 @@ def hz_text(hz: float | None, digits: int = 4) -> str:
 def _figures(
     time_s: Matrix, value: Matrix, final: float, duration_s: float
 ) -> tuple[float | None, float | None, float | None]:
-    """(rise_s, settle_s, overshoot) of a step response that goes on after `duration_s`.
+    """(rise_s, settle_s, overshoot) of a step response; `value` continues after `duration_s`.
 
     Settled: the signal stays within 2 % to the end of `value`. A figure is None if it is not
     reached within duration_s, or if the final value is 0.

@@ -201,7 +201,7 @@ class _Plant(NamedTuple):
     rate: Matrix
     x: Matrix
     v: Matrix
-    direct: Matrix  # direct path from the command to f and to its rate
+    direct: Matrix  # D of the state space: direct path from the command to f and to its rate
     rate_direct: Matrix
     states: tuple[str, ...]
 

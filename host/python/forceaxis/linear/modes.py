@@ -32,7 +32,7 @@ from forceaxis.linear import system as linear
 from forceaxis.linear import working
 from forceaxis.linear.plant_facts import ContactFacts, PlantFacts
 
-Pole = dict[str, float | None]  # frequency_hz, damping_ratio, real, imag
+Pole = dict[str, float | None]  # a pole as {frequency_hz, damping_ratio, real, imag: value}
 
 CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "

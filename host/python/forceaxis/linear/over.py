@@ -247,7 +247,7 @@ class _Set(Generic[T]):
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _few(self, badness: Callable[[T], float]) -> list[Entry[T]]:
-        """The worst entry of each mode and timing, and the worst others."""
+        """The worst entry of each mode and timing, and the worst of the other entries."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
         first: dict[tuple[Any, ...], Entry[T]] = {}
         for member, timing, result in ordered:

@@ -26,8 +26,8 @@ class ContactFacts:
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """A drive: its type, the body that it moves, the body that bears the reaction ("ground" for
-    none), and its parameters in SI units."""
+    """A drive: its type, the body that it moves, the reaction body ("ground" for none), and its
+    parameters in SI units."""
 
     type: str
     body: str
@@ -47,8 +47,8 @@ class SensorFacts:
 
 @dataclass(frozen=True)
 class EncoderFacts:
-    """The encoder: the body that it measures, the body it measures against, counts per metre (or
-    per rad) with their sign."""
+    """The encoder: the body that it measures, the reference body, counts per metre (or per rad)
+    with their sign."""
 
     body: str
     reference: str

@@ -1,4 +1,4 @@
-"""A set of plants: ranges of a model's parameters, and the modes that a run visits.
+"""A set of plants: ranges of a model's parameters, and modes of the plant.
 
 `--over k_w=30%,m_w=200..500` defines ranges about the values of the model. A Member is one choice
 of values in one mode. Margins are computed over the loops of all members, for one delay or several.
@@ -25,7 +25,8 @@ Range = tuple[float, float, float]  # nominal, low, high
 
 @dataclass(frozen=True)
 class Member:
-    """values: {parameter: SI value} within the ranges; modes: {element: state}."""
+    """One plant of a set. values: {parameter: SI value} within the ranges; modes: {element:
+    state}."""
 
     values: dict[str, float] = field(default_factory=dict)
     modes: dict[str, str] = field(default_factory=dict)

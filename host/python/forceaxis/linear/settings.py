@@ -32,7 +32,7 @@ class ModelSettings:
     law: str = "p"
     timing: str = "zoh"
     bank: banks.Bank | None = None
-    force_gain: float | None = None  # of the thesis's laws, DAC codes per 8-bit count
+    force_gain: float | None = None  # gain of a law of the thesis, DAC codes per 8-bit count
     # gain of a law of the thesis, DAC codes per 8-bit count
     parameters: dict[str, float] = field(default_factory=dict)
     texts: tuple[str, ...] = ()  # the experiment's overrides, NAME=VALUE

@@ -29,7 +29,7 @@ class Entry:
 
     @property
     def verdict(self):
-        """One of the four verdicts, none or error."""
+        """One of the four verdicts, "none" or "error"."""
         return "error" if self.error else self.done.result.verdict or "none"
 
     @property

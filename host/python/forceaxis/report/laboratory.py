@@ -126,7 +126,7 @@ def begin(pool):
 
 
 def ended(begun):
-    """The values of frequency.html.jinja."""
+    """The values of the page frequency.html.jinja."""
     found = {
         name: [one.get() for one in progress.each(work, name)]
         if isinstance(work, list)
