@@ -157,7 +157,10 @@ def test_runs_of_standard_input_end():
     words = [NODES / "axis_node", "--serve", "--endless"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=20, check=False)
     assert done.returncode == 2
-    assert done.stderr == "axis_node: --endless: expected without --serve, whose runs end\n"
+    assert (
+        done.stderr
+        == "axis_node: --endless: expected no --serve beside it, because its runs have a duration\n"
+    )
 
 
 @pytest.mark.long

@@ -283,7 +283,7 @@ def test_another_object_table_is_named_and_nothing_is_written(of):
     got = of("other_table")
     ours = objects.OBJECTS_HASH[:8]
     assert got["said"] == (
-        f"gateway: axis 2: expected object table {ours}, the axis has object table 12345678: "
+        f"gateway: axis 2: expected object table {ours}, the axis has object table 12345678; "
         "writes are refused; build gateway and firmware from one object table\n"
     )
     assert got["hash"] == 0x12345678
@@ -382,7 +382,7 @@ def gateway(*args):
             )
             for bind in ("0127.0.0.1", "0.1.2.3", "localhost", "999.1.1.1", "")
         ),
-        (["--watch-ms", "100"], "--watch-ms: expected more than one heartbeat, 100 ms"),
+        (["--watch-ms", "100"], "--watch-ms: expected more than one heartbeat period, 100 ms"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(args, said):

@@ -567,7 +567,7 @@ def test_a_claim_that_fails_is_not_called_another_run():
         stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=20, check=False,
     )  # fmt: skip
     assert done.returncode == 1 and done.stderr.count("\n") == 1
-    assert done.stderr.endswith("to claim it as axis 2, Too many open files\n")
+    assert done.stderr.endswith("cannot claim it as axis 2, Too many open files\n")
 
 
 def test_no_can_interface_says_how():

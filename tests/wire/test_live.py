@@ -33,7 +33,8 @@ from forceaxis.bus.messages import (
     axis_event_t,
 )
 from forceaxis.bus.monitor_state import Watch
-from forceaxis.bus.sources import Live
+from forceaxis.bus.sources import LiveSource
+from forceaxis.results import to_json
 from gateway_stand_in import Gateway, sample, state_of
 from live_bus import (  # noqa: F401
     ROOT,
@@ -278,7 +279,7 @@ def test_a_client_captures_what_the_recorder_holds(url):
 def test_a_capture_of_which_a_block_is_lost_says_so(url):
     """The block of samples 64 to 127 is lost: those samples are NaN, the others complete."""
     watch, gateway = Watch(), Gateway(url, [1])
-    source = Live(watch, url)
+    source = LiveSource(watch, url)
     try:
         gateway.capture(1, None, 200, lose=1)
         assert until(lambda: 1 in watch.axes and watch.axes[1].capture)
@@ -295,7 +296,7 @@ def test_a_capture_of_which_a_block_is_lost_says_so(url):
 
 def test_a_full_disk_ends_the_recording_and_not_the_watching(url):
     watch = Watch()
-    source = Live(watch, url)
+    source = LiveSource(watch, url)
     try:
         source.record(Path("/dev/shm") / f"forceaxis-{os.getpid()}.log")
         os.unlink(source.writer.path)
@@ -349,12 +350,12 @@ def test_a_block_that_lies_about_its_size_asks_for_no_memory():
     block.total_samples, block.num_signals, block.signal = 2**40, 1, ["force"]
     block.first_sample, block.num_samples, block.value = 0, 1, [[5]]
     watch.take("AXIS_1_CAPTURE", block.encode(), 0)
-    assert "does not fit" in watch.events[-1][3]
+    assert "does not fit" in watch.events[-1].text
     assert watch.axes[1].capture[1].total == 0
     # A block beyond the last sample: the capture has its size, and no sample of the block.
     block.seq, block.total_samples, block.first_sample = 1, 10, 10
     watch.take("AXIS_1_CAPTURE", block.encode(), 0)
-    assert len(watch.events) == 2 and "does not fit" in watch.events[-1][3]
+    assert len(watch.events) == 2 and "does not fit" in watch.events[-1].text
     assert watch.axes[1].capture[1].missing == watch.axes[1].capture[1].total == 10
 
 
@@ -415,7 +416,7 @@ def test_random_bytes_on_every_channel_are_counted_and_harmless():
             data[at] ^= 1 << int(random.integers(8))
         channel = ("AXIS_1_STATE", "AXIS_2_EVENT", "SIM_CLOCK", "AXIS_3_CAPTURE")[i % 4]
         watch.take(channel, bytes(data), i)
-        json.dumps(watch.snapshot(i), allow_nan=False) if i % 100 == 0 else None
+        json.dumps(to_json(watch.snapshot("", i)), allow_nan=False) if i % 100 == 0 else None
     assert watch.undecodable > 1000
 
 

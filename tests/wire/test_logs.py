@@ -25,7 +25,7 @@ from forceaxis.bus.messages import (
 )
 from forceaxis.bus.monitor import AxisPanel
 from forceaxis.bus.monitor_state import Watch
-from forceaxis.bus.sources import Live, Replay
+from forceaxis.bus.sources import LiveSource, ReplaySource
 from gateway_stand_in import sample, state_of, truth
 from live_bus import (  # noqa: F401
     forceaxis,
@@ -46,7 +46,7 @@ def recorded(tmp_path_factory):
     """A log of a whole session of the stand-in: two axes, every seventh state missing."""
     url = free_url()
     path = tmp_path_factory.mktemp("log") / "session.log"
-    source = Live(Watch(), url)
+    source = LiveSource(Watch(), url)
     source.record(path)
     with gateway(url, axes="1,2", rate=100, count=COUNT, drop=7, double=11, capture=150) as process:
         assert process.wait(10) == 0
@@ -166,8 +166,8 @@ def test_damage_inside_a_log_costs_only_what_it_hit(recorded, tmp_path):
             header = logs.HEADER.pack(logs.SYNC, 0, 1, len(name), len(data))
             file.write(header + name + data)
     summary = log_tables.export(path, tmp_path / "out")
-    assert summary["undecodable"] == 1
-    assert [t["rows"] for t in summary["tables"]] == [1]
+    assert summary.undecodable == 1
+    assert [t.rows for t in summary.tables] == [1]
 
 
 def block_of(kind):
@@ -218,7 +218,7 @@ def test_a_channel_of_any_name_is_a_file_in_the_folder(channel, tmp_path):
     path.write_bytes(header + channel.encode() + data)
     summary = log_tables.export(path, tmp_path / "out")
     assert {f.name for f in tmp_path.iterdir()} == {"odd.log", "out"}
-    assert {f.name for f in (tmp_path / "out").iterdir()} == set(summary["tables"][0]["files"])
+    assert {f.name for f in (tmp_path / "out").iterdir()} == set(summary.tables[0].files)
 
 
 def test_a_foreign_log_has_channels_but_no_tables(tmp_path):
@@ -237,7 +237,7 @@ def test_a_foreign_log_has_channels_but_no_tables(tmp_path):
     log.close()
     summary = json.loads(forceaxis("log", "info", path, "--json").stdout)
     assert summary["channels"]["COPY_OF_STATE"]["type"] == "axis_state_t"
-    assert log_tables.export(path, tmp_path / "o")["tables"][0]["rows"] == 1
+    assert log_tables.export(path, tmp_path / "o").tables[0].rows == 1
 
 
 def test_lcm_logplayer_plays_a_recorded_log_and_the_monitor_replays_it(recorded, url):
@@ -271,7 +271,7 @@ def test_lcm_logplayer_plays_a_recorded_log_and_the_monitor_replays_it(recorded,
         assert app.source.writer is None
 
     begun = time.monotonic()
-    run_monitor(Replay(watch, recorded, speed=2), watch, steps)
+    run_monitor(ReplaySource(watch, recorded, speed=2), watch, steps)
     assert time.monotonic() - begun < 10
     assert watch.axes[1].lost() == len([k for k in range(COUNT) if k % 7 == 3])
 

@@ -23,7 +23,7 @@ from forceaxis.bus.messages import (
 )
 from forceaxis.bus.monitor import AxisPanel
 from forceaxis.bus.monitor_state import Watch
-from forceaxis.bus.sources import Live
+from forceaxis.bus.sources import LiveSource
 from gateway_stand_in import OPERATION_ENABLED, SCALE_UN, state_of
 from live_bus import (  # noqa: F401
     FORCEAXIS,
@@ -89,7 +89,7 @@ def test_the_monitor_shows_states_in_words_counts_losses_freezes_and_records(url
         await pilot.press("q")
 
     with gateway(url, axes="1,2,3,4", fault=4, mismatch=3, drop=7, double=11):
-        run_monitor(Live(watch, url), watch, steps, folder=tmp_path)
+        run_monitor(LiveSource(watch, url), watch, steps, folder=tmp_path)
     (path,) = tmp_path.glob("*.log")
     # liblcm's own reader opens it and reads the same messages.
     theirs = [(e.timestamp, e.channel, e.data) for e in lcm.EventLog(str(path), "r")]
@@ -101,7 +101,7 @@ def test_the_monitor_shows_states_in_words_counts_losses_freezes_and_records(url
 
 def test_losses_shown_are_those_that_were_injected(url):
     watch = Watch()
-    source = Live(watch, url, axis=2)
+    source = LiveSource(watch, url, axis=2)
     try:
         with gateway(url, axes="1,2", rate=400, count=201, drop=7, double=11) as process:
             assert process.wait(10) == 0
@@ -131,7 +131,7 @@ def test_a_capture_is_drawn_when_it_comes_and_says_what_is_missing(url):
         assert "capture 1" in chart_text(app)
 
     with gateway(url, capture=700):
-        run_monitor(Live(watch, url), watch, steps)
+        run_monitor(LiveSource(watch, url), watch, steps)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (60, 16), (200, 60), (40, 10)])
@@ -163,7 +163,7 @@ def test_the_monitor_fits_the_terminal_or_says_what_it_needs(url, size):
                 assert panel.content_size.height >= 1
 
     with gateway(url, axes="1,2,3,4,5,6", rate=30):
-        run_monitor(Live(watch, url), watch, steps, size=size)
+        run_monitor(LiveSource(watch, url), watch, steps, size=size)
 
 
 def test_silence_a_silent_node_and_two_publishers_are_named(url):
@@ -188,7 +188,7 @@ def test_silence_a_silent_node_and_two_publishers_are_named(url):
             one.publish("AXIS_1_STATE", everything)
             await settle(pilot, lambda: "no state yet" in panel_text(app, 1))
 
-    run_monitor(Live(watch, url), watch, steps)
+    run_monitor(LiveSource(watch, url), watch, steps)
 
 
 def test_the_command_runs_in_a_terminal_records_and_leaves_it_whole(url, tmp_path):

@@ -1,5 +1,6 @@
 """What the monitor shows: the target of the mode in force, and events that stay readable."""
 
+import dataclasses
 import re
 
 import pytest
@@ -42,9 +43,9 @@ def watched(mode, **more):
 def test_the_target_of_a_force_mode_is_what_its_law_demands(mode):
     axis = watched(MODE[mode], force_demand=600)
     words = axis.words(1_000_000)
-    assert words["target_force_N"] == pytest.approx(60)
-    assert words["force_N"] == pytest.approx(75)
-    assert words["target_position_cnt"] is None
+    assert words.target_force_N == pytest.approx(60)
+    assert words.force_N == pytest.approx(75)
+    assert words.target_position_cnt is None
 
 
 @pytest.mark.parametrize(
@@ -61,13 +62,13 @@ def test_the_target_of_a_force_mode_is_what_its_law_demands(mode):
 )
 def test_the_target_of_a_position_mode_is_no_force(mode, target):
     words = watched(MODE[mode], force_demand=600).words(1_000_000)
-    assert words["target_force_N"] is None
-    assert words["target_position_cnt"] == target
+    assert words.target_force_N is None
+    assert words.target_position_cnt == target
 
 
 def test_a_log_without_the_demand_shows_no_wrong_target():
-    assert watched(MODE["force counts"]).words(0)["target_force_N"] is None
-    assert watched(MODE["force"]).words(0)["target_force_N"] == 0
+    assert watched(MODE["force counts"]).words(0).target_force_N is None
+    assert watched(MODE["force"]).words(0).target_force_N == 0
 
 
 def event(kind, text, number):
@@ -86,7 +87,7 @@ def test_a_repeated_command_is_one_line_and_others_stay():
     watch.take("AXIS_1_EVENT", event(fault, "fault overspeed", 602).encode(), 602)
     watch.take("AXIS_1_EVENT", event(done, "watchdog written", 603).encode(), 603)
     watch.take("AXIS_1_EVENT", event(done, "force_gain written", 604).encode(), 604)
-    assert list(watch.events)[-4:] == [
+    assert [dataclasses.astuple(event) for event in watch.events][-4:] == [
         (601, 1, False, "fault overspeed"),
         (602, 1, False, "fault overspeed"),
         (603, 1, False, "watchdog written x601"),
@@ -112,10 +113,10 @@ def test_a_position_is_in_the_unit_that_the_axis_or_the_model_has(
     axis = watched(MODE["profile position"], **more)
     axis.mm_per_count = mm_per_count
     words = axis.words(1_000_000)
-    assert words["position_unit"] == unit
-    assert words["position"] == pytest.approx(position)
-    assert words["target_position"] == pytest.approx(position / 1200 * 5000)
-    assert words["target_position_cnt"] == 5000
+    assert words.position_unit == unit
+    assert words.position == pytest.approx(position)
+    assert words.target_position == pytest.approx(position / 1200 * 5000)
+    assert words.target_position_cnt == 5000
 
 
 def test_units_come_first_and_codes_on_demand_each_with_what_it_counts():

@@ -18,7 +18,7 @@ import browser
 import lcm
 import pytest
 from forceaxis.bus.lcm import Bus, decode
-from forceaxis.bus.monitor_web import MOST_PAGES
+from forceaxis.bus.monitor_web import PAGES_MAX
 from live_bus import (  # noqa: F401
     FORCEAXIS,
     ROOT,
@@ -123,7 +123,7 @@ def test_pages_opened_and_closed_in_a_loop_have_no_more_processes_than_pages(url
     async def open_and_close(address, process):
         most = 0
         async with aiohttp.ClientSession() as session:
-            for _ in range(3 * MOST_PAGES):
+            for _ in range(3 * PAGES_MAX):
                 with contextlib.suppress(aiohttp.ClientError):
                     socket = await session.ws_connect(f"{address}/ws?width=80&height=24")
                     await asyncio.sleep(0.05)
@@ -133,7 +133,7 @@ def test_pages_opened_and_closed_in_a_loop_have_no_more_processes_than_pages(url
 
     with served(url, tmp_path) as (process, address):
         most = asyncio.run(open_and_close(address, process))
-        assert 1 <= most <= MOST_PAGES
+        assert 1 <= most <= PAGES_MAX
         assert until(lambda: not screens(process))
 
 

@@ -45,7 +45,7 @@ def test_elf_and_hex_leave_the_parameters_and_say_the_same():
 
 
 def test_a_bin_would_write_the_parameters():
-    with pytest.raises(InputError, match="expected --erase-parameters"):
+    with pytest.raises(InputError, match="erase_parameters: expected"):
         flash.plan(ROOT / f"{IMAGE}.bin")
     plan = flash.plan(ROOT / f"{IMAGE}.bin", erase_parameters=True)
     assert plan.identity == image.identity(image.load(ROOT / f"{IMAGE}.elf"))

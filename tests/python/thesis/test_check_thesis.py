@@ -52,5 +52,5 @@ def test_a_claim_follows_its_model(monkeypatch):
 
     monkeypatch.setattr(linear, "linearise", linearise)
     claim = next(c for c in thesis.CLAIMS if c.what == "workpiece by itself").checked()
-    assert claim["ours"] == pytest.approx(39.8 / math.sqrt(2), rel=1e-3)
-    assert not claim["agrees"]
+    assert claim.ours == pytest.approx(39.8 / math.sqrt(2), rel=1e-3)
+    assert not claim.agrees

@@ -264,7 +264,7 @@ def test_hex_and_json(bench, elf):
 
 def test_bin_covers_the_parameters(bench, elf):
     path = converted(elf, "bin")
-    refused(bench.flash(path, "--yes"), 2, "expected --erase-parameters.*a .hex or .elf may")
+    refused(bench.flash(path, "--yes"), 2, "--erase-parameters: expected.*a .hex or .elf may")
     assert bench.calls() == []
     done = bench.flash(path, "--yes", "--erase-parameters")
     assert done.returncode == 0, done.stderr
@@ -373,8 +373,8 @@ def test_openocd_is_missing(bench, elf, tmp_path):
         ({"more": 0x08080000}, "expected addresses 0x08000000..0x0807ffff.*0x0800c000..0x08080003"),
         ({"more": 0x07FFFC00, "code": 0x07FFF000}, "expected addresses.*it has 0x07fff000"),
         ({"code": 0x20000000, "more": 0x20001000}, "expected addresses.*it has 0x20000000"),
-        ({"code": 0x08007FFC, "more": 0x0800C000}, "expected --erase-parameters"),
-        ({"code": 0x08000100, "more": 0x0800BFFC}, "expected --erase-parameters"),
+        ({"code": 0x08007FFC, "more": 0x0800C000}, "--erase-parameters: expected"),
+        ({"code": 0x08000100, "more": 0x0800BFFC}, "--erase-parameters: expected"),
         ({"stack": 0x20020004}, "with a stack in 0x20000000..0x2001ffff"),
         ({"stack": 0x20000000}, "with a stack in"),
         ({"stack": 0x2001FFFE}, "with a stack in"),
@@ -392,7 +392,7 @@ def test_up_to_the_parameters_and_across_them(bench, tmp_path):
     assert "sectors      0 (0x08000000)\n" in bench.flash(path, "--yes").stdout
     # One segment around a gap: a linker fills it.
     path = linked(tmp_path, code=0x08000100, more=0x0800C000)
-    refused(bench.flash(path, "--yes"), 2, "expected --erase-parameters")
+    refused(bench.flash(path, "--yes"), 2, "--erase-parameters: expected")
 
 
 def test_a_start_outside_the_image(bench, tmp_path, elf):
@@ -457,7 +457,7 @@ def test_other_machines(bench, tmp_path):
         ("sum.hex", b":0100000001FF\n", "hex:1: expected the checksum"),
         ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got 7"),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
-        ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected nothing behind"),
+        ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected no record after"),
         ("twice.hex", b":0100000001FE\n:0100000001FE\n:00000001FF\n", "0x00000000 has two"),
         ("a.txt", b"hello", "expected a file .elf, .hex or .bin"),
     ],
@@ -492,6 +492,10 @@ def test_names_and_options(bench, elf, tmp_path):
     odd.write_bytes(elf.read_bytes())
     refused(bench.flash(odd, "--yes"), 2, "expected a file name without")
     refused(bench.flash(tmp_path / "no.elf", "--yes"), 2, "does not exist")
-    refused(bench.flash(elf, "--yes", "--address", "0x08000000"), 2, "--address with a .bin only")
+    refused(
+        bench.flash(elf, "--yes", "--address", "0x08000000"),
+        2,
+        "--address: expected with a .bin only",
+    )
     refused(bench.flash(elf, "--yes", "--serial", "a b"), 2, "--serial: expected letters")
     assert bench.calls() == []

@@ -150,10 +150,8 @@ def test_newtons_on_the_bus_are_the_sensors(tmp_path, sheet, experiment):
         found = actions.press(
             axis,
             Force(wanted_N, newton=True),
-            seconds=2.0,
-            speed=slow,
-            approach_s=20.0,
-            shown=shown,
+            actions.PressOrder(seconds=2.0, speed=slow, approach_s=20.0),
+            shown,
         )
         count_N = axis.read("force_scale") * 1e-6
         assert found.most_N == pytest.approx(max(borne_N[5:]), abs=count_N)  # it has settled

@@ -1,1 +1,1 @@
-"""One axis, by whatever carries its objects: gateway, CAN, Modbus, or a simulated one."""
+"""One axis over any connection: gateway, CAN, Modbus or simulation."""

@@ -16,27 +16,29 @@ from forceaxis.bus.state_names import POWERED
 from forceaxis.errors import ParameterError
 
 QUICK_STOP = 0x02
-STOP_S = 10.0  # a quick stop ends by then in any case
+STOP_S = 10.0  # longest duration of a quick stop
 FIRST_DAY = datetime.date(1984, 1, 1)  # of CiA 301's dates
 POINTS = range(2, 9)
 POLL_S = 0.02
 MOST_COUNTS = 512  # of force_max
-STAND_S = 5.0  # a disabled axis coasts
-GUARD_COUNTS = 8  # a retract may press with so many more than it begins with
-RELEASE_STEPS, RELEASE_S = 25, 3.0  # steps of the target to 0; longest wait until it is released
-# The target that a mode of operation presses with.
+STAND_S = 5.0  # longest time for which a disabled axis may coast
+GUARD_COUNTS = 8  # counts by which the force may exceed its initial value during a retract
+# steps of the target down to 0; longest wait until the force is released
+RELEASE_STEPS, RELEASE_S = 25, 3.0
+# {mode of operation: the target that sets the force in it}
 TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
-APART_S = 10.0  # a retract may take so much longer than its way takes
-MOVE_COUNTS = 32  # of the reading, a quarter of a signed one: a move that meets so much ends there
+APART_S = 10.0  # time that a retract may take in addition to the time for its distance
+# force counts, a quarter of a signed range: a move ends if the force reaches this value
+MOVE_COUNTS = 32
 
 
 @dataclass(frozen=True)
 class AxisStatus:
-    """What an axis does at one moment: state of CiA 402, mode of operation, fault, position in
-    encoder counts, measured force in counts of an 8-bit reading and in N, and the name of the
-    command source that owns the axis."""
+    """State of an axis at one moment: state of CiA 402, mode of operation, fault, position in
+    encoder counts, measured force in 8-bit counts and in N, name of the command source that owns
+    the axis."""
 
     state: str
     mode: str
@@ -64,8 +66,9 @@ def state(axis: Live) -> AxisStatus:
 
 
 def stop(axis: Live) -> AxisStatus:
-    """A quick stop, effective whichever source owns the axis; waits until it is disabled, or at
-    standstill where quick_stop_option requires that. Its state() then. Raises NoAnswer, Refused."""
+    """Commands a quick stop, which acts for every owner, and waits until the axis is disabled, or
+    at standstill if quick_stop_option keeps it enabled; returns its state(). Raises NoAnswer,
+    Refused."""
     for remaining in (2, 1, 0):  # another master may interrupt a transfer
         try:
             axis.link.write({"controlword": QUICK_STOP})
@@ -90,7 +93,7 @@ def stop(axis: Live) -> AxisStatus:
 
 
 def wait_to_stand(axis: Live) -> None:
-    """Waits while a disabled axis coasts, STAND_S at most. Raises NoAnswer, Refused."""
+    """Waits while a disabled axis coasts, at most STAND_S. Raises NoAnswer, Refused."""
     before, passed = None, 0.0
     while (now := axis.read("position")) != before and passed < STAND_S:
         before = now
@@ -100,14 +103,14 @@ def wait_to_stand(axis: Live) -> None:
 
 @dataclass(frozen=True)
 class TareResult:
-    """The tare of an axis and the measured force after it, both in counts of an 8-bit reading."""
+    """The tare of an axis and the measured force after taring, both in 8-bit counts."""
 
     force_tare: float
     force: float
 
 
 def tare(axis: Live) -> TareResult:
-    """Takes the tare of a disabled axis at standstill. Raises Refused with the axis' reason."""
+    """Tares a disabled axis at standstill. Raises Refused with the reason from the axis."""
     axis.set(tare=1)
     axis.link.wait(POLL_S)
     found = axis.wait_for(
@@ -120,7 +123,7 @@ def tare(axis: Live) -> TareResult:
 
 
 def reading(axis: Live, seconds: float = 0.5) -> float:
-    """Mean of `force` in counts over so much of the axis' time."""
+    """Mean of the measured force in counts over `seconds` of the axis' time."""
     values: list[float] = []
     passed = 0.0
     while passed < seconds:
@@ -132,17 +135,17 @@ def reading(axis: Live, seconds: float = 0.5) -> float:
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """The scale of the force reading that a calibration found, and its linearity error in per mille
-    of the span."""
+    """Result of a calibration: scale of the measured force, and linearity error in per mille of the
+    span."""
 
     force_scale_N_per_count: float
     linearity_permille: float
 
 
 def calibrate(axis: Live, points: Sequence[tuple[float, float]]) -> CalibrationResult:
-    """Sets force_scale of a disabled axis by the line through 2 to 8 `points`, (reading in counts,
-    reference force in N).
-    Raises InputError, Refused with the axis' reason."""
+    """Calculates and sets force_scale of a disabled axis from a line through 2 to 8 `points`, each
+    (measured force in counts, reference force in N). Raises InputError, and Refused with the reason
+    from the axis."""
     if len(points) not in POINTS:
         raise InputError(f"calibrate: expected 2 to 8 points, got {len(points)}")
     values: dict[str, float] = {}
@@ -155,7 +158,7 @@ def calibrate(axis: Live, points: Sequence[tuple[float, float]]) -> CalibrationR
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_S)
-    except Refused as error:  # calibration_state has the reason
+    except Refused as error:  # calibration_state contains the reason
         refusal = error
     found = axis.get("calibration_state", "calibration_linearity", "force_scale")
     if refusal or found["calibration_state"] != "done":
@@ -173,8 +176,9 @@ def calibrate(axis: Live, points: Sequence[tuple[float, float]]) -> CalibrationR
 
 @contextlib.contextmanager
 def bounded(axis: Live, counts: float) -> Iterator[None]:
-    """Context in which a reading beyond `counts`, or beyond force_max where that is less, disables
-    the axis in the same tick. At its end the axis is disabled and force_max restored."""
+    """Context with a lower force limit: a measured force above `counts`, or above force_max if that
+    is less, disables the axis in the same tick. At the end the axis is disabled and force_max is
+    restored."""
     own = axis.read("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:
@@ -185,7 +189,8 @@ def bounded(axis: Live, counts: float) -> Iterator[None]:
 
 
 def expect_position_gain(axis: Live) -> None:
-    """Refuses an axis whose position_gain is 0: it neither approaches nor follows."""
+    """Raises Refused for an axis whose position_gain is 0, because it cannot approach or follow a
+    position."""
     if axis.read("position_gain") == 0:
         raise Refused(
             f"{axis.link.where}: expected a position_gain above 0, the axis neither approaches nor "
@@ -195,15 +200,15 @@ def expect_position_gain(axis: Live) -> None:
 
 
 def expect_unclipped(axis: Live, values: Mapping[str, Any], when: str) -> None:
-    """Refuses targets in force that the axis clips by now: Refused, one line. when: "while it
-    moved"."""
+    """Raises Refused, in one line, if the axis now limits one of the force targets. when: text such
+    as "while it moved"."""
     text = bounds.clipped(axis, values)
     if text:
         raise Refused(f"{axis.link.where}: its bounds have changed {when}: {text}")
 
 
 def most_counts(axis: Live, force_max: float | str | None) -> float | None:
-    """Counts of the reading for a bound, "120 N" or counts; None for None. Raises InputError."""
+    """A force limit in counts, from "120 N" or counts; None stays None. Raises InputError."""
     if force_max is None:
         return None
     try:
@@ -227,11 +232,11 @@ def move(
     timeout_s: float = 60.0,
     counts: float = MOVE_COUNTS,
 ) -> AxisStatus:
-    """Moves to a position in profile position mode and disables the axis there: its state() before
-    that. position: in the axis' own units or "10 mm"; speed: in them a second or "5 mm/s", None:
-    trajectory_velocity; counts: bound of the reading. Raises InputError before anything moves for
-    what the axis would clip; Refused, NoAnswer, which names the fault where the bound was passed.
-    """
+    """Moves to a position in profile position mode and then disables the axis; returns its state()
+    before that. position: in user units of the axis or "10 mm"; speed: in user units per second or
+    "5 mm/s", None: trajectory_velocity; counts: force limit. Raises InputError before the motion if
+    the axis would limit a target; Refused; NoAnswer, which names the fault if the force limit was
+    exceeded."""
     expect_position_gain(axis)
     settings = {} if speed is None else {"trajectory_velocity": speed}
     settings = expect(axis, {**settings, "target_position": position})
@@ -247,8 +252,8 @@ def move(
 
 
 def expect(axis: Live, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Engineering values of targets and quantities, of which the axis clips none. Raises
-    InputError, with the bound and its object."""
+    """Converts targets and quantities to engineering values and checks that the axis limits none of
+    them. Raises InputError with the bound and its object."""
     found = {n: from_raw(n, raw) for n, raw in quantity.all_raw(axis, values).items()}
     bounds.expect(axis, found)
     return found
@@ -256,8 +261,8 @@ def expect(axis: Live, values: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class PressOrder:
-    """How an axis presses, beside its force; see Axis.press(). A value of None has the default that
-    is written there."""
+    """Options of a press besides its force; see Axis.press(). A value of None has the default that
+    is stated there."""
 
     seconds: float = 3.0
     speed: float | str | None = None
@@ -268,8 +273,8 @@ class PressOrder:
 
 @dataclass(frozen=True)
 class PressSample:
-    """One reading while an axis presses: measured force in counts of an 8-bit reading, position in
-    encoder counts, and the statusword."""
+    """One sample of a press: measured force in 8-bit counts, position in encoder counts,
+    statusword."""
 
     force: float
     position: int
@@ -278,8 +283,8 @@ class PressSample:
 
 @dataclass(frozen=True)
 class PressResult:
-    """The measured force while an axis pressed: mean, least and most of the later half of the time,
-    and the peak since the contact. Positions are in encoder counts."""
+    """Measured force of a press: mean, smallest and largest value in the second half of the time,
+    and the peak since the first contact. Positions are in encoder counts."""
 
     force_count: float
     force_N: float
@@ -287,7 +292,7 @@ class PressResult:
     most_N: float
     peak_N: float
     position: int
-    retracted_position: int | None = None  #: after a retract, else None
+    retracted_position: int | None = None  #: after a retract, otherwise None
 
 
 def press(
@@ -296,8 +301,8 @@ def press(
     order: PressOrder,
     shown: Callable[[PressSample], None] | None = None,
 ) -> PressResult:
-    """Presses with `force` as `order` says, then disables the axis. Errors as of Axis.press().
-    shown(sample) is called some times a second."""
+    """Presses with `force` as `order` specifies, then disables the axis. Errors as in Axis.press().
+    shown(sample) is called a few times per second."""
     speed = order.speed
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
@@ -344,7 +349,8 @@ def press(
 
 
 def _force_bound(axis: Live, counts: float, force_max: float | str | None) -> float:
-    """Counts of the reading that end a press: more than it presses with. Raises InputError."""
+    """Force limit of a press in counts, which has to exceed the force of the press. Raises
+    InputError."""
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.read("force_max")
     for limit, by, remedy in (
@@ -366,8 +372,8 @@ def _hold(
     target: Mapping[str, Any],
     shown: Callable[[PressSample], None] | None,
 ) -> list[PressSample]:
-    """Samples while the axis presses; shown some times a second. Raises Refused where the axis was
-    disabled, or clips the target by a bound that has changed."""
+    """Samples the axis while it presses; calls shown(sample) a few times per second. Raises Refused
+    if the axis becomes disabled, or if it limits the target because a bound has changed."""
     samples: list[PressSample] = []
     passed, steps, limited = 0.0, 0, False
     while passed < seconds:
@@ -389,7 +395,7 @@ def _hold(
 
 
 def _distance(axis: Live, distance: float | str) -> float:
-    """A distance in the axis' own units. Raises InputError."""
+    """A distance in user units of the axis. Raises InputError."""
     value = quantity.number(axis, "target_position", str(distance))
     if not value > 0:
         raise InputError(f'retract: expected a distance above 0 as "5 mm", got {distance}')
@@ -397,8 +403,8 @@ def _distance(axis: Live, distance: float | str) -> float:
 
 
 def retract(axis: Live, distance: float | str, speed: float | str | None = None) -> AxisStatus:
-    """Moves back from a contact by a distance and disables the axis: its state() before that.
-    Arguments and errors as of Axis.retract()."""
+    """Moves back from a contact by a distance and disables the axis; returns its state() before
+    that. Arguments and errors as in Axis.retract()."""
     expect_position_gain(axis)
     way = _distance(axis, distance)
     if speed is not None:
@@ -411,8 +417,9 @@ def retract(axis: Live, distance: float | str, speed: float | str | None = None)
 
 
 def _back(axis: Live, way: float, speed: float | str | None, target: str) -> AxisStatus:
-    """Releases the force, if a target presses, then moves against it by `way` from where it
-    pressed; the state() there, still enabled."""
+    """Releases the force, if a target presses, then moves in the opposite direction of the force by
+    `way`, measured from the position of the press. Returns the state() there; the axis is still
+    enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     slow = {} if speed is None else {"approach_velocity_max": speed}
     most = (expect(axis, slow) or axis.get("approach_velocity_max"))["approach_velocity_max"]
@@ -423,7 +430,7 @@ def _back(axis: Live, way: float, speed: float | str | None, target: str) -> Axi
     place = round(axis.read("position_actual") + sign * way)
     if target:
         _release(axis, target, counts)
-    here = axis.read("position_actual")  # never toward the workpiece
+    here = axis.read("position_actual")  # the axis does not move toward the workpiece
     place = max(place, here) if sign > 0 else min(place, here)
     try:
         axis.enable("profile position", trajectory_velocity=per_s)
@@ -444,8 +451,8 @@ def _back(axis: Live, way: float, speed: float | str | None, target: str) -> Axi
 
 
 def _release(axis: Live, target: str, counts: float) -> None:
-    """Lowers a target to 0 in steps, since at once the contact's spring would throw the axis back,
-    and waits until the reading is within `counts`."""
+    """Lowers a target to 0 in steps and waits until the measured force is below `counts`. In one
+    step, the contact spring would accelerate the axis away from the workpiece."""
     value = axis.read(target)
     for step in range(1, RELEASE_STEPS + 1):
         axis.put_back(**{target: value * (1 - step / RELEASE_STEPS)})

@@ -31,28 +31,29 @@ if TYPE_CHECKING:
 __all__ = ["MODES", "Axis", "trigger_on"]
 
 MODES = {text: number for number, text in state_names.MODES.items()}
-# CiA 402: controlwords, and bits of the statusword.
+# CiA 402: controlwords and bits of the statusword.
 SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
 START_HOMING, FAULT_RESET = 0x1F, 0x80
-DISABLE_VOLTAGE = 0  # the one way out of a quick stop that stays
+DISABLE_VOLTAGE = 0  # the only command that leaves a latched quick stop
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 POLL_S = 0.02
-# The end of an error of an axis that has a fault. A verb prints its command for the function.
+# End of an error text for an axis with a fault. A verb replaces the function by its own command.
 RESETS = "; reset_fault() resets the fault"
-OFF_S = 2.0  # from the controlword to a disabled axis; a slow-down on a stop takes its time
+# longest time from the controlword to the disabled state, including the ramp of a stop
+OFF_S = 2.0
 ABOUT = ("statusword", "modes_of_operation_display", "fault", "position", "force")
 
 
 class Axis:
-    """An axis, owned from __enter__ to close(), where it is disabled and released."""
+    """A connected axis. __enter__ acquires it; close() disables and releases it."""
 
     def __init__(self, link: Link) -> None:
         self.link, self._owned = link, False
 
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
-        """The axis of an experiment in process, in its own time. Raises InputError; warns where its
-        newtons are not those of its model."""
+        """The simulated axis of an experiment, in its own time. Raises InputError. Warns if the
+        axis' force scale differs from that of its model."""
         from forceaxis.axis.sim import SimLink
 
         link = SimLink(experiment, overrides, store)
@@ -62,8 +63,8 @@ class Axis:
 
     @classmethod
     def can(cls, interface: str = "can0", node: int = 1, model: str | Path | None = None) -> Axis:
-        """A node of a CAN interface. model: a file whose encoder says what a count is in mm. Raises
-        InputError, NoAnswer."""
+        """A node of a CAN interface. model: a file whose encoder gives the size of a count in mm.
+        Raises InputError, NoAnswer."""
         from forceaxis.axis.can import CanLink
 
         return cls(_with_model(CanLink(interface, node), model))
@@ -72,15 +73,15 @@ class Axis:
     def gateway(
         cls, axis: int = 1, url: str | None = None, model: str | Path | None = None
     ) -> Axis:
-        """An axis at the gateway of an LCM bus; None: LCM's default. model: as of can(). Raises
-        InputError."""
+        """An axis at the gateway of an LCM bus; url None: the default of LCM. model: as in can().
+        Raises InputError."""
         from forceaxis.axis.gateway import GatewayLink
 
         return cls(_with_model(GatewayLink(axis, url), model))
 
     @classmethod
     def modbus(cls, url: str, unit: int = 1, model: str | Path | None = None) -> Axis:
-        """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". model: as of can(). Raises
+        """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". model: as in can(). Raises
         InputError, NoAnswer."""
         from forceaxis.axis.modbus import ModbusLink
 
@@ -94,9 +95,9 @@ class Axis:
         self.close()
 
     def acquire(self, shared: bool = False) -> None:
-        """Owns the axis. One that another client has enabled is refused (Refused); shared: if that
-        is one of the same bus, the axis stays its own, is written to, and not disabled at close().
-        """
+        """Acquires the axis. Raises Refused if another client has enabled it. shared: if that
+        client is on the same bus, it keeps the axis; this program may write to it and does not
+        disable it in close()."""
         found = self.link.read(["command_source", "statusword"])
         state = state_names.drive_state(found["statusword"])
         if state in POWERED:
@@ -110,8 +111,8 @@ class Axis:
         self._owned = True
 
     def close(self) -> str:
-        """Disables and releases an owned axis, and ends the connection, whatever happened. What
-        came of it, in words."""
+        """Disables and releases an owned axis and ends the connection, also after an error. Returns
+        the result as text."""
         done = "was not owned"
         try:
             if self._owned:
@@ -129,21 +130,21 @@ class Axis:
         return done
 
     def get(self, *names: str) -> dict[str, Any]:
-        """{name: engineering value or enum text}, in the order of `names`. Raises InputError for an
-        unknown name."""
+        """{name: engineering value or text of an enumeration}, in the order of `names`. Raises
+        InputError for an unknown name."""
         for name in names:
             _known(name)
         found = self.link.read(names)
         return {name: from_raw(name, found[name]) for name in names}
 
     def read(self, name: str) -> Any:
-        """The value of one object, as get()."""
+        """The value of one object, in the form of get()."""
         return self.get(name)[name]
 
     def set(self, **values: Any) -> None:
-        """Writes engineering values, enum texts or quantities ("75 N", "10 mm/s") in order. Nothing
-        is written if the object table has no such name, value or way to write it, or if the axis
-        would clip a target (InputError; see bounds)."""
+        """Writes engineering values, texts of enumerations or quantities ("75 N", "10 mm/s") in
+        order. Raises InputError, before anything is written, for an unknown or read-only object, an
+        invalid value, or a target that the axis would limit (see bounds)."""
         for name in values:
             if _known(name).access == "ro":
                 raise InputError(f"{name}: expected an object that can be written, it is read-only")
@@ -152,8 +153,9 @@ class Axis:
         self.link.write(raw)
 
     def put_back(self, **values: Any) -> None:
-        """Writes engineering values that the axis had before, or lower ones on the way to 0: as
-        set(), but bounds are not asked, so that a bound that moved meanwhile keeps nothing set."""
+        """Writes back engineering values that the axis had before, or reduces a value in steps to
+        0. As set(), but without the check of bounds, so that a bound that has changed meanwhile
+        does not prevent it."""
         self.link.write({name: to_raw(name, value) for name, value in values.items()})
 
     def wait_for(
@@ -163,9 +165,9 @@ class Axis:
         what: str,
         timeout_s: float = 5.0,
     ) -> dict[str, Any]:
-        """Reads `names` until holds({name: value}), of the axis' own time: those values. NoAnswer
-        names `what` when that does not come, or a fault that was not asked for comes instead, and
-        what the axis does."""
+        """Reads `names` until holds({name: value}) is True, for at most timeout_s of the axis'
+        time; returns these values. Raises NoAnswer, which names `what` and the state of the axis,
+        at the time limit or after an unexpected fault."""
         passed = 0.0
         while True:
             found = self.get(*names, "fault")
@@ -182,7 +184,7 @@ class Axis:
             passed += POLL_S
 
     def about(self) -> str:
-        """What the axis does, in words."""
+        """The state of the axis as text."""
         found = self.link.read(ABOUT)
         return (
             f"{state_names.condition(found['statusword'], found['fault'])}, "
@@ -192,8 +194,8 @@ class Axis:
         )
 
     def enable(self, mode: str | int, **parameters: Any) -> None:
-        """Operation enabled in a mode of operation, by its name (state_names.MODES) or number;
-        `parameters` are written before the mode changes."""
+        """Enables the axis (state operation enabled) in a mode of operation, given by its name
+        (state_names.MODES) or number. `parameters` are written before the mode changes."""
         number = MODES.get(mode, mode) if isinstance(mode, str) else mode
         if number not in state_names.MODES:
             raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
@@ -216,11 +218,11 @@ class Axis:
         )
 
     def disable(self) -> None:
-        """Switches the amplifier off without waiting."""
+        """Commands the disabled state without waiting for it."""
         self.link.write({"controlword": SHUTDOWN})
 
     def off(self) -> None:
-        """Disables the axis if it is enabled, and waits until it is not. Raises Refused,
+        """Disables the axis if it is enabled, and waits for the disabled state. Raises Refused,
         NoAnswer."""
         state = state_names.drive_state(self.read("statusword"))
         if state not in (*POWERED, "switched on"):
@@ -234,14 +236,14 @@ class Axis:
         )
 
     def reset_fault(self) -> None:
-        """Acknowledges a fault; the axis stays disabled."""
+        """Resets a fault; the axis stays disabled."""
         self.link.write({"controlword": 0})
         self.link.write({"controlword": FAULT_RESET})
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> dict[str, Any]:
-        """Profile position mode: moves to `position`, in the axis' own units or "10 mm", and waits
-        until it is reached: {"statusword", "position", "fault"}. Raises InputError for a place
-        beyond its limits; Refused where a limit was moved meanwhile; NoAnswer."""
+        """Moves to `position` in profile position mode, in user units of the axis or "10 mm", and
+        waits until the position is reached: {"statusword", "position", "fault"}. Raises InputError
+        for a position beyond a limit; Refused if a limit has changed meanwhile; NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         wanted = self.read("target_position")
         self.wait_for(lambda s: s["statusword"] & BIT_12, ("statusword",), "the set-point taken")
@@ -265,17 +267,17 @@ class Axis:
         force_max: float | str | None = None,
         retract: float | str | None = None,
     ) -> actions.PressResult:
-        """Approaches, presses for `seconds` from the contact on, and disables the axis.
+        """Approaches, presses for `seconds` from the first contact on, and disables the axis.
 
-        force: "75 N" in mode 4 by the force law or bank in force; a number, counts of an 8-bit
-        reading, in mode -1 by the P law. speed: of the approach, "4 mm/s" or encoder counts a
-        second, at most; default: approach_velocity_max. approach_s: without contact for so long it
-        is the fault no_contact. force_max: a reading beyond it disables the axis in the same tick;
-        default: twice the force and 8 counts. retract: see retract(), at the end. What is set for
-        it is put back.
+        force: "75 N" in mode 4, with the active force law or bank; a number (8-bit counts) in mode
+        -1, with the P law. speed: limit of the approach speed, "4 mm/s" or encoder counts per
+        second; default: approach_velocity_max. approach_s: after this time without contact, the
+        axis stops with the fault no_contact. force_max: a larger measured force disables the axis
+        in the same tick; default: twice the force plus 8 counts. retract: distance of a retract()
+        at the end. Changed settings are restored.
 
-        Raises InputError before anything moves for what the axis would clip, with the bound in N;
-        Refused, NoAnswer with what happened, the axis disabled.
+        Raises InputError before the motion if the axis would limit a value, with the bound in N;
+        Refused or NoAnswer with the reason, after the axis has been disabled.
         """
         order = actions.PressOrder(seconds, speed, approach_s, force_max, retract)
         return actions.press(self, quantity.force(force), order)
@@ -283,13 +285,13 @@ class Axis:
     def retract(
         self, distance: float | str, speed: float | str | None = None
     ) -> actions.AxisStatus:
-        """Moves an axis that presses, or stands in contact, back by a distance, "5 mm" or in its
-        own units, and disables it there: its state() before that.
+        """Moves an axis in contact back by a distance, "5 mm" or in user units, and disables it
+        there; returns its state() before that.
 
-        The force is released first; the way is against the force, or away from the workpiece where
-        there is none, at most at `speed` (default: approach_velocity_max), within its limits, and a
-        reading beyond that of its start and 8 counts disables it. Raises InputError, NoAnswer;
-        Refused where it still touches afterwards.
+        The force is released first. The axis then moves in the opposite direction of the force, or
+        away from the workpiece without a force, at most at `speed` (default: approach_velocity_max)
+        and within its limits. A measured force above the initial one plus 8 counts disables it.
+        Raises InputError, NoAnswer, and Refused if the axis is still in contact at the end.
         """
         return actions.retract(self, distance, speed)
 
@@ -305,10 +307,10 @@ class Axis:
     def capture(
         self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Any
     ) -> Recording:
-        """Records `signals` tick by tick and waits: a link.Recording.
+        """Records `signals` in each tick and waits for the end; returns a link.Recording.
 
-        samples 0: as many as the recorder holds. `settings` are further recorder objects without
-        the prefix: decimation=3, pretrigger=100, trigger_edge="rising"; see trigger_on().
+        samples 0: as many as the recorder can store. `settings` are further objects of the recorder
+        without their prefix: decimation=3, pretrigger=100, trigger_edge="rising"; see trigger_on().
         """
         self.arm(signals, samples, **settings)
         return self.link.recording(timeout_s)

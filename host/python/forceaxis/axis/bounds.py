@@ -19,34 +19,34 @@ from forceaxis.bus.client import from_raw, object_named, to_raw
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
 
-INTERNAL_LIMIT = 1 << 11  # of the statusword: a target, or the output, is limited
-RELATIVE = 1 << 6  # of the controlword: a target position counts from where the axis is
-REVERSED = 0x80  # bit of polarity that reverses positions
-NO_LIMIT = 2**31 - 1  # magnitude of a position that is no bound
+INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or the output
+RELATIVE = 1 << 6  # bit of the controlword: a target position is relative to the present position
+REVERSED = 0x80  # bit of polarity that reverses the direction of positions
+NO_LIMIT = 2**31 - 1  # a position limit of this magnitude means no limit
 CODE_MOST = 2047  # of the DAC
-WHOLE = 1000  # per mille that are the whole
+WHOLE = 1000  # per mille of 1
 WAVE = "excitation"  # the mode of operation
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Values of a target that are not clipped by one object, in the target's unit."""
+    """Range of a target that one object permits, in the unit of the target."""
 
     least: float
     most: float
-    by: str  #: the object, and what else the bound follows from
+    by: str  #: the object, and other values from which the bound follows
     remedy: str
 
 
 class Present:
-    """What an axis has, as it will be once `values` are written."""
+    """Values of an axis, with those of `values` as they will be after writing."""
 
     def __init__(self, axis: Live, values: Mapping[str, Any]) -> None:
         self.axis, self.given = axis, frozenset(values)
         self._found = {n: _engineering(n, v) for n, v in values.items()}
 
     def __call__(self, *names: str) -> tuple[Any, ...]:
-        """Engineering values; None of what the link does not reach."""
+        """Engineering values of objects; None for an object that the connection cannot access."""
         missing = [n for n in names if n not in self._found]
         reached = [n for n in missing if self.axis.link.reaches(n)]
         self._found |= dict.fromkeys(missing) | (self.axis.get(*reached) if reached else {})
@@ -65,8 +65,8 @@ def _object(name: str) -> str:
 
 
 def expect(axis: Live, values: Mapping[str, Any]) -> None:
-    """Refuses engineering values, to be written in this order, of which the axis would clip one:
-    InputError, one line. Reads what bounds them; values without such a bound cost nothing."""
+    """Checks engineering values that are to be written in this order. Raises InputError, in one
+    line, if the axis would limit one of them. Only the objects of the relevant bounds are read."""
     targets = [name for name in values if name in BOUNDS]
     if not targets:
         return
@@ -79,7 +79,8 @@ def expect(axis: Live, values: Mapping[str, Any]) -> None:
 
 
 def clipped(axis: Live, values: Mapping[str, Any]) -> str:
-    """What expect() says of the same values by now; "" where nothing is clipped."""
+    """The text of the error that expect() would raise for the values now; "" if none would be
+    limited."""
     try:
         expect(axis, values)
     except InputError as error:
@@ -88,21 +89,22 @@ def clipped(axis: Live, values: Mapping[str, Any]) -> str:
 
 
 def most_force(axis: Live) -> float:
-    """The largest target_force that the axis does not clip, whole per mille of rated_force."""
+    """The largest target_force that the axis does not limit, in per mille of rated_force, an
+    integer."""
     return math.floor(min(b.most for b in BOUNDS["target_force"](Present(axis, {}))))
 
 
 def expect_force(axis: Live, force_N: float, swing: float) -> None:
-    """Refuses a force to be pressed with and excited, N, that the axis would clip, and what
-    expect_readable() refuses. Raises InputError."""
+    """Checks a force in N that is to be pressed with an excitation. Raises InputError if the axis
+    would limit it, or if expect_readable() does."""
     force_scale, rated_force = axis.get("force_scale", "rated_force").values()
     expect_readable(axis, force_N, swing, force_scale * 1e-6)
     expect(axis, {"target_force": 1e6 * force_N / rated_force})
 
 
 def expect_readable(axis: Live, force_N: float, swing: float, newton_per_count: float) -> None:
-    """Refuses a force that swings, by `swing` of itself from peak to peak, beyond the range of the
-    reading or beyond force_max. Raises InputError."""
+    """Checks that a force stays within the range of the measured force and below force_max.
+    `swing`: range of the force peak to peak, relative to the force. Raises InputError."""
     present = Present(axis, {})
     reading, (own,) = of_reading(present), present("force_max")
     for counts, by in (
@@ -130,8 +132,9 @@ def _refusal(axis: Live, name: str, value: float, bound: Bound) -> str:
 
 
 def of_reading(present: Present) -> Bound | None:
-    """Counts of the force reading that its ADC has, one code inside its ends. An end that reads
-    zero force bounds nothing: a law presses against it or is out of contact."""
+    """Range of the measured force in counts by its ADC, without the end codes. An end at which the
+    measured force is zero is not a bound: there the axis presses against the end or is out of
+    contact."""
     bits, zero, sign, tare = present("adc_bits", "force_zero_code", "force_sign", "force_tare")
     if None in (bits, zero, sign, tare):
         return None
@@ -161,7 +164,7 @@ def _without_certificate(present: Present) -> bool:
 
 
 def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
-    """Bounds of one of two summands of the demanded force, per mille of rated_force."""
+    """Bounds of one of the two summands of the demanded force, in per mille of rated_force."""
 
     def bounds(present: Present) -> Iterator[Bound]:
         (added,) = present(other)
@@ -196,7 +199,7 @@ def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
             )  # fmt: skip
         reading = of_reading(present)
         if reading:
-            per_count = present("force_scale")[0] / rated  # uN over mN are per mille
+            per_count = present("force_scale")[0] / rated  # uN divided by mN gives per mille
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
             )
@@ -205,7 +208,7 @@ def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
 
 
 def _position(present: Present) -> Iterator[Bound]:
-    """Of a target in the axis' own units."""
+    """Bounds of a target in user units of the axis."""
     (word,) = present("controlword")
     if word & RELATIVE:
         return
@@ -234,7 +237,7 @@ def _position(present: Present) -> Iterator[Bound]:
 
 
 def _end(position: float) -> float:
-    """A limit of a position; infinite where it is none."""
+    """A position limit; infinite if there is no limit."""
     return math.copysign(math.inf, position) if abs(position) >= NO_LIMIT else position
 
 
@@ -246,7 +249,8 @@ def _native_position(present: Present) -> Iterator[Bound]:
 
 
 def _velocity(other: str = "") -> Callable[[Present], Iterator[Bound]]:
-    """Of a speed in the axis' own units a second; other: what cyclic velocity adds to it."""
+    """Bounds of a speed in user units per second; other: object that is added to it in cyclic
+    velocity mode."""
 
     def bounds(present: Present) -> Iterator[Bound]:
         most, mode = present("velocity_max", "modes_of_operation")
@@ -260,7 +264,7 @@ def _velocity(other: str = "") -> Callable[[Present], Iterator[Bound]]:
 
 
 def _approach(present: Present) -> Iterator[Bound]:
-    """Of a speed in encoder counts a second."""
+    """Bounds of a speed in encoder counts per second."""
     (most,), ratio = present("velocity_max"), quantity.user_per_count(present.axis)
     if most is not None and ratio is not None:
         yield Bound(
@@ -270,8 +274,8 @@ def _approach(present: Present) -> Iterator[Bound]:
 
 
 def _code(beside: str = "", always: bool = False) -> Callable[[Present], Iterator[Bound]]:
-    """Of DAC codes; beside: what the mode excitation puts out with them, in that mode alone unless
-    always."""
+    """Bounds of DAC codes. beside: code that the excitation mode adds; it counts in this mode only,
+    unless `always`."""
 
     def bounds(present: Present) -> Iterator[Bound]:
         (limit,) = present("output_limit")
@@ -287,7 +291,7 @@ def _code(beside: str = "", always: bool = False) -> Callable[[Present], Iterato
     return bounds
 
 
-# Bounds of a target, by its name.
+# {target: its bounds}.
 BOUNDS: dict[str, Callable[[Present], Iterator[Bound]]] = {
     "target_force": _target_force("force_offset"),
     "force_offset": _target_force("target_force"),

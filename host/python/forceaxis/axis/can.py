@@ -23,20 +23,23 @@ OWN_NODE = 126  # 127 is a gateway's
 LISTEN_S = 0.5
 REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXTS = range(0x1008, 0x100B)
-UPLOADED, DOWNLOADED, ABORTED = 2, 3, 4  # a server's command specifiers (CiA 301, 7.2.4.3)
-TRANSFER_ABORTS = (0x0503, 0x0504)  # toggle bit, time-out, command specifier, block
-NOTIFIER_S = 0.05  # what closing a quiet bus may take; python-canopen's own is 1 s
-HEARTBEAT_MS = 1000  # what the axis waits for the next one; sent ten times as often
+# command specifiers of the server's answers (CiA 301, 7.2.4.3)
+UPLOADED, DOWNLOADED, ABORTED = 2, 3, 4
+# abort codes of a disturbed transfer: toggle bit, time-out, command specifier, block
+TRANSFER_ABORTS = (0x0503, 0x0504)
+# longest time to close a bus without traffic; the default of python-canopen is 1 s
+NOTIFIER_S = 0.05
+HEARTBEAT_MS = 1000  # consumer heartbeat time of the axis; heartbeats are sent ten times as often
 CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
-# A node that answers with segments without end does not hold a verb for ever: names are short, and
-# the firmware's recorder has 30 KiB.
+# Bounds of a transfer, so that a node that sends segments without end does not block a verb: names
+# are short, and the firmware's recorder has 30 KiB.
 MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READS = 2
 TOO_LONG = 0x06070012  # SDO abort: the length of the object is too high
 FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
-# SDO abort codes, by the reason they stand for.
+# {reason: its SDO abort code}.
 ABORTS = {
     0x06020000: -1, 0x06090011: -1, 0x06010002: -2, 0x06010001: -3, 0x06090030: -4,
     0x06090031: -4, 0x06090032: -4, 0x08000020: -4, 0x08000021: -7, 0x08000022: -5,
@@ -45,7 +48,8 @@ ABORTS = {
 
 
 def libraries() -> tuple[Any, Any]:
-    """The modules canopen and can, which have no types here. Raises InputError without them."""
+    """The modules canopen and can, which have no types here. Raises InputError if they are not
+    installed."""
     try:
         import can
         import canopen
@@ -55,14 +59,15 @@ def libraries() -> tuple[Any, Any]:
             "expected python-canopen and python-can; install them with "
             "`pip install 'forceaxis[can]'`",
         ) from None
-    for library in ("can", "canopen"):  # a verb prints one line
+    # log messages are suppressed because a verb prints one line
+    for library in ("can", "canopen"):
         logging.getLogger(library).addHandler(logging.NullHandler())
     return canopen, can
 
 
 @contextlib.contextmanager
 def network(interface: str, bus: Any = None) -> Iterator[Any]:
-    """A canopen.Network; bus: a python-can bus in place of the interface. Raises InputError."""
+    """A canopen.Network; bus: a python-can bus instead of the interface. Raises InputError."""
     canopen, can = libraries()
     made = canopen.Network()
     made.bus = bus
@@ -89,13 +94,13 @@ def network(interface: str, bus: Any = None) -> Iterator[Any]:
 
 
 class CanLink(RecorderLink):
-    """A node of a CAN interface, such as "can0". A gateway that polls it at the same time uses the
-    node's one SDO channel too, and then interrupts recordings (NoAnswer).
+    """A node of a CAN interface, such as "can0". A gateway that polls the node uses the same SDO
+    channel, and then interrupts recordings (NoAnswer).
 
-    From the first controlword that enables, the axis watches this program's heartbeat in 1016h: a
-    program that dies lets it be disabled after HEARTBEAT_MS; the entry is put back at release, and
-    before parameters are stored. own_node: node id of that heartbeat, which no other node may have.
-    bus: a python-can bus in place of the interface. Raises InputError.
+    From the first controlword that enables it, the axis monitors this program's heartbeat by an
+    entry of 1016h and becomes disabled HEARTBEAT_MS after the program ends. The entry is restored
+    at release and before parameters are stored. own_node: node id of the heartbeat, which no other
+    node may have. bus: a python-can bus instead of the interface. Raises InputError.
     """
 
     source = BY_NAME["command_source"].enum.index("canopen")
@@ -122,17 +127,19 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # (object, raw value before) of the entry of 1016h that watches this program.
+        # (object, previous raw value) of the entry of 1016h with which the axis monitors this
+        # program.
         self._watched: tuple[str, int] | None = None
-        # (command specifier, index, sub-index) of the answer that is awaited.
+        # (command specifier, index, sub-index) of the expected answer.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
-        self._rival = threading.Event()  # another node sends heartbeats of our id
-        self._beaten_until = 0.0  # epoch, s; until then heartbeats of our id are our own
+        self._rival = threading.Event()  # set if another node sends heartbeats with our id
+        # s since the epoch; until then heartbeats with our id are our own
+        self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
     def _answered(self, can_id: int, data: bytes, timestamp: float) -> None:
-        """Drops an answer to another client of the same channel, such as a gateway that polls."""
+        """Ignores an answer to another client of the same channel, such as a gateway that polls."""
         if self._expected is not None:
             command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
             kind, *expected = self._expected
@@ -142,7 +149,8 @@ class CanLink(RecorderLink):
 
     @contextlib.contextmanager
     def _asking(self, what: str, about: tuple[int, int, int] | None = None) -> Iterator[None]:
-        """An access `about`, (UPLOADED or DOWNLOADED, index, sub-index), or a longer transfer."""
+        """Context of an access `about`, (UPLOADED or DOWNLOADED, index, sub-index), or of a longer
+        transfer."""
         silent, aborted = self._errors
         with self._lock:
             self._expected = about
@@ -181,7 +189,7 @@ class CanLink(RecorderLink):
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
     def _upload(self, name: str, index: int, sub: int) -> bytes:
-        """Bytes of an object; asked again where a frame may have been lost."""
+        """The bytes of an object; the request is repeated if a frame may have been lost."""
         for remaining in range(READS, 0, -1):
             try:
                 with (
@@ -195,8 +203,8 @@ class CanLink(RecorderLink):
         raise AssertionError("READS is at least 1")
 
     def _whole(self, stream: BinaryIO, name: str, most: int) -> bytes:
-        """All bytes of an SDO stream. Raises NoAnswer, and aborts, where there are more than
-        `most`."""
+        """All bytes of an SDO stream. Aborts the transfer and raises NoAnswer if there are more
+        than `most`."""
         data = bytearray()
         while piece := stream.read(7):
             data += piece
@@ -211,7 +219,8 @@ class CanLink(RecorderLink):
             if enables and self._owns and self._watched is None:
                 self._be_watched()
             if name in STORING:
-                self._be_unwatched()  # this program's heartbeat belongs to no stored set
+                # the heartbeat entry of this program does not belong to a stored parameter set
+                self._be_unwatched()
             self._download(name, raw)
 
     def _download(self, name: str, raw: int) -> None:
@@ -222,10 +231,12 @@ class CanLink(RecorderLink):
     def acquire(self) -> None:
         if self.read(["command_source"])["command_source"] != self.source:
             self._download("command_source", self.source)
-        with self._asking("NMT start"):  # a node that missed a heartbeat is pre-operational
+        # a node that missed a heartbeat is in the state pre-operational
+        with self._asking("NMT start"):
             self._network.send_message(0, [START, self._id])
         place, raw = self._entry()
-        if place is not None and raw == self._ours:  # of a killed program of this kind
+        # the entry is from a killed program of this kind
+        if place is not None and raw == self._ours:
             self._expect_alone()
             self._download(place, 0)
         self._owns = True
@@ -239,14 +250,15 @@ class CanLink(RecorderLink):
         return self._own << 16 | HEARTBEAT_MS
 
     def _entry(self) -> tuple[str | None, int]:
-        """(object, raw value) of the entry in 1016h for our id, else of a free one, else None."""
+        """(object, raw value) of the entry of 1016h with our id, otherwise of a free entry,
+        otherwise None."""
         entries = self.read(CONSUMERS).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]
         return next(iter([*own, *free]), (None, 0))
 
     def _expect_alone(self) -> None:
-        """Raises Refused where another node sends the heartbeat of our id."""
+        """Raises Refused if another node sends heartbeats with our id."""
         if self._rival.wait(LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
@@ -258,7 +270,7 @@ class CanLink(RecorderLink):
             self._rival.set()
 
     def _send_beat(self, data: bytes) -> None:
-        try:  # beside a transfer, which may take longer than the axis waits
+        try:  # in a thread, because a transfer may take longer than the consumer heartbeat time
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
             raise NoAnswer(f"{self.where}: expected to send a heartbeat, {error}") from None
@@ -272,7 +284,8 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        self._keeper = HeartbeatKeeper(  # watched from the first one on, so before what follows
+        # started first, because the axis monitors the heartbeat from its first message on
+        self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([OPERATIONAL]), HEARTBEAT_MS / 10_000,
             self._send_beat,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""An axis behind a gateway, over LCM."""
+"""An axis that a gateway serves on LCM."""
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,18 +11,21 @@ from forceaxis.bus.keeper import GatewayKeeper
 from forceaxis.bus.state_names import BY_NAME
 
 READY_S = 10.0
-STOPPED_S = 2.0  # within which the gateway's poll detects a stopped recording
+STOPPED_S = 2.0  # longest time until the gateway's polling detects the end of a recording
 POLL_S = 0.1
-NOT_YET = "not set up yet"  # the gateway's words
+# Phrases of the refusals of the gateway (host/gateway/commands.cpp).
+NOT_YET = "not set up yet"
+RECORDER_BUSY = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # 1008h of that product
-AT_ONCE = 64  # objects of one command
-MANAGED = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")  # set up by each gateway
+AT_ONCE = 64  # largest number of objects in one command
+# objects that each gateway sets itself
+MANAGED = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 
 class GatewayLink(Link):
-    """Axis 1 to 127 at the gateway of an LCM bus; its default is LCM's. client: an existing one,
-    not closed here; ready_s: how long it may take to be operational. Raises InputError."""
+    """Axis 1 to 127 at the gateway of an LCM bus. client: an existing client, which is not closed
+    here; ready_s: longest time until the axis is operational. Raises InputError."""
 
     source = BY_NAME["command_source"].enum.index("lcm")
 
@@ -38,7 +41,8 @@ class GatewayLink(Link):
         self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
         self._axis, self._url = axis, url
-        self._armed: Any = None  # the acknowledgement of LCM that began the recording
+        # the acknowledgement of the LCM command that started the recording
+        self._armed: Any = None
 
     def manages(self, name: str) -> bool:
         return name.startswith(MANAGED)
@@ -51,7 +55,7 @@ class GatewayLink(Link):
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
     def text(self, index: int) -> str | None:
-        """By the numbers of 1018h: LCM carries no texts."""
+        """A text from the numbers of 1018h, because LCM does not carry texts."""
         found = self.client.read_raw([PRODUCT, REVISION])
         if index == NAME:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
@@ -70,7 +74,8 @@ class GatewayLink(Link):
                 if ready and state.statusword != state.NOT_AVAILABLE:
                     self.client.take()
                     break
-            except Refused as refusal:  # operational, but not yet by this gateway
+            # the axis is operational, but this gateway has not detected it yet
+            except Refused as refusal:
                 if NOT_YET not in str(refusal) or time.monotonic() > end:
                     raise
                 time.sleep(POLL_S)
@@ -93,8 +98,8 @@ class GatewayLink(Link):
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
-            except Refused as refusal:  # a capture of a client that has ended
-                if "another capture" not in str(refusal) or time.monotonic() > end:
+            except Refused as refusal:  # a recording of another client that has ended
+                if RECORDER_BUSY not in str(refusal) or time.monotonic() > end:
                     raise
             self.client.write_raw({"recorder_arm": 0})
             time.sleep(POLL_S)

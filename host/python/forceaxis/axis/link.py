@@ -1,8 +1,8 @@
-"""Access to the objects of one axis: the interface of all links, and their errors.
+"""Access to the objects of one axis: the common interface of all connections, and their errors.
 
-A link transfers raw values of named objects, in the axis' own time. From acquire() to release() it
-owns the axis and feeds its watchdog, which disables the axis when the program ends. Each kind is a
-module beside this one: sim, gateway, can, modbus.
+A connection transfers raw values of named objects, in the axis' own time. From acquire() to
+release() it owns the axis and writes to its watchdog, which disables the axis if the program ends.
+Each kind of connection is a module of this package: sim, gateway, can, modbus.
 """
 
 import abc
@@ -27,11 +27,12 @@ from forceaxis.linear import plant_facts
 __all__ = ["Link", "Live", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
-SCALE_WITHIN = 0.1  # of a sensor's force_scale: what a calibration may find
-NAME, SOFTWARE = 0x1008, 0x100A  # texts of CANopen: of the device, of its firmware
+SCALE_WITHIN = 0.1  # relative difference from a sensor's force_scale that a calibration may have
+# CANopen indices of texts: name of the device, version of its firmware
+NAME, SOFTWARE = 0x1008, 0x100A
 
 
-# Texts of refusals, by the firmware's FW_ERROR_.
+# {FW_ERROR_ code of the firmware: text}.
 REASONS = {
     -1: "there is no such object",
     -2: "it cannot be written",
@@ -51,7 +52,7 @@ RawSamples = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Recording:
-    """What the recorder held: raw values (samples, signals), each `decimation` ticks apart."""
+    """Content of the recorder: raw values (samples, signals), each `decimation` ticks apart."""
 
     signals: tuple[str, ...]
     raw: RawSamples = field(repr=False)  #: (n, len(signals)) int64; a u32 is not negative
@@ -66,16 +67,18 @@ class Recording:
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """(n,) s from the trigger on."""
+        """(n,) time in s from the trigger."""
         samples = np.arange(len(self.raw)) - self.trigger_sample
         return np.asarray(samples * (self.decimation / TICKS_PER_S))
 
 
 class Link(abc.ABC):
-    """One axis; `where` names it in messages ("axis 1 at the gateway"). Several threads may use it.
+    """A connection to one axis; `where` is its name in messages ("axis 1 at the gateway"). Several
+    threads may use it.
 
-    `source` is the raw command_source that its writes come from. `warning` is one line on what its
-    user has to know, or None. `counts_per_metre` is the encoder's, where a model says it."""
+    `source` is the raw command_source of its writes. `warning` is one line for the user, or None.
+    `counts_per_metre` is the scale of the encoder if a model gives it.
+    """
 
     where: str
     source: int
@@ -84,7 +87,8 @@ class Link(abc.ABC):
     _keeper: Keeper | None = None  # from acquire() to release()
 
     def use_model(self, model: str | Path) -> None:
-        """Takes the encoder's scale of a model (a path). Raises InputError where it has none."""
+        """Sets the encoder's scale from a model (a path). Raises InputError if the model has
+        none."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
             raise InputError(f"{model}: expected a model with an [encoder], it has none")
@@ -95,33 +99,33 @@ class Link(abc.ABC):
         """{name: raw value} of objects. Raises Refused, NoAnswer."""
 
     def reaches(self, name: str) -> bool:
-        """Whether an object is accessible: over Modbus it needs a register."""
+        """Whether this connection can access an object; over Modbus it needs a register."""
         return True
 
     def manages(self, name: str) -> bool:
-        """Whether a parameter is configured by the gateway for its own use, as process data is."""
+        """Whether the gateway sets a parameter for its own use, for example for process data."""
         return False
 
     def text(self, index: int) -> str | None:
-        """A text of CANopen: name of the device, 1008h, version of its firmware, 100Ah; None where
-        the link does not carry it."""
+        """A CANopen text: name of the device (1008h) or version of its firmware (100Ah); None if
+        the connection does not carry texts."""
         return None
 
     @abc.abstractmethod
     def write(self, values: Mapping[str, int]) -> None:
-        """Writes {name: raw value} in order; the first that is refused ends it. Raises Refused,
+        """Writes {name: raw value} in order and stops at the first refused value. Raises Refused,
         NoAnswer."""
 
     @abc.abstractmethod
     def acquire(self) -> None:
-        """Owns the axis from now on. Raises Refused where another client does."""
+        """Acquires the axis. Raises Refused if another client owns it."""
 
     @abc.abstractmethod
     def release(self) -> None:
         """Releases the axis, which must be disabled before."""
 
     def wait(self, seconds: float) -> None:
-        """Lets so much of the axis' own time pass."""
+        """Waits for `seconds` of the axis' own time."""
         time.sleep(seconds)
 
     @abc.abstractmethod
@@ -131,20 +135,21 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def fetch(self, signals: Sequence[str]) -> None:
-        """Makes the incident of the black box, which has these signals, the recording that is read
-        next. Raises Refused where there is none."""
+        """Loads the incident of the black box, which has these signals, into the recorder for the
+        next reading. Raises Refused if there is no incident."""
 
     @abc.abstractmethod
     def recording(self, timeout_s: float) -> Recording:
-        """Waits for the armed recording, of the axis' time: a Recording. The recorder is idle then,
-        so the black box goes on. Raises NoAnswer."""
+        """Waits up to timeout_s of the axis' time for the armed recording and returns it. The
+        recorder is then idle, so the black box records again. Raises NoAnswer."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Ends the connection. Does not disable: see Axis.close()."""
+        """Ends the connection. Does not disable the axis: see Axis.close()."""
 
     def unfed(self, values: Mapping[str, int]) -> AbstractContextManager[Any]:
-        """Context in which a WatchdogKeeper does not overwrite a watchdog among the values."""
+        """Context in which a WatchdogKeeper does not overwrite a watchdog that is among the
+        values."""
         keeper = self._keeper
         if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"} & values.keys():
             unchanged: AbstractContextManager[Any] = keeper.unchanged
@@ -158,21 +163,21 @@ class Link(abc.ABC):
 
 
 class Live(Protocol):
-    """What operations use of an axis.Axis."""
+    """The part of axis.Axis that operations use."""
 
     link: Link
 
     def get(self, *names: str) -> dict[str, Any]:
-        """{name: engineering value or enum text}."""
+        """{name: engineering value or text of an enumeration}."""
 
     def read(self, name: str) -> Any:
         """The value of one object."""
 
     def set(self, **values: Any) -> None:
-        """Writes engineering values or enum texts."""
+        """Writes engineering values or texts of enumerations."""
 
     def put_back(self, **values: Any) -> None:
-        """Writes values that it had before."""
+        """Writes values that the axis had before."""
 
     def wait_for(
         self,
@@ -181,29 +186,29 @@ class Live(Protocol):
         what: str,
         timeout_s: float = 5.0,
     ) -> dict[str, Any]:
-        """Reads names until holds({name: value})."""
+        """Reads names until holds({name: value}) is True."""
 
     def about(self) -> str:
-        """What the axis does, in words."""
+        """The state of the axis as text."""
 
     def enable(self, mode: str | int, **parameters: Any) -> None:
-        """Operation enabled in a mode of operation."""
+        """Enables the axis in a mode of operation."""
 
     def off(self) -> None:
-        """Disables the axis."""
+        """Disables the axis and waits."""
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> dict[str, Any]:
-        """Moves to a position in its own units."""
+        """Moves to a position in user units of the axis."""
 
 
 class RecorderLink(Link):
-    """A link that uses the axis' recorder by its objects."""
+    """A connection that accesses the recorder of the axis by its objects."""
 
     _armed: tuple[tuple[str, ...], int] | None = None  # signals, decimation
 
     @abc.abstractmethod
     def _samples(self, signals: Sequence[str]) -> RawSamples:
-        """(n, len(signals)) int64: what the finished recorder holds. Raises NoAnswer."""
+        """(n, len(signals)) int64: content of the recorder after a recording. Raises NoAnswer."""
 
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         self.write({"recorder_arm": 0})
@@ -244,18 +249,18 @@ class RecorderLink(Link):
 
 
 def _address(name: str) -> int:
-    """CANopen index times 256 plus sub-index, as the recorder's channels want it."""
+    """CANopen index times 256 plus sub-index, the form in which the recorder's channels are set."""
     known = BY_NAME[name]
     return known.index << 8 | known.sub
 
 
 def unsigned(name: str, raw: int) -> int:
-    """A raw value that came as a signed 32-bit word."""
+    """The unsigned value of a raw value that was received as a signed 32-bit word."""
     return raw + 2**32 if raw < 0 and BY_NAME[name].type == "u32" else raw
 
 
 def _recorder_writes(signals: Sequence[str], settings: Mapping[str, int]) -> dict[str, int]:
-    """{object: raw value} to be written while the recorder is stopped, before it is armed."""
+    """{object: raw value} to write to the stopped recorder before it is armed."""
     channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {

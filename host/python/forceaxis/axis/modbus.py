@@ -1,4 +1,5 @@
-"""An axis on Modbus, RTU or the gateway's TCP, with the registers of the object table."""
+"""An axis on Modbus, by RTU or by the TCP server of a gateway, with the registers of the object
+table."""
 
 import logging
 import re
@@ -15,7 +16,7 @@ TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
 BAUD = 115_200  # the firmware's default; 8 data bits, even parity
 PARITIES = "EN"
-IDENTITY = {NAME: 4, SOFTWARE: 2}  # objects of function 43 / 14, by index in CANopen
+IDENTITY = {NAME: 4, SOFTWARE: 2}  # {CANopen index: object of function 43 / 14}
 EXCEPTIONS = {
     2: "there is no such register",
     3: "outside its range or at odds with another object",
@@ -47,7 +48,7 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
         baud = int(serial[2] or BAUD)
-        # A pseudo-terminal has no parity and does not open with one.
+        # A pseudo-terminal has no parity and cannot be opened with parity.
         made = [
             ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
             for p in PARITIES
@@ -63,9 +64,9 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
 
 
 class ModbusLink(Link):
-    """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Reaches what has a register; what has
-    none is refused before anything is sent, recordings too. The watchdog is fed by a thread.
-    Raises InputError, NoAnswer."""
+    """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Objects without a register, and
+    recordings, are refused before a request is sent. A thread writes to the watchdog. Raises
+    InputError, NoAnswer."""
 
     source = BY_NAME["command_source"].enum.index("modbus")
 
@@ -92,7 +93,7 @@ class ModbusLink(Link):
         return BY_NAME[name].modbus >= 0
 
     def text(self, index: int) -> str | None:
-        """By the identification of the device, function 43 / 14."""
+        """A text from the device identification, function 43 / 14."""
         if index not in IDENTITY:
             return None
         ask = self.client.read_device_information
@@ -133,7 +134,7 @@ class ModbusLink(Link):
         self._ask(name, self.client.write_registers, known.modbus, words)
 
     def _word_order(self) -> bool:
-        """Whether the lower half of 32 bits comes first."""
+        """Whether the lower half of a 32-bit value comes first."""
         if self._low_first is None:
             self._low_first = bool(self._read("modbus_word_order"))
         return self._low_first

@@ -1,8 +1,9 @@
-"""Parameters of a live axis: read, compared with a file, loaded from one, stored, restored.
+"""Parameters of an axis: reads, compares with a file, loads from a file, stores and restores
+them.
 
-A file is loaded whole or not at all: values that limit each other are tried in turn until all are
-taken; if one is not, everything is put back. What was loaded is in force at once and lost with the
-next power cut; store() keeps it.
+A file is loaded completely or not at all. Values that limit each other are written in several
+rounds until the axis has accepted all; if it refuses one, all previous values are restored. Loaded
+values are active at once and lost at the next power cut, unless store() stores them.
 """
 
 from collections.abc import Collection, Mapping
@@ -17,18 +18,19 @@ from forceaxis.bus.state_names import BY_NAME, texts
 from forceaxis.objects import AxisObject
 from forceaxis.results import json_field
 
-INVALID = 1 << 31  # of a COB-ID: its PDO may be changed
+INVALID = 1 << 31  # bit of a COB-ID: its PDO is disabled and may be changed
 PDOS, ENTRIES = 4, 8
-LAST = ("_mapped_", "_cob_id", "force_bank")  # written in this order after all others
+# objects that are written after all others, in this order
+LAST = ("_mapped_", "_cob_id", "force_bank")
 RANKS = 1 + len(LAST)
-STORE_S = 10.0  # a sector of flash takes up to a second to erase
+STORE_S = 10.0  # time limit; erasing a sector of flash takes up to a second
 POLL_S = 0.02
 
 
 @dataclass(frozen=True)
 class BankState:
-    """The selected bank of gains with the states of the bank and of its certificate. A field is
-    None where no bank is selected, or where the link does not reach the state."""
+    """The selected bank with the states of the bank and of its certificate. A field is None if no
+    bank is selected, or if the connection cannot access the state."""
 
     force_bank: int | None = json_field(omit_none=True)
     bank_state: str | None = json_field(omit_none=True)
@@ -37,7 +39,8 @@ class BankState:
 
 @dataclass(frozen=True)
 class DifferenceShown:
-    """A Difference for a reader: enum texts or engineering values in `unit`."""
+    """A Difference as text or number for a user: texts of enumerations or engineering values in
+    `unit`."""
 
     name: str
     axis: float | str
@@ -47,14 +50,14 @@ class DifferenceShown:
 
 @dataclass(frozen=True)
 class Difference:
-    """One parameter that differs: raw value in the axis, and raw value of the file."""
+    """A parameter that differs: raw value in the axis and raw value in the file."""
 
     name: str
     axis: int
     file: int
 
     def shown(self) -> DifferenceShown:
-        """The same in engineering values."""
+        """The difference in engineering values."""
         known = BY_NAME[self.name]
         return DifferenceShown(
             self.name, shown(known, self.axis), shown(known, self.file), known.unit
@@ -63,9 +66,9 @@ class Difference:
 
 @dataclass(frozen=True)
 class LoadResult:
-    """What a file changed, or would change. `concerned` is the number of parameters that the file
-    sets, with or without a change. `managed` names the parameters that the gateway of the link sets
-    itself, so that they are left out."""
+    """Changes that a file has made or would make. `concerned` is the number of parameters in the
+    file, with or without a change. `managed` names the parameters that the gateway of the
+    connection sets itself; they are left out."""
 
     changed: list[Difference]
     concerned: int
@@ -74,14 +77,14 @@ class LoadResult:
 
 
 def shown(known: AxisObject, raw: int) -> float | str:
-    """Enum text or engineering value."""
+    """Text of an enumeration, or engineering value."""
     named = next((name for name, value in texts(known).items() if value == raw), None)
     return engineering(known, raw) if named is None else named
 
 
 def read(axis: Live) -> dict[str, int]:
-    """{object: raw value} of all parameters that the link reaches and does not manage itself.
-    Raises Refused, NoAnswer."""
+    """{object: raw value} of all parameters that the connection can access and does not manage
+    itself. Raises Refused, NoAnswer."""
     expect_table(axis)
     link = axis.link
     return link.read(
@@ -90,7 +93,8 @@ def read(axis: Live) -> dict[str, int]:
 
 
 def expect_table(axis: Live) -> None:
-    """Refuses an axis of another object table: its names would stand for other things."""
+    """Raises Refused for an axis with another object table, in which names may have other
+    meanings."""
     theirs = f"0x{axis.link.read(['object_table_hash'])['object_table_hash']:08x}"
     ours = params_file.table_hash()
     if theirs != ours:
@@ -101,7 +105,7 @@ def expect_table(axis: Live) -> None:
 
 
 def about(axis: Live) -> About:
-    """What [about] of a file says of the axis."""
+    """The table [about] for a file of this axis."""
     names = ["node_id", "serial_number"]
     found = axis.link.read([name for name in names if axis.link.reaches(name)])
     serial = found.get("serial_number")
@@ -116,15 +120,15 @@ def about(axis: Live) -> About:
 
 
 def dump(axis: Live, everything: bool = False) -> str:
-    """Text of a file with the axis' parameters; everything: defaults too."""
+    """Text of a file with the axis' parameters; everything: includes those with default values."""
     return params_file.dump(read(axis), about(axis), everything)
 
 
 def differences(
     axis: Live, path: Path | str, skip: Collection[str] = (), measured: bool = False
 ) -> list[Difference]:
-    """[Difference] between an axis and a file, where it has another value. measured: [measured] of
-    the file too. Raises InputError, Refused, NoAnswer."""
+    """Differences between an axis and a file. measured: includes [measured] of the file. Raises
+    InputError, Refused, NoAnswer."""
     return _compared(axis, read(axis), path, skip, measured).changed
 
 
@@ -135,7 +139,7 @@ def _compared(
     skip: Collection[str],
     measured: bool,
 ) -> LoadResult:
-    """What a file would change of {object: raw value}, without the bank."""
+    """The changes by which a file would change {object: raw value}, without the bank."""
     node_id = axis.link.read(["node_id"])["node_id"]
     file = params_file.read(path, node_id, skip)
     managed = [name for name in file.values if axis.link.manages(name)]
@@ -163,8 +167,9 @@ def load(
 ) -> LoadResult:
     """Sets the parameters of a disabled, owned axis to those of a file.
 
-    All or nothing: raises InputError before anything is written, Refused after everything was put
-    back, with the parameter that the axis did not take. dry_run writes nothing.
+    All parameters are set or none: raises InputError before the first write, and Refused with the
+    name of the refused parameter after the previous values have been restored. dry_run writes
+    nothing.
     """
     before = read(axis)
     loaded = _compared(axis, before, path, skip, measured)
@@ -215,9 +220,9 @@ def _expect_written(axis: Live, wanted: Mapping[str, int]) -> None:
 
 
 def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str, int]:
-    """{object: raw value} that is written first so that the others may change: no bank selected, a
-    PDO without entries, a COB-ID not valid, no heartbeat watched twice. What is not among the
-    changes is set to its present value at the end."""
+    """{object: raw value} to write first, so that the other values may change: no selected bank,
+    PDOs without entries, invalid COB-IDs, no heartbeat monitored twice. Objects that are not among
+    the changes get their present value again at the end."""
     park: dict[str, int] = {}
     law = any(BY_NAME[name].part == "law" or name == "adc_bits" for name in changes)
     if law and present["force_bank"]:
@@ -231,15 +236,15 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
             if changes.keys() & (entries | {f"{side}_mapped_{i}"}):
                 park[f"{side}_mapped_{i}"] = 0
     for name in changes:
-        if BY_NAME[name].node_id:  # a COB-ID changes while it is not valid
+        if BY_NAME[name].node_id:  # a COB-ID can change only while it is invalid
             park[name] = present[name] | INVALID
     heartbeats = [n for n in changes if n.startswith("consumer_heartbeat_") and present[n]]
     return park | dict.fromkeys(heartbeats, 0)
 
 
 def write(axis: Live, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
-    """Writes {object: raw value} in rounds: what is refused is tried again after the others. Raises
-    Refused for the first one that is never taken."""
+    """Writes {object: raw value} in rounds: refused values are tried again after the others. Raises
+    Refused for the first value that is refused in every round."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}
@@ -262,12 +267,13 @@ def _write_rounds(axis: Live, remaining: Mapping[str, int]) -> None:
 
 
 def _rank(name: str) -> int:
-    """Entries of a PDO, then how many count, then what makes it valid; a bank's choice last."""
+    """Order of writing: entries of a PDO, their number, the COB-ID that enables it; the selected
+    bank last."""
     return next((i for i, end in enumerate(LAST, 1) if end in name), 0)
 
 
 def _explained(axis: Live, name: str, raw: int) -> str:
-    """A value that was refused, and of a bank why."""
+    """Text about a refused value; for a bank with the reason."""
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
     state = f"bank_state_{raw}"
@@ -278,14 +284,14 @@ def _explained(axis: Live, name: str, raw: int) -> str:
 
 
 def store(axis: Live) -> None:
-    """Keeps all parameters of an owned, disabled axis over a power cut, and waits for the end of
-    that. Raises Refused, with the store's state, NoAnswer."""
+    """Stores all parameters of an owned, disabled axis and waits until they are stored. Raises
+    Refused with the state of the store, NoAnswer."""
     _command(axis, "store_parameters", "saved")
 
 
 def restore(axis: Live) -> None:
-    """Lets the axis start with the defaults at the next power-up or reset of the node; until then
-    nothing changes. Raises Refused, NoAnswer."""
+    """Selects the default values for the next power-up or reset of the node; the present values do
+    not change. Raises Refused, NoAnswer."""
     _command(axis, "restore_defaults", "restored")
 
 

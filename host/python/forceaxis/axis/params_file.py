@@ -53,7 +53,8 @@ HEXADECIMAL = ("bank_crc", "certificate_hash", "certificate_parts")
 
 
 def _arrays() -> dict[str, tuple[AxisObject, ...]]:
-    """{stem: its objects} of the table's arrays: alike, numbered from 1, side by side."""
+    """{stem: its objects} of the table's arrays: similar objects, numbered from 1, adjacent in the
+    table."""
     found: dict[str, list[AxisObject]] = {}
     for o in PARAMETERS:
         stem, _, number = o.name.rpartition("_")
@@ -72,8 +73,8 @@ STEM = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
 
 @dataclass(frozen=True)
 class About:
-    """The table [about] that dump() writes: the axis whose parameters the file has. A field that is
-    None is left out."""
+    """The table [about] of a file: the axis from which dump() wrote it. A field that is None is
+    omitted."""
 
     object_table: str  #: hash, as 0x and 8 digits
     firmware: str | None
@@ -85,8 +86,8 @@ class About:
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """The contents of a file: {object: raw value} of parameters and of [measured], in its order,
-    and the names of the objects that have their defaults."""
+    """Content of a file: {object: raw value} of parameters and of [measured], in the order of the
+    file, and the names of the objects that have default values."""
 
     values: dict[str, int]
     defaults: tuple[str, ...]
@@ -94,12 +95,12 @@ class ParameterFile:
 
 
 def default(known: AxisObject, node_id: int) -> int:
-    """Raw default of an object on a node."""
+    """Raw default value of an object on a node."""
     return known.default + (node_id if known.node_id else 0)
 
 
 def engineering(known: AxisObject, raw: int) -> float:
-    """The value in the unit of the table with the fewest digits that give `raw` back."""
+    """The engineering value with the fewest digits that convert back to `raw`."""
     if known.scale == 1:
         return raw
     for digits in range(1, 17):
@@ -110,7 +111,7 @@ def engineering(known: AxisObject, raw: int) -> float:
 
 
 def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
-    """A raw value as it stands in a file."""
+    """A raw value in the form that a file contains."""
     for name, value in texts(known).items():
         if value == raw:
             return f'"{name}"'
@@ -125,14 +126,15 @@ def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
 
 
 def signature(known: AxisObject) -> dict[str, Any]:
-    """What a value of the object means: {type, scale, unit, min, max}, enum."""
+    """Type, scale, unit, range and enumeration of an object: {type, scale, unit, min, max},
+    enum."""
     facts = {key: getattr(known, key) for key in ("type", "scale", "unit", "min", "max")}
     return facts | ({"enum": list(texts(known))} if texts(known) else {})
 
 
 def dump(values: Mapping[str, int], about: About, everything: bool = False) -> str:
-    """Text of a file with {object: raw value} of parameters; everything: what is at its default
-    too. Parameters that are not among the values are named in `without`."""
+    """Text of a file with the parameters {object: raw value}; everything: includes default values.
+    `without` in the file names the parameters that are not among the values."""
     node_id = about.node_id
     groups: dict[str, list[str]] = {}
     named: list[tuple[str, AxisObject]] = []
@@ -163,13 +165,13 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
 
 
 def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
-    """(name, objects) of what stands on a line of its own: an array or a single object."""
+    """(name, objects) of each line of a file: an array or a single object."""
     for name, elements in itertools.groupby(PARAMETERS, lambda o: STEM.get(o.name) or o.name):
         yield name, tuple(elements)
 
 
 def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id: int) -> str:
-    """An assignment, its unit beside it; a list goes on in a new line for another index."""
+    """An assignment with its unit; a list continues in a new line for each further index."""
     unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
     pairs = zip(elements, raw, strict=True)
     if name not in ARRAYS:
@@ -198,8 +200,8 @@ def _quoted(value: str) -> str:
 
 
 def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
-    """A ParameterFile. skip: names that are left out, of objects or arrays. Raises InputError with
-    everything that does not fit the object table."""
+    """Reads a ParameterFile. skip: names of objects or arrays to leave out. Raises InputError with
+    all entries that disagree with the object table."""
     tables = toml.read(path)
     about = tables.pop("about", {})
     described = tables.pop("objects", {})
@@ -258,12 +260,12 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
 
 
 def table_hash() -> str:
-    """Of this program's object table, as object_table_hash has it."""
+    """Hash of this program's object table, in the form of object_table_hash."""
     return f"0x{objects.OBJECTS_HASH[:8]}"
 
 
 def raw_value(known: AxisObject, value: Any, node_id: int) -> int:
-    """Raw value of what stands in a file. Raises InputError."""
+    """Raw value of an entry of a file. Raises InputError."""
     if isinstance(value, str) and (match := NODE.fullmatch(value)):
         if not known.node_id:
             raise InputError(f"{known.name}: expected a number, only COB-IDs follow the node id")
@@ -278,7 +280,7 @@ def raw_value(known: AxisObject, value: Any, node_id: int) -> int:
 
 
 def _elements(key: str, given: Any) -> list[tuple[AxisObject, Any]]:
-    """(object, value) of a line of a file. Raises InputError."""
+    """(object, value) of each value in a line of a file. Raises InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]
     if key in ARRAYS:
@@ -294,8 +296,8 @@ def _elements(key: str, given: Any) -> list[tuple[AxisObject, Any]]:
 
 
 def _expect_same(known: AxisObject, described: Any) -> None:
-    """A value keeps its meaning only if type, scale, unit and texts are the same; the range may
-    have grown, as for what a store holds."""
+    """Checks that type, scale, unit and texts of an object are unchanged, so that its value keeps
+    its meaning. The range may have become larger, as for stored values. Raises InputError."""
     if described is None:
         return
     if not isinstance(described, dict):

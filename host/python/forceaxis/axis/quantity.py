@@ -1,10 +1,10 @@
-"""What a person writes for the value of an object: a number in its unit, a text, or a quantity such
-as "75 N", "10 mm" or "4 mm/s", with or without a blank.
+"""Converts the text of a user to the value of an object: a number in its unit, the text of an
+enumeration, or a quantity such as "75 N", "10 mm" or "4 mm/s", with or without a blank.
 
-Forces follow the axis' own force_scale and rated_force, times and codes are fixed. Lengths need to
-know what a position of the axis is: its own units (6092h, named by 60A8h), or the encoder of a
-model, which a simulated axis has and `--model` names for a real one. They count as the axis' own
-positions do, from its zero and in its direction.
+Forces are converted by the axis' own force_scale and rated_force; times and codes have fixed
+factors. Lengths need the size of a position count: from user units of the axis (6092h, named by
+60A8h), or from the encoder of a model, which a simulated axis has and `--model` gives for a real
+axis. Lengths have the zero and the direction of the axis' positions.
 """
 
 import re
@@ -24,33 +24,33 @@ from forceaxis.objects import AxisObject, default
 CODES_PER_V = 4096 / 20  # of the DAC
 METRE = 0x01  # of CiA 303-2
 NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-# Per mille of rated_force.
+# Objects in per mille of rated_force.
 RATED = {
     "target_force", "force_offset", "force_limit", "force_limit_positive", "force_limit_negative",
     "force_demand", "force_actual",
 }  # fmt: skip
-# DAC codes; a "code" of another object is one of an ADC.
+# Objects in DAC codes; the "code" of other objects is that of an ADC.
 OUTPUTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
 }  # fmt: skip
-# {unit: (SI unit, how many of it are one of that)}
+# {unit: (SI unit, number of units in one SI unit)}
 PLAIN = {
     "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
     "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
 }  # fmt: skip
-# {unit: (SI unit, powers of the tick's rate in it)} of lengths in counts.
+# {unit: (SI unit, exponent of the tick rate in the factor)} for lengths in counts.
 LENGTHS = {
     "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
 }  # fmt: skip
 NOT_LENGTHS = {"encoder_increments"}
-OF_COUNTS = (0x6063, 0x6069)  # of CiA 402, in counts whatever the user's unit is
+OF_COUNTS = (0x6063, 0x6069)  # CiA 402 objects that are in counts for every user unit
 UNKNOWN = "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
 
 
 class Scaled(Protocol):
-    """What a scale is read from."""
+    """The values of an axis from which a scale is computed."""
 
     link: Link
 
@@ -62,7 +62,8 @@ class Scaled(Protocol):
 
 
 class After:
-    """An axis as it is once some raw values are written: what a later value is scaled by."""
+    """Values of an axis after some raw values have been written; later values are scaled with
+    them."""
 
     def __init__(self, axis: Live, raw: dict[str, int]) -> None:
         self.link, self._axis, self._raw = axis.link, axis, raw
@@ -80,31 +81,31 @@ class After:
 
 @dataclass(frozen=True)
 class Force:
-    """A force as it was asked for; newton: in N, else in counts of an 8-bit reading."""
+    """A force as given by a user; newton: True for N, False for 8-bit counts."""
 
     value: float
     newton: bool
 
 
 def force_per_count(axis: Scaled) -> float:
-    """Force of one count of an 8-bit reading in N, as the axis has it."""
+    """Force in N of one 8-bit count, from the force_scale of the axis."""
     return float(axis.read("force_scale")) * 1e-6
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
-    """Whether an axis has the force_scale (uN a count) that it was delivered with, whatever its
-    sensor is; calibration_date: 0 is none."""
+    """Whether force_scale (uN per count) still has its default, independent of the sensor;
+    calibration_date: 0 for no calibration."""
     return not calibration_date and force_scale == default("force_scale")
 
 
 def is_reading(known: AxisObject | None) -> bool:
-    """Whether an object is in counts of the force reading."""
+    """Whether the unit of an object is counts of the measured force."""
     return known is not None and known.unit == "count" and known.quantity == "force"
 
 
 def user_per_count(axis: Scaled) -> float | None:
-    """Units of the axis' positions for an encoder count: 1 without units of its own; None where
-    the link does not reach what they follow from."""
+    """User units per encoder count: 1 without user units; None if the connection cannot access
+    their objects."""
     if not axis.read("feed"):
         return 1.0
     above = ("feed", "encoder_revolutions", "gear_shaft_revolutions")
@@ -120,7 +121,7 @@ def user_per_count(axis: Scaled) -> float | None:
 
 
 def _metres_of_user(axis: Scaled) -> float | None:
-    """What 60A8h says of units that 6092h makes."""
+    """Metres per user unit by 60A8h; None if the unit is not a length."""
     if not axis.read("feed") or not axis.link.reaches("position_unit"):
         return None
     exponent, unit = divmod(int(axis.read("position_unit")) >> 16, 256)
@@ -128,8 +129,7 @@ def _metres_of_user(axis: Scaled) -> float | None:
 
 
 def per_metre(axis: Scaled, known: AxisObject) -> float | None:
-    """How many units of an object of positions, speeds or accelerations are a metre (a second);
-    None where it is not known."""
+    """Units per metre of an object with positions, speeds or accelerations; None if not known."""
     of_user = known.index >= 0x6000 and known.index not in OF_COUNTS
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
     model = axis.link.counts_per_metre
@@ -147,8 +147,8 @@ def _is_length(known: AxisObject) -> bool:
 
 
 def scale_of(axis: Scaled, known: AxisObject) -> tuple[str, float] | None:
-    """(SI unit, how many units of the object are one of it), None where it is no such quantity or
-    its scale is not known."""
+    """(SI unit, units of the object per SI unit); None if the object is no such quantity or its
+    scale is not known."""
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
     if known.name in RATED:
@@ -165,14 +165,14 @@ def scale_of(axis: Scaled, known: AxisObject) -> tuple[str, float] | None:
 
 
 def parse(axis: Scaled, name: str, text: str) -> Any:
-    """Value for Axis.set() of a number, "30 count", "75 N", "10 mm" where the object is such a
-    quantity, or an enum's text. Raises InputError."""
+    """The value for Axis.set() from a number, "30 count", "75 N", "10 mm" if the object has such a
+    quantity, or the text of an enumeration. Raises InputError."""
     known = object_named(name)
     if known is None or text in texts(known):
         return text
     parts = NUMBER.fullmatch(text)
     if parts is None:
-        return text  # Axis.set() says what it expects
+        return text  # Axis.set() reports the expected text
     number, unit = parts.groups()
     if not unit or unit == known.unit:
         return number
@@ -188,8 +188,8 @@ def parse(axis: Scaled, name: str, text: str) -> Any:
 
 
 def all_raw(axis: Live, values: Mapping[str, Any]) -> dict[str, int]:
-    """Raw values of engineering values, enum texts or quantities, to be written in this order: a
-    rated_force before a target_force scales it. Raises InputError."""
+    """Raw values of engineering values, texts of enumerations or quantities that are to be written
+    in this order: a rated_force among them scales a later target_force. Raises InputError."""
     raw: dict[str, int] = {}
     for name, value in values.items():
         raw[name] = to_raw(After(axis, raw), name, value)
@@ -197,8 +197,8 @@ def all_raw(axis: Live, values: Mapping[str, Any]) -> dict[str, int]:
 
 
 def to_raw(axis: Scaled, name: str, value: Any) -> int:
-    """Raw value of an engineering value, an enum's text or a quantity. Raises InputError, with the
-    range in N and mm where the value has such a unit."""
+    """Raw value of an engineering value, the text of an enumeration or a quantity. Raises
+    InputError, with the range in N or mm if the value has such a unit."""
     if not isinstance(value, str):
         return int(client.to_raw(name, value))
     given = parse(axis, name, value)
@@ -222,14 +222,13 @@ def number(axis: Scaled, name: str, text: str) -> float:
 
 
 def expect_written(option: str, text: str | None, example: str) -> None:
-    """Refuses a text that is neither a number nor a quantity, before any axis is asked. Raises
-    InputError."""
+    """Raises InputError for a text that is neither a number nor a quantity; no axis is needed."""
     if text is not None and NUMBER.fullmatch(text) is None:
         raise InputError(f'{option}: expected a number or a quantity as "{example}", got {text}')
 
 
 def force(text: str | float) -> Force:
-    """A force as "75 N", "75N", or in counts of the reading as "30", "30 count" or 30. Raises
+    """A force from "75 N" or "75N", or in 8-bit counts from "30", "30 count" or 30. Raises
     InputError."""
     parts = NUMBER.fullmatch(str(text))
     if parts is not None:
@@ -243,7 +242,7 @@ def force(text: str | float) -> Force:
 
 
 def shown(axis: Scaled, name: str, value: float) -> str:
-    """A value of an object in N or mm, where its scale is known, and in its own unit."""
+    """A value of an object as text in N or mm, if its scale is known, and in its own unit."""
     known = object_named(name)
     if known is None:
         return f"{value:g}"
@@ -256,7 +255,7 @@ def shown(axis: Scaled, name: str, value: float) -> str:
 
 
 def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
-    """Settings of a capture: begin when an object passes a level, in engineering units."""
+    """Settings of a recording that begins when an object crosses a level, in engineering units."""
     known = object_named(name)
     if known is None:
         raise InputError(f"{name}: expected the name of an object")
@@ -268,7 +267,7 @@ def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
 
 
 def trigger(axis: Live, text: str) -> dict[str, Any]:
-    """Settings of Axis.capture() for "force rising 31", "fault either 0.5" or a force in N."""
+    """Settings of Axis.capture() from "force rising 31", "fault either 0.5" or a force in N."""
     words = text.split(None, 2)
     if text == "excitation_start":
         return {"trigger_edge": text}

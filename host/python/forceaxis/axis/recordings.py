@@ -1,4 +1,4 @@
-"""Recordings of an axis as files."""
+"""Writes recordings of an axis to files."""
 
 import csv
 from pathlib import Path
@@ -16,13 +16,14 @@ FILES = ("capture.csv", "capture.npz", "capture.png")
 
 
 def columns(recording: Recording) -> dict[str, NDArray[Any]]:
-    """{column: (n,)} of time_s from the trigger on and the signals, units in the names."""
+    """{column: (n,)} of time_s from the trigger and of the signals, with units in the names."""
     values = {column_name(name): recording.values(name) for name in recording.signals}
     return {"time_s": recording.time_s, **values}
 
 
 def write(recording: Recording, folder: Path, title: str) -> None:
-    """capture.csv, .npz and .png into `folder`, which is created; all or none. Raises OSError."""
+    """Writes capture.csv, .npz and .png to `folder`, which is created; writes all files or none.
+    Raises OSError."""
     table = columns(recording)
     with paths.replacing(folder, *FILES) as (text, arrays, picture):
         with text.open("w", newline="") as file:
@@ -35,7 +36,7 @@ def write(recording: Recording, folder: Path, title: str) -> None:
 
 
 def figure(recording: Recording, title: str) -> Figure:
-    """Figure: a row for each signal over the time from the trigger."""
+    """Figure with a row for each signal over the time from the trigger."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import INK, THIN, style

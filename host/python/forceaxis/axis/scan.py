@@ -1,4 +1,4 @@
-"""The axes of a bus: one ScannedAxis for each axis that is found."""
+"""Searches for the axes of a bus; returns one ScannedAxis for each."""
 
 import time
 from collections.abc import Iterator
@@ -15,8 +15,8 @@ UNIT_TIMEOUT_S = 0.15  # time that one unit of Modbus has for its answer
 
 @dataclass(frozen=True)
 class ScannedAxis:
-    """One axis of a bus. A field is None where the axis did not give its value; `note` then says
-    why. `table` is the hash of its object table, 8 hexadecimal digits, and `owner` the name of
+    """One axis of a bus. A field is None if the axis did not give its value; `note` then states the
+    reason. `table` is the hash of its object table, 8 hexadecimal digits, and `owner` the name of
     its command source."""
 
     id: int | None
@@ -31,8 +31,8 @@ class ScannedAxis:
 
 
 def scanned(link: Link, number: int | None = None) -> ScannedAxis:
-    """The axis of a link, which is closed afterwards. `number` is the axis' number on its bus; the
-    default is its node id."""
+    """Reads the axis of a connection and closes the connection. `number` is the number of the axis
+    on its bus; the default is its node id."""
     axis, found = Axis(link), ScannedAxis(number)
     try:
         if number is None:
@@ -50,13 +50,13 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
 
 
 def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[ScannedAxis]:
-    """Every axis whose gateway publishes states within so many seconds."""
+    """Each axis whose gateway publishes states within `seconds`."""
     from forceaxis.axis.gateway import GatewayLink
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import Live
+    from forceaxis.bus.sources import LiveSource
 
     watch = Watch()
-    source = Live(watch, url, None)
+    source = LiveSource(watch, url, None)
     try:
         time.sleep(seconds)
         numbers = sorted(n for n, a in watch.axes.items() if a.state is not None)
@@ -69,7 +69,7 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
 def on_can(
     interface: str, bus: Any = None, seconds: float = NODE_ANSWERS_S
 ) -> Iterator[ScannedAxis]:
-    """Every node 1 to 127 that answers a read of 1000h, or is heard meanwhile."""
+    """Each node 1 to 127 that answers a read of 1000h, or that sends a message within `seconds`."""
     from forceaxis.axis.can import CanLink, network
 
     with network(interface, bus) as opened:
@@ -85,7 +85,7 @@ def on_can(
 
 
 def on_modbus(url: str) -> Iterator[ScannedAxis]:
-    """Every unit 1 to 127 that answers."""
+    """Each Modbus unit 1 to 127 that answers."""
     from forceaxis.axis.modbus import ModbusLink, client
 
     answering = client(url, UNIT_TIMEOUT_S)

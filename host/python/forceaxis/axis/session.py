@@ -1,4 +1,4 @@
-"""A session at an axis through its gateway alone: acquire, move, record, release.
+"""A session with one axis through its gateway: acquire, move, record, release.
 
     from forceaxis.gateway import Session
 
@@ -29,11 +29,11 @@ from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
 from forceaxis.bus.messages import axis_state_t
 
-STATES_KEPT = 30_000  # ten minutes of 50 a second
+STATES_KEPT = 30_000  # ten minutes at 50 per second
 
 
 class Session(AxisClient):
-    """An axis, acquired until the session is closed."""
+    """An axis that is owned until the session is closed."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class Session(AxisClient):
         timeout_s: float = 2.0,
         wait_s: float = READY_S,
     ) -> None:
-        # Before the bus's thread delivers the first.
+        # For states before the thread of the bus delivers the first one.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
@@ -54,15 +54,16 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values: Mapping[str, Any]) -> Any:
-        """As AxisClient's; the thread that feeds the watchdog does not overwrite a new one, and a
-        target that the axis would clip raises InputError (axis/bounds)."""
+        """As in AxisClient, but the thread that writes to the watchdog does not overwrite a new
+        watchdog value, and a target that the axis would limit raises InputError (axis/bounds)."""
         bounds.expect(self._drive, values)
         with self._link.unfed(values):
             return super().write_all(values)
 
     def close(self) -> None:
         """Disables and releases the axis, unless it no longer answers."""
-        with contextlib.suppress(Refused, NoAnswer):  # another's, or lost: nothing to release
+        # another client owns the axis or it does not answer, so it cannot be released
+        with contextlib.suppress(Refused, NoAnswer):
             self._drive.off()
             self._link.release()
         self._link.close()
@@ -70,7 +71,7 @@ class Session(AxisClient):
 
     @property
     def states(self) -> list[axis_state_t]:
-        """The received states in order, axis_state_t, the latest STATES_KEPT of them."""
+        """The received states in order, axis_state_t; at most the latest STATES_KEPT."""
         with self._news:
             return list(self._states)
 
@@ -84,7 +85,8 @@ class Session(AxisClient):
     def wait_for(
         self, holds: Callable[[axis_state_t], Any], what: str, timeout_s: float = 5.0
     ) -> axis_state_t:
-        """The first state for which holds(state); NoAnswer names `what` when none comes in time."""
+        """The first state for which holds(state) is True. Raises NoAnswer, which names `what`, if
+        there is none within timeout_s."""
         end = time.monotonic() + timeout_s
         state: axis_state_t | None = None
         while (remaining := end - time.monotonic()) > 0:
@@ -114,7 +116,7 @@ class Session(AxisClient):
         self._drive.reset_fault()
 
     def home(self, position: int = 0) -> None:
-        """Homing in place: the present position becomes `position`, counts."""
+        """Homing at the present position, which becomes `position`, in counts."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
         state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
@@ -123,8 +125,8 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> axis_state_t:
-        """Profile position mode: moves to `position`, counts, and waits until it is reached: the
-        next axis_state_t."""
+        """Moves to `position`, in counts, in profile position mode and waits until it is reached;
+        returns the next axis_state_t."""
         self._drive.move(position, timeout_s)
         state: axis_state_t = self.state()
         return state
@@ -138,7 +140,7 @@ class Session(AxisClient):
     ) -> axis_state_t:
         """Waits for contact with a force within `within_cnt` of `force_cnt` for `held_s` seconds.
 
-        Forces are in counts of an 8-bit reading; without `force_cnt` any force will do.
+        Forces are in 8-bit counts; without `force_cnt` any force counts as contact.
         """
         since: int | None = None
 

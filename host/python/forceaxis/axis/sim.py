@@ -1,4 +1,4 @@
-"""A simulated axis: firmware and plant of an experiment in process, in their own time."""
+"""A simulated axis: firmware and plant of an experiment in this process, in their own time."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,14 +16,14 @@ from forceaxis.axis.link import (
 )
 from forceaxis.bus.state_names import BY_NAME
 
-FEED_TICKS = 75  # 50 ms; the watchdog's default is 500 ms
+FEED_TICKS = 75  # 50 ms; the default of the watchdog is 500 ms
 
 
 class SimLink(RecorderLink):
-    """The axis of an experiment, which commands it by [[at]] until a client owns it; before that,
-    and without such commands, it is disabled.
+    """The axis of an experiment. Until a client owns the axis, the experiment commands it by
+    [[at]]; without such commands it is disabled.
 
-    store: file of the parameter store, made where there is none. Raises InputError.
+    store: file of the parameter store, created if it does not exist. Raises InputError.
     """
 
     source = BY_NAME["command_source"].enum.index("lcm")
@@ -46,7 +46,8 @@ class SimLink(RecorderLink):
     def _scale_warning(
         self, experiment: str | Path, reading: Mapping[str, Any] | None
     ) -> str | None:
-        """One line where the axis has another force_scale than its model's sensor, else None."""
+        """A line of text if the axis' force_scale differs from that of its model's sensor,
+        otherwise None."""
         if reading is None:
             return None
         has = self.read(["force_scale"])["force_scale"] * 1e-6
@@ -76,10 +77,10 @@ class SimLink(RecorderLink):
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
                 raise Refused(f"{name}: {REASONS[error]}")
-            self.axis.step(1)  # a write acts in the tick after it, as over a bus
+            self.axis.step(1)  # a write acts in the next tick, as over a bus
 
     def acquire(self) -> None:
-        self.axis.end_schedule()  # whoever owns an axis alone commands it
+        self.axis.end_schedule()  # the owner alone commands the axis
         self.write({"command_source": self.source})
         self._owned = True
 
@@ -105,5 +106,5 @@ class SimLink(RecorderLink):
         return raw
 
     def close(self) -> None:
-        """Releases the file of the store, unless the caller holds `axis`."""
+        """Releases the file of the store, unless the caller still uses `axis`."""
         self._owned, self.axis = False, None

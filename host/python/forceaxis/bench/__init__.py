@@ -1,1 +1,2 @@
-"""Benchmarks: the simulator beside peers, the lock-step beside a bare ping-pong."""
+"""Benchmarks: the simulator and other simulators; the lock-step rate and the raw rate of its
+transport."""

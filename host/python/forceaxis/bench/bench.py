@@ -1,4 +1,5 @@
-"""`forceaxis bench`: how fast the simulator is, beside its peers, on the same work in the same run.
+"""`forceaxis bench`: speed of the simulator and of other tools, on the same task in the same
+run.
 
 The work is a force loop of 2 s at 1500 Hz around one plant, recording contact force, two
 positions, motor current and ADC code at every tick. Its plants: one rigid mass on a workpiece in
@@ -40,7 +41,7 @@ TURN_S = 0.01
 
 @dataclass(frozen=True)
 class Case:
-    """A plant and the law around it: gain in DAC codes per ADC count, set-point in N."""
+    """A plant and its law: gain in DAC codes per ADC count, set-point in N."""
 
     experiment: str
     signals: tuple  # contact force, robot's body, workpiece's body
@@ -54,13 +55,13 @@ CASES = {
     "B": Case("axis_contact_b.toml", AXIS, 15, SETPOINT_B),
     "full": Case("full_axis.toml", ("pad.force", "rotor", "workpiece"), 4, 59),
 }
-# Name: gains in DAC codes per ADC count, set-points in N; 64 x 64 runs, end points included.
+# {name: (gains in DAC codes per ADC count, set-points in N)}: 64 x 64 runs, including both ends.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
 SIDE = 64
 
 
 class Peers:
-    """The shared library of tests/bench, when this is a checkout in which it was built."""
+    """The shared library of tests/bench, which exists only if it was built in a checkout."""
 
     def __init__(self):
         path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
@@ -94,7 +95,8 @@ class Peers:
 
 
 def runners(name, tools, peers):
-    """{tool: function of one run} of a case, each prepared, so that only the run is timed."""
+    """{tool: function of one run} of a case. The preparation is done before, so that only the run
+    is timed."""
     case, full = CASES[name], name == "full"
     own = _core.BenchCase(paths.EXPERIMENTS / case.experiment, *case.signals)
 
@@ -110,12 +112,12 @@ def runners(name, tools, peers):
         "scipy": lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS),
     }
     if full:
-        del every["scipy"]  # its equations are written for A and B
+        del every["scipy"]  # its equations exist only for the cases A and B
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 
 
 def turn(tool, once, last):
-    """CPU seconds of one run after the other, as many as fit in TURN_S."""
+    """CPU seconds of successive runs during TURN_S."""
     times = []
     while sum(times) < TURN_S:
         last[tool] = once()
@@ -126,7 +128,7 @@ def turn(tool, once, last):
 
 
 def cases(names, tools, repeat, progress):
-    """Rows of results, one per case and tool, and {tool: why it is missing}."""
+    """Rows of results, one for each case and tool, and {tool: reason why it is missing}."""
     peers = Peers()
     rows = []
     for name in names:
@@ -137,7 +139,8 @@ def cases(names, tools, repeat, progress):
         seconds = {tool: [] for tool in run}
         last = {}
         for _ in range(repeat):
-            for tool, once in run.items():  # in turns, so that all run under the same conditions
+            # tools take turns, so that all run under the same conditions
+            for tool, once in run.items():
                 seconds[tool] += turn(tool, once, last)
             progress()
         for tool, times in seconds.items():
@@ -155,7 +158,8 @@ def cases(names, tools, repeat, progress):
 
 
 def sweeps(repeat, progress):
-    """Throughput of whole runs on one and on two threads: the 4096-run sweeps and the 55 cells."""
+    """Number of runs per second on one and on two threads: sweeps of 4096 runs, and the 55 cells of
+    the thesis."""
     own = _core.BenchCase(paths.EXPERIMENTS / CASES["A"].experiment, *AXIS)
     cells = tables.load()
     jobs = [cells.job(c) for c in cells.cells]
@@ -194,7 +198,7 @@ def sweeps(repeat, progress):
 
 
 def scaling(repeat, gains=range(2, 26)):
-    """CPU time of case B's run at several gains against its events: seconds = a + b events."""
+    """CPU time of case B at several gains as a function of its events: seconds = a + b events."""
     own = _core.BenchCase(paths.EXPERIMENTS / CASES["B"].experiment, *AXIS)
     best, events = {}, {}
     for _ in range(max(repeat, 3)):
@@ -223,7 +227,7 @@ ADVICE_MODELS, ADVICE_MOST_S = ("laboratory", "full_axis"), 1.0
 
 
 def best(repeat, once):
-    """Wall seconds of the fastest of `repeat` calls."""
+    """Wall time in s of the fastest of `repeat` calls."""
     times = []
     for _ in range(repeat):
         start = time.perf_counter()
@@ -233,7 +237,8 @@ def best(repeat, once):
 
 
 def halved_limit(sampled):
-    """The critical gain of a sampled control.StateSpace to 1e-9, from 1e-4 on in steps of 5 %."""
+    """The critical gain of a sampled control.StateSpace with an error of 1e-9: steps of 5 % from
+    1e-4 on, then halving."""
     import control
 
     def stable(gain):
@@ -250,7 +255,8 @@ def halved_limit(sampled):
 
 
 def linear_analysis(repeat, progress):
-    """Frequency response, one critical gain and the advice table, beside python-control.
+    """Times of a frequency response, a critical gain and the advice table, with forceaxis and with
+    python-control.
 
     Both take the same matrices. A response is of 10,000 frequencies, from the matrices on (our
     Hessenberg form is not kept from call to call). A critical gain of ours is that with all
@@ -313,7 +319,7 @@ def linear_analysis(repeat, progress):
 
 
 def run(names, tools, repeat, with_sweeps, with_linear=False):
-    """The whole benchmark: what `--json` prints."""
+    """The complete benchmark; returns the content of `--json`."""
     console = Console(stderr=True)
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
@@ -368,7 +374,7 @@ def describe(result):
 
 
 def check(result):
-    """The required figures: [(text, held)]; a missing figure does not hold."""
+    """The required figures: [(text, whether it is reached)]; a missing figure is not reached."""
     row = {(r["case"], r["tool"]): r for r in result["results"]}
     checks = []
 

@@ -1,9 +1,10 @@
-"""`forceaxis bench --link`: the lock-step's rate beside the raw rate of its transport.
+"""`forceaxis bench --link`: rate of the lock-step and raw rate of its transport.
 
-Raw is a ping-pong between two bare C programs (tests/bench/link_pingpong_*.c) on the same
-transport, in the same run, in turns with the lock-step of plant_node and axis_node on
-sim/experiments/contact.toml. All processes are pinned to one CPU. Six axes are six plants and six
-firmwares in one process each; the median of the turns counts.
+The raw rate is that of a message exchange between two plain C programs
+(tests/bench/link_pingpong_*.c) on the same transport. It is measured in the same run, in turns with
+the lock-step of plant_node and axis_node on sim/experiments/contact.toml. All processes run on one
+CPU. For six axes, one process contains six plants and one contains six firmwares. The result is the
+median of the turns.
 """
 
 import json
@@ -36,7 +37,7 @@ def _start(*command):
 
 
 def raw_rate(kind, where):
-    """Round trips a second of the two bare programs."""
+    """Message exchanges per second between the two plain programs."""
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
     program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
     if not program.is_file():
@@ -55,7 +56,7 @@ def raw_rate(kind, where):
 
 
 def lock_step(kind, axes):
-    """The reports of plant_node and axis_node on one run."""
+    """The reports of plant_node and axis_node about one run."""
     run_id = secrets.randbelow(2**53)
     common = [EXPERIMENT, "--axes", axes, "--link", kind, "--run-id", run_id]
     axis = _start(link.program("axis_node"), *common)
@@ -77,7 +78,7 @@ def lock_step(kind, axes):
 
 
 def measure(kind, turns):
-    """One row: raw and lock-step rates of a transport, here."""
+    """One row: raw rate and lock-step rate of a transport on this machine."""
     raw, one, six, repeated = [], [], [], 0
     for _ in range(turns):
         where = _core.lcm_url_of(secrets.randbelow(2**53)) if kind == "lcm" else CAN
@@ -101,7 +102,7 @@ def measure(kind, turns):
 
 
 def run(turns=5):
-    """Rows of all transports; CAN under tools/vcan."""
+    """Rows of all transports; CAN runs under tools/vcan."""
     rows = [measure("lcm", turns)]
     command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench_link", str(turns)]
     done = subprocess.run(
@@ -124,7 +125,7 @@ def describe(rows):
 
 
 def check(rows):
-    """The required figures: [(text, held)]."""
+    """The required figures: [(text, whether it is reached)]."""
     checks = []
     for r in rows:
         share, six = r["share"], r["six_axes_real_time"]

@@ -1,6 +1,7 @@
-"""SciPy on the benchmark: solve_ivp per tick with terminal events, regions frozen in between.
+"""The benchmark with SciPy: solve_ivp in each tick with terminal events and fixed regions between
+them.
 
-The equations once more, so that nothing is shared with the simulator: cases A and B only.
+The equations are written again here, independent of the simulator; only for the cases A and B.
 """
 
 import math
@@ -9,7 +10,7 @@ import time
 import numpy as np
 
 STEP_S = 1 / 1500
-TOLERANCE = 1e-4  # as odeint; RK45 is the same pair of formulas
+TOLERANCE = 1e-4  # the tolerance of odeint; RK45 uses the same pair of formulas
 R = 0.004043
 K_S, B_S = 110100.0, 16.5
 
@@ -45,13 +46,14 @@ class _Plant:
         )
 
     def enter(self, x):
-        """The regions of x, after a jump of the command."""
+        """Updates the regions for the state x after a step of the command."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
 
     def guards(self):
-        """[(function that falls through 0 where the region ends, what is then entered)]."""
+        """[(function that falls through 0 at the end of the region, region that is entered
+        then)]."""
         side, list_ = self.amplifier, []
         if side > -2:
             low = {-1: -6, 0: -2, 1: 2, 2: 6}[side]

@@ -1,24 +1,31 @@
 """A capture of the recorder, assembled from the received blocks."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis.bus.messages import axis_capture_t
 from forceaxis.bus.state_names import BY_NAME
 
-# Samples; a limit above any recorder's, so that a corrupted number allocates nothing.
-LARGEST = 1_000_000
+Samples = NDArray[np.float64]
+
+# More samples than any recorder has: a corrupted number allocates no memory.
+SAMPLES_MAX = 1_000_000
 
 
 class Assembly:
     """One capture: rows of raw values by sample, and which of them were received."""
 
-    def __init__(self):
-        self.signals, self.raw, self.have = (), np.zeros((0, 0), np.int64), np.zeros(0, bool)
+    def __init__(self) -> None:
+        self.signals: tuple[str, ...] = ()
+        self.raw = np.zeros((0, 0), np.int64)
+        self.have = np.zeros(0, np.bool_)
         self.decimation = self.trigger_sample = 0
-        self.first_tick = None  # of sample 0
+        self.first_tick: int | None = None  # of sample 0
         self.newest_us = 0
 
-    def take(self, block):
+    def take(self, block: axis_capture_t) -> bool:
         """Adds an axis_capture_t; False if it does not fit the earlier blocks."""
         shape = (block.total_samples, block.num_signals)
         decimation = self.decimation or max(1, block.decimation)
@@ -26,7 +33,7 @@ class Assembly:
         known = block.first_tick != axis_capture_t.NOT_AVAILABLE
         back = block.first_sample if known else block.trigger_sample
         first_tick = (block.first_tick if known else 0) - back * decimation
-        if not (0 < shape[0] <= LARGEST and 0 < shape[1] <= 64):
+        if not (0 < shape[0] <= SAMPLES_MAX and 0 < shape[1] <= 64):
             return False
         if self.signals and (tuple(block.signal), shape) != (self.signals, self.raw.shape):
             return False
@@ -34,7 +41,7 @@ class Assembly:
             return False
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
-            self.have, self.decimation = np.zeros(shape[0], bool), decimation
+            self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
         # Set when the size is known: a capture without any received sample misses all of them.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
@@ -47,41 +54,42 @@ class Assembly:
         return True
 
     @property
-    def total(self):
+    def total(self) -> int:
         return len(self.have)
 
     @property
-    def complete(self):
+    def complete(self) -> bool:
         return bool(self.signals) and bool(self.have.all())
 
     @property
-    def missing(self):
+    def missing(self) -> int:
         return int((~self.have).sum())
 
-    def ticks(self):
+    def ticks(self) -> NDArray[np.int64]:
         """Tick of every sample; counted from the trigger where the gateway reported no tick."""
         first = self.first_tick
         if first is None:
             first = -self.trigger_sample * self.decimation
         return first + np.arange(self.total, dtype=np.int64) * self.decimation
 
-    def values(self, name):
+    def values(self, name: str) -> NDArray[np.float64 | np.int64]:
         """A signal in engineering units, NaN where samples were lost; exact where the scale is 1
         and nothing was."""
-        column = self.raw[:, self.signals.index(name)]
+        column: NDArray[Any] = self.raw[:, self.signals.index(name)]
         known = BY_NAME.get(name)
         if known and known.scale != 1:
             column = column * known.scale
         return column if self.complete else np.where(self.have, column, np.nan)
 
 
-def fits(first_tick, samples, decimation):
-    """Whether the ticks of so many samples are 64-bit integers; corrupted ones may not be."""
+def fits(first_tick: int, samples: int, decimation: int) -> bool:
+    """Whether the tick of each of `samples` samples fits into a 64-bit integer. Ticks of a
+    corrupted message may not fit."""
     ends = first_tick, first_tick + max(0, samples - 1) * decimation
     return all(-(2**63) <= tick < 2**63 for tick in ends)
 
 
-def unit_of(name):
+def unit_of(name: str) -> str:
     """Unit of an object, "" without a dimension."""
     known = BY_NAME.get(name)
     return known.unit if known and known.unit != "1" else ""

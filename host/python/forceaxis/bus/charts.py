@@ -4,14 +4,24 @@ Written here because ready-made widgets use three lines of each plot for its own
 strip charts would not fit into 24 lines.
 """
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 from rich.text import Text
+
+from forceaxis.bus.capture_assembly import Samples
+
+Span = tuple[float, float]  # low, high
+Line = tuple[Samples, Samples, str]  # x, y, colour
 
 # Bit of the dot at (row, column) of a braille character, U+2800 on.
 DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 
 
-def draw(width, height, lines, x_span, y_span):
+def draw(
+    width: int, height: int, lines: Sequence[Line], x_span: Span, y_span: Span
+) -> list[list[tuple[str, str]]]:
     """Rows of (character, colour) for `lines` of (x, y, colour); the first is drawn on top.
 
     NaN interrupts a line. What lies outside the spans is not drawn.
@@ -34,7 +44,9 @@ def draw(width, height, lines, x_span, y_span):
     ]
 
 
-def _pixels(x, y, x_span, y_span, columns, rows):
+def _pixels(
+    x: Samples, y: Samples, x_span: Span, y_span: Span, columns: int, rows: int
+) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Every dot of a line, joined from sample to sample, within the picture."""
     if not x.size:
         return np.zeros(0, int), np.zeros(0, int)
@@ -58,7 +70,7 @@ def _pixels(x, y, x_span, y_span, columns, rows):
     return ax[inside], ay[inside]
 
 
-def span(arrays, least=1.0):
+def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
     """(low, high) in round numbers around all finite values, at least `least` apart."""
     values = [a[np.isfinite(a)] for a in arrays]
     values = [v for v in values if v.size]
@@ -68,36 +80,44 @@ def span(arrays, least=1.0):
         middle = (low + high) / 2
         low, high = middle - least / 2, middle + least / 2
     step = _step((high - low) / 4)
-    return np.floor(low / step) * step, np.ceil(high / step) * step
+    return float(np.floor(low / step) * step), float(np.ceil(high / step) * step)
 
 
-def _step(rough):
+def _step(rough: float) -> float:
     """The next of 1, 2, 5, 10, ... at or above."""
     ten = 10.0 ** np.floor(np.log10(rough))
     return float(next(ten * k for k in (1, 2, 5, 10) if ten * k >= rough * 0.999))
 
 
-def number(value, digits=6):
+def number(value: float, digits: int = 6) -> str:
     """Short text of a number for a label."""
     return f"{value:.{digits}g}"
 
 
-GUTTER = 9
+SCALE_WIDTH = 9  # characters left of a chart, for the ends of its scale
 
 
-def panel(width, height, title, lines, x_span, style="", least=1.0):
+def panel(
+    width: int,
+    height: int,
+    title: Text,
+    lines: Sequence[Line],
+    x_span: Span,
+    style: str = "",
+    least: float = 1.0,
+) -> Text:
     """A chart with its title and the ends of its scale at the left, as one Text of `height` lines.
 
     `title` is a Text; `lines` as for draw, sharing one scale.
     """
-    inner, rows = max(1, width - GUTTER), max(1, height - 1)
+    inner, rows = max(1, width - SCALE_WIDTH), max(1, height - 1)
     y_span = span([np.asarray(y, float) for _, y, _ in lines], least)
     text = title.copy()
     text.truncate(width, overflow="ellipsis")
     picture = draw(inner, rows, lines, x_span, y_span)
     for i, row in enumerate(picture):
         label = number(y_span[1]) if i == 0 else number(y_span[0]) if i == rows - 1 else ""
-        text.append(f"\n{label:>{GUTTER - 2}} ", style="dim")
+        text.append(f"\n{label:>{SCALE_WIDTH - 2}} ", style="dim")
         text.append("┤" if label else "│", style="dim")
         at = 0
         while at < len(row):
@@ -109,13 +129,13 @@ def panel(width, height, title, lines, x_span, style="", least=1.0):
     return text
 
 
-def time_axis(width, seconds, right="now"):
+def time_axis(width: int, seconds: float, right: str = "now") -> Text:
     """The line below strip charts: how far back the left end is."""
-    inner = max(1, width - GUTTER)
+    inner = max(1, width - SCALE_WIDTH)
     left = f"-{seconds:g} s"
     middle = f"-{seconds / 2:g} s"
     line = [" "] * inner
     for start, label in ((0, left), (inner // 2 - len(middle) // 2, middle)):
         line[start : start + len(label)] = label
     line[inner - len(right) :] = right
-    return Text(" " * GUTTER + "".join(line)[:inner], style="dim")
+    return Text(" " * SCALE_WIDTH + "".join(line)[:inner], style="dim")

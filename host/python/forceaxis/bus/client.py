@@ -19,6 +19,8 @@ import re
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Self, TypeVar
 
 from forceaxis._core import InputError
 from forceaxis.bus.capture_assembly import Assembly
@@ -31,12 +33,16 @@ from forceaxis.bus.lcm import (
     Undecodable,
     decode,
 )
-from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
+from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
 from forceaxis.bus.state_names import BY_NAME, texts
+from forceaxis.objects import AxisObject
 from forceaxis.words import suggestion
 
-STRAGGLERS_S = 1.0
-HEARD_S = 1.0  # seconds; a gateway publishes states more often
+LATE_BLOCKS_WAIT_S = 1.0  # for blocks of a capture that arrive after its final event
+SILENCE_S = 1.0  # a gateway publishes states more often
+
+T = TypeVar("T")
+Value = float | str  # in engineering units, or the text of an enumeration
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
@@ -44,7 +50,7 @@ class Refused(Exception):
     """The axis, or what carries its objects, refused: the text gives the reason, `code` the SDO
     abort code (0 without one), `event` the gateway's answer where a gateway is between."""
 
-    def __init__(self, text, code=0, event=None):
+    def __init__(self, text: str, code: int = 0, event: axis_event_t | None = None) -> None:
         super().__init__(text)
         self.code, self.event = code, event
 
@@ -53,7 +59,7 @@ class NoAnswer(TimeoutError):
     """The axis did not answer, or what was awaited did not happen in time."""
 
 
-def object_named(name):
+def object_named(name: str) -> AxisObject | None:
     """The object of the table; None for a CANopen address; InputError for neither."""
     if ADDRESS.fullmatch(name):
         return None
@@ -65,7 +71,7 @@ def object_named(name):
     return BY_NAME[name]
 
 
-def to_raw(name, value):
+def to_raw(name: str, value: Value) -> int:
     """Raw value of an engineering value or enum text; InputError where the table does not allow
     it. With a CANopen address the value is raw already."""
     known = object_named(name)
@@ -90,7 +96,7 @@ def to_raw(name, value):
     return raw
 
 
-def from_raw(name, raw):
+def from_raw(name: str, raw: int) -> Value:
     """Engineering value (an int where the scale is 1) or the enum's text."""
     known = BY_NAME.get(name)
     if known is None:
@@ -104,62 +110,68 @@ def from_raw(name, raw):
 class AxisClient:
     """Commands one axis through its gateway and waits for the acknowledgements."""
 
-    def __init__(self, axis, url=None, timeout_s=2.0, retry_s=0.25):
+    def __init__(
+        self, axis: int, url: str | None = None, timeout_s: float = 2.0, retry_s: float = 0.25
+    ) -> None:
         if axis not in AXES:
             raise InputError(f"axis: expected {AXES.start} to {AXES.stop - 1}, got {axis}")
         self.axis, self.timeout_s, self.retry_s = axis, timeout_s, retry_s
-        self.gaps, self.undecodable = {}, 0
-        self._state, self._captures, self._command_id = None, {}, 0
-        self._events, self._heard, self._since = deque(maxlen=10_000), 0, 0
+        self.gaps: dict[str, Gaps] = {}
+        self.undecodable = self._command_id = self._heard = self._since = 0
+        self._state: axis_state_t | None = None
+        self._captures: dict[int, Assembly] = {}
+        self._events: deque[tuple[int, axis_event_t]] = deque(maxlen=10_000)
         self._news, self._received_s = threading.Condition(), -math.inf
         self._bus = Bus(url, self._take, f"AXIS_{axis}_(STATE|EVENT|CAPTURE)")
 
-    def close(self):
+    def close(self) -> None:
         self._bus.close()
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def write(self, name, value):
+    def write(self, name: str, value: Value) -> axis_event_t:
         """Writes one object: engineering value or enum text; with an address the raw value."""
         return self.write_all({name: value})
 
-    def write_all(self, values):
+    def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
         """Writes {name: value} in order; the first that is refused ends it, those before it stay.
         Returns the axis_event_t that acknowledges it."""
         return self.write_raw({name: to_raw(name, value) for name, value in values.items()})
 
-    def write_raw(self, values):
+    def write_raw(self, values: Mapping[str, int]) -> axis_event_t:
         """As write_all, with raw values."""
         return self._command(axis_command_t.KIND_WRITE, list(values.items()))
 
-    def read(self, name):
+    def read(self, name: str) -> Value:
         """Engineering value or enum text of one object; raw value of an address."""
         return self.read_all([name])[name]
 
-    def read_all(self, names):
+    def read_all(self, names: Sequence[str]) -> dict[str, Value]:
         """{name: value} of several objects; of one tick if the gateway can read them together."""
         return {name: from_raw(name, raw) for name, raw in self.read_raw(names).items()}
 
-    def read_raw(self, names):
+    def read_raw(self, names: Sequence[str]) -> dict[str, int]:
         """As read_all: raw values."""
         for name in names:
             object_named(name)
         answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
         return dict(zip(answer.object, answer.value, strict=True))
 
-    def take(self):
+    def take(self) -> axis_event_t:
         """Makes LCM the axis's command source; kept by writes that follow within its watchdog."""
         return self._command(axis_command_t.KIND_TAKE)
 
-    def release(self):
+    def release(self) -> axis_event_t:
         """Releases the axis: its command source is CANopen again."""
         return self._command(axis_command_t.KIND_RELEASE)
 
-    def capture(self, signals, samples=0, timeout_s=30.0, **settings):
+    def capture(
+        self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Value
+    ) -> Assembly:
         """Records `signals` tick by tick and waits for the samples: arm(), then captured().
 
         samples 0: as many as the recorder holds. `settings` are further recorder objects without
@@ -167,7 +179,7 @@ class AxisClient:
         """
         return self.captured(self.arm(signals, samples, **settings), timeout_s)
 
-    def arm(self, signals, samples=0, **settings):
+    def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> int:
         """Starts a recording as capture() describes; its number, for captured()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
@@ -179,17 +191,17 @@ class AxisClient:
         self._command(axis_command_t.KIND_CAPTURE, items, signals)
         return self._command_id
 
-    def fetch(self, signals):
+    def fetch(self, signals: Sequence[str]) -> int:
         """Makes the incident of the black box, with these signals, the recording that captured()
         gets: its number."""
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         return self._command_id
 
-    def captured(self, number, timeout_s=30.0):
+    def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
         """Waits for the samples of an armed recording: a capture_assembly.Assembly, whose `missing`
         counts the samples lost in transit."""
 
-        def complete():
+        def complete() -> Assembly | None:
             held = self._captures.get(number)
             return held if held and held.complete else None
 
@@ -197,7 +209,7 @@ class AxisClient:
             found = self._await(lambda: complete() or self._ended(number), timeout_s)
             if found is not None:
                 # Blocks may be received after the final event; lost ones never are.
-                self._await(complete, STRAGGLERS_S)
+                self._await(complete, LATE_BLOCKS_WAIT_S)
             held, ended = self._captures.pop(number, None), self._ended(number)
         if ended and ended.code < 0:
             raise _refusal(ended)
@@ -205,7 +217,7 @@ class AxisClient:
             raise self._no_capture(timeout_s)
         return held
 
-    def _no_capture(self, timeout_s):
+    def _no_capture(self, timeout_s: float) -> NoAnswer:
         """Why an acknowledged capture has no samples."""
         try:
             state = self.read("recorder_state")
@@ -219,7 +231,7 @@ class AxisClient:
             )
         return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
-    def _ended(self, command_id):
+    def _ended(self, command_id: int) -> axis_event_t | None:
         """The event that ends a capture of this client."""
         for _, event in self._events:
             mine = (event.command_run_id, event.command_id) == (self._bus.run_id, command_id)
@@ -227,7 +239,9 @@ class AxisClient:
                 return event
         return None
 
-    def _command(self, kind, items=(), signals=()):
+    def _command(
+        self, kind: int, items: Sequence[tuple[str, int]] = (), signals: Sequence[str] = ()
+    ) -> axis_event_t:
         """Repeats a command until it is acknowledged: that event. Raises Refused or NoAnswer."""
         self._command_id += 1
         command = axis_command_t()
@@ -252,7 +266,7 @@ class AxisClient:
                 return answer
         raise self._silence(f"an answer to command {self._command_id} within {self.timeout_s:g} s")
 
-    def _answer(self):
+    def _answer(self) -> axis_event_t | None:
         kinds = (axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED)
         for _, event in reversed(self._events):
             mine = (event.command_run_id, event.command_id) == (self._bus.run_id, self._command_id)
@@ -260,7 +274,7 @@ class AxisClient:
                 return event
         return None
 
-    def state(self, timeout_s=None):
+    def state(self, timeout_s: float | None = None) -> axis_state_t:
         """The next axis_state_t."""
         with self._news:
             before = self._state
@@ -272,11 +286,16 @@ class AxisClient:
             raise self._silence("a state")
         return found
 
-    def wait_event(self, kind=None, where=lambda event: True, timeout_s=None):
+    def wait_event(
+        self,
+        kind: int | None = None,
+        where: Callable[[axis_event_t], bool] = lambda event: True,
+        timeout_s: float | None = None,
+    ) -> axis_event_t:
         """The first event of `kind` for which where(event) holds, among the events since the
         latest command was sent, so that the command's own effects are included."""
 
-        def ready():
+        def ready() -> axis_event_t | None:
             for received, event in self._events:
                 if received >= self._since and kind in (None, event.kind) and where(event):
                     return event
@@ -288,7 +307,7 @@ class AxisClient:
             raise self._silence("an event of the kind awaited")
         return found
 
-    def _take(self, channel, data, _wall_us):
+    def _take(self, channel: str, data: bytes, _wall_us: int) -> None:
         try:
             message = decode(channel, data)
         except Undecodable:
@@ -303,23 +322,23 @@ class AxisClient:
             elif isinstance(message, axis_event_t):
                 self._events.append((self._heard, message))
                 self._heard += 1
-            elif message.command_run_id == self._bus.run_id:
+            elif isinstance(message, axis_capture_t) and message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
                 if len(self._captures) > 16:  # no caller waits for the oldest any more
                     del self._captures[min(self._captures)]
             self._news.notify_all()
 
-    def _await(self, ready, timeout_s):
+    def _await(self, ready: Callable[[], T | None], timeout_s: float) -> T | None:
         """First result of `ready` that is not None, or None at the time-out; the caller locks."""
         end = time.monotonic() + timeout_s
         while (found := ready()) is None and (remaining := end - time.monotonic()) > 0:
             self._news.wait(remaining)
         return found
 
-    def _silence(self, wanted):
+    def _silence(self, wanted: str) -> NoAnswer:
         if self._bus.trouble:
             return NoAnswer(self._bus.trouble)
-        if time.monotonic() - self._received_s < HEARD_S:
+        if time.monotonic() - self._received_s < SILENCE_S:
             return NoAnswer(f"axis {self.axis}: expected {wanted}, other messages came, not that")
         return NoAnswer(
             f"axis {self.axis}: expected {wanted}, nothing came on {self._bus.url}; "
@@ -327,5 +346,5 @@ class AxisClient:
         )
 
 
-def _refusal(event):
+def _refusal(event: axis_event_t) -> Refused:
     return Refused(event.text, event.code, event)

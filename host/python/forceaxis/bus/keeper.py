@@ -4,30 +4,31 @@ import contextlib
 import socket
 import struct
 import threading
+from collections.abc import Callable
 
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused
 
-PERIOD_S = 0.2
+KEEP_PERIOD_S = 0.2
 
 
 class Keeper:
     """Calls feed(), which returns the seconds until the next call, in a thread of its own until
     close(). A refusal or a missing response does not end it: the owner's accesses report it."""
 
-    def __init__(self, feed):
+    def __init__(self, feed: Callable[[], float]) -> None:
         self._feed, self._stop = feed, threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True, name="keeper")
         self._thread.start()
 
-    def _run(self):
+    def _run(self) -> None:
         pause_s = 0.0
         while not self._stop.wait(pause_s):
             try:
                 pause_s = self._feed()
             except (Refused, NoAnswer):
-                pause_s = PERIOD_S
+                pause_s = KEEP_PERIOD_S
 
-    def close(self):
+    def close(self) -> None:
         self._stop.set()
         self._thread.join()
 
@@ -42,31 +43,39 @@ class HeartbeatKeeper(Keeper):
 
     BRIDGED_S = 2.0
 
-    def __init__(self, interface, can_id, data, period_s, send):
-        self._period_s, self._socket = period_s, None
-        self._send = lambda: send(data)
+    def __init__(
+        self,
+        interface: str | None,
+        can_id: int,
+        data: bytes,
+        period_s: float,
+        send: Callable[[bytes], object],
+    ) -> None:
+        self._period_s = period_s
+        self._socket: socket.socket | None = None
+        self._send: Callable[[], object] = lambda: send(data)
         with contextlib.suppress(OSError):
-            self._socket = _broadcast_manager(interface)
+            self._socket = kernel = _broadcast_manager(interface)
             repeated = round(self.BRIDGED_S / period_s)
             job = _job(can_id, data, repeated, round(period_s * 1e6))
-            self._send = lambda: self._socket.send(job)
+            self._send = lambda: kernel.send(job)
         self._beat()
         super().__init__(self._beat)
 
-    def _beat(self):
+    def _beat(self) -> float:
         try:
             self._send()
         except OSError as error:
             raise NoAnswer(f"expected to send a heartbeat, {error}") from None
         return self._period_s
 
-    def close(self):
+    def close(self) -> None:
         super().close()
         if self._socket:
             self._socket.close()
 
 
-def _broadcast_manager(interface):
+def _broadcast_manager(interface: str | None) -> socket.socket:
     """A socket of the kernel's cyclic frames. Raises OSError where there is none."""
     if interface is None:
         raise OSError
@@ -79,7 +88,7 @@ def _broadcast_manager(interface):
     return made
 
 
-def _job(can_id, data, count, period_us):
+def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
     """linux/can/bcm.h: this frame at once, then `count` in all, `period_us` apart."""
     set_and_start = socket.CAN_BCM_SETTIMER | socket.CAN_BCM_STARTTIMER
     head = (socket.CAN_BCM_TX_SETUP, set_and_start, count, 0, period_us, 0, 0, can_id, 1)
@@ -95,29 +104,29 @@ class WatchdogKeeper(Keeper):
     is locked from reading to writing it; a caller that changes the watchdog holds it.
     """
 
-    def __init__(self, read, write):
+    def __init__(self, read: Callable[[], int], write: Callable[[int], object]) -> None:
         self.unchanged = threading.Lock()
         self._read, self._write = read, write
         super().__init__(self._rewrite)
 
-    def _rewrite(self):
+    def _rewrite(self) -> float:
         with self.unchanged:
             watchdog_ms = self._read()
             self._write(watchdog_ms)
-        return min(PERIOD_S, watchdog_ms / 4000)
+        return min(KEEP_PERIOD_S, watchdog_ms / 4000)
 
 
 class GatewayKeeper(WatchdogKeeper):
     """For an axis behind a gateway; a client of its own also runs while the owner's waits for a
     capture."""
 
-    def __init__(self, axis, url):
+    def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)
         super().__init__(
-            lambda: self._client.read("watchdog"),
+            lambda: int(self._client.read("watchdog")),
             lambda value: self._client.write("watchdog", value),
         )
 
-    def close(self):
+    def close(self) -> None:
         super().close()
         self._client.close()

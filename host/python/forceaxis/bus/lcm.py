@@ -7,6 +7,9 @@ import socket
 import tempfile
 import threading
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Self, TypeVar
 
 import lcm
 
@@ -21,7 +24,8 @@ from forceaxis.bus.messages import (
     sim_clock_t,
     sim_truth_t,
 )
-from forceaxis.bus.wire import expect_whole
+from forceaxis.bus.wire import Message, expect_whole
+from forceaxis.errors import ParameterError
 from forceaxis.words import printable
 
 NOT_AVAILABLE = axis_state_t.NOT_AVAILABLE
@@ -30,10 +34,12 @@ DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 AXES = range(1, 128)
 CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
 
-# Messages that liblcm queues while the thread is busy; its default of 30 overflows in a burst.
-QUEUE = 20_000
+# Messages that liblcm queues while the thread is busy. Its default of 30 overflows in a burst.
+QUEUE_MESSAGES = 20_000
 
-_TYPES = {
+M = TypeVar("M", bound=Message)
+
+_TYPES: dict[str | None, type[Message]] = {
     "STATE": axis_state_t,
     "COMMAND": axis_command_t,
     "EVENT": axis_event_t,
@@ -42,7 +48,7 @@ _TYPES = {
     "TRUTH": sim_truth_t,
 }
 # The lock-step's records too: logs may hold them, the monitor ignores them.
-_BY_FINGERPRINT = {
+_BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
     if hasattr(t, "_get_packed_fingerprint")
@@ -54,24 +60,27 @@ class Undecodable(Exception):
     """Data that is not the type that the channel carries."""
 
 
-def channel_of(name):
-    """(axis or None, kind) of a channel's name; (None, None) where it is not one of ours."""
+def channel_of(name: str) -> tuple[int | None, str | None]:
+    """(axis or None, kind) of a channel's name; (None, None) for a channel that is not of
+    forceaxis."""
     match = _CHANNEL.fullmatch(name)
     if not match or int(match[1] or 1) not in AXES:
         return None, None
     return (int(match[1]), match[2]) if match[1] else (None, match[4])
 
 
-def type_of(channel, data=b""):
+def type_of(channel: str, data: bytes = b"") -> type[Message] | None:
     """The message type that a channel carries: by its name, else by what the data begin with; None
     where it is not one of forceaxis."""
     return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
 
 
-def decode(channel, data):
+def decode(channel: str, data: bytes) -> Message:
     """The message, or Undecodable. The channel or the data must be of a known type. Its texts are
     printable: whoever is on the bus writes them, and a terminal obeys control characters."""
     carried = type_of(channel, data)
+    if carried is None:
+        raise Undecodable(f"{channel}: expected a channel of forceaxis")
     try:
         expect_whole(carried, data)
         message = carried.decode(data)
@@ -85,7 +94,7 @@ def decode(channel, data):
         raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error
 
 
-def blank(message_type):
+def blank(message_type: type[M]) -> M:
     """A message whose integers are all NOT_AVAILABLE; wall_utime is now."""
     message = message_type()
     for name, kind in zip(message_type.__slots__, message_type.__typenames__, strict=True):
@@ -95,24 +104,24 @@ def blank(message_type):
     return message
 
 
-def now_us():
+def now_us() -> int:
     return time.time_ns() // 1000
 
 
-def new_run_id():
+def new_run_id() -> int:
     return secrets.randbelow(2**63 - 1) + 1
 
 
-def default_url():
+def default_url() -> str:
     return os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
 
 
-def connect(url=None):
+def connect(url: str | None = None) -> lcm.LCM:
     """An LCM instance. Raises InputError, one line with the remedy."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
-        raise InputError("--url: expected an LCM URL such as " + DEFAULT_URL)
+        raise ParameterError("url", f"expected an LCM URL such as {DEFAULT_URL}")
     # liblcm prints its errors to file descriptor 2, in up to a dozen lines.
     with tempfile.TemporaryFile() as errors:
         saved = os.dup(2)
@@ -129,7 +138,7 @@ def connect(url=None):
     return made
 
 
-def _expect_route(url):
+def _expect_route(url: str) -> None:
     """Refuses a multicast URL where the machine has no route to its group."""
     match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
     if not match or not 0 < int(match[2] or 7667) < 65536:
@@ -144,37 +153,45 @@ def _expect_route(url):
             ) from None
 
 
+@dataclass
+class _Run:
+    """Numbering of one publisher's messages."""
+
+    next_seq: int
+    missing: set[int] = field(default_factory=set)
+
+
 class Gaps:
     """Counts messages that are lost, duplicated or late, by their (run_id, seq)."""
 
-    KEPT = 4096  # missing numbers kept, to recognise a late message
+    MISSING_KEPT = 4096  # numbers of missing messages, to recognise a late message
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.received = self.lost = self.doubled = self.late = self.restarts = 0
         self.rivals = False  # two publishers at once
-        self._runs = {}  # run_id -> [next seq, set of missing numbers]
-        self._latest = None
+        self._runs: dict[int, _Run] = {}
+        self._latest: int | None = None
 
-    def take(self, run_id, seq):
+    def take(self, run_id: int, seq: int) -> bool:
         """Counts one message; False if it is a duplicate."""
         run = self._runs.get(run_id)
         if run is None:
             self.restarts += bool(self._runs)
             if len(self._runs) >= 64:
                 self._runs.pop(next(iter(self._runs)))
-            self._runs[run_id], self._latest = [seq + 1, set()], run_id
+            self._runs[run_id], self._latest = _Run(seq + 1), run_id
             self.received += 1
             return True
         if run_id != self._latest:
             # The publisher that was considered replaced still sends.
             self.rivals, self._latest = True, run_id
-        expected, missing = run
-        if seq >= expected:
-            self.lost += seq - expected
-            missing.update(range(max(expected, seq - self.KEPT), seq))
-            if len(missing) > self.KEPT:
-                missing.intersection_update(sorted(missing)[-self.KEPT :])
-            run[0] = seq + 1
+        missing = run.missing
+        if seq >= run.next_seq:
+            self.lost += seq - run.next_seq
+            missing.update(range(max(run.next_seq, seq - self.MISSING_KEPT), seq))
+            if len(missing) > self.MISSING_KEPT:
+                missing.intersection_update(sorted(missing)[-self.MISSING_KEPT :])
+            run.next_seq = seq + 1
         elif seq in missing:
             missing.remove(seq)
             self.lost -= 1
@@ -190,21 +207,24 @@ class Bus:
     """A connection with its own thread, which calls handle(channel, data, wall_us): bytes, and the
     time of receipt in us since 1970."""
 
-    def __init__(self, url, handle, channels=CHANNELS):
+    def __init__(
+        self, url: str | None, handle: Callable[[str, bytes, int], object], channels: str = CHANNELS
+    ) -> None:
         self.url = url or default_url()
-        self.trouble = None  # what ended the thread
+        self.trouble: str | None = None  # what ended the thread
         self._lcm, self._handle, self._run = connect(self.url), handle, True
-        self._seq, self._run_id, self._lock = {}, new_run_id(), threading.Lock()
+        self._seq: dict[str, int] = {}
+        self._run_id, self._lock = new_run_id(), threading.Lock()
         subscription = self._lcm.subscribe(channels, self._take)
-        subscription.set_queue_capacity(QUEUE)
+        subscription.set_queue_capacity(QUEUE_MESSAGES)
         self._thread = threading.Thread(target=self._loop, daemon=True, name="lcm")
         self._thread.start()
 
     @property
-    def run_id(self):
+    def run_id(self) -> int:
         return self._run_id
 
-    def publish(self, channel, message):
+    def publish(self, channel: str, message: Message) -> None:
         """Sends with this connection's run_id, the channel's next seq and the present time."""
         with self._lock:
             message.run_id = self._run_id
@@ -213,14 +233,14 @@ class Bus:
             self._seq[channel] = message.seq + 1
             self._lcm.publish(channel, message.encode())
 
-    def close(self):
+    def close(self) -> None:
         self._run = False
         self._thread.join(2)
 
-    def _take(self, channel, data):
+    def _take(self, channel: str, data: bytes) -> None:
         self._handle(channel, data, now_us())
 
-    def _loop(self):
+    def _loop(self) -> None:
         while self._run:
             try:
                 self._lcm.handle_timeout(100)
@@ -228,8 +248,8 @@ class Bus:
                 self.trouble = f"{self.url}: {error}"
                 return
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()

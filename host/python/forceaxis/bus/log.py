@@ -6,7 +6,10 @@ continues at the next event and reports what it skipped.
 
 import struct
 import time
-from collections import namedtuple
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,14 +22,77 @@ SYNC_BYTES = struct.pack(">I", SYNC)
 HEADER = struct.Struct(">IqqII")  # sync, number, wall us, lengths of channel and data
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
 
-Entry = namedtuple("Entry", "wall_us channel data")
+
+class LogEntry(NamedTuple):
+    """One received message of a log."""
+
+    wall_us: int
+    channel: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """The messages of one channel of a log; counts of lost messages are None for a channel of
+    another program."""
+
+    type: str | None
+    count: int
+    bytes: int
+    span_s: float
+    rate_per_s: float | None
+    lost: int | None
+    doubled: int | None
+    runs: int | None
+    undecodable: int
+
+
+@dataclass(frozen=True)
+class LogSummary:
+    """The contents of a log: `forceaxis log info --json`."""
+
+    file: Path
+    messages: int
+    span_s: float
+    start_wall_us: int
+    damage: str | None
+    channels: dict[str, ChannelSummary]  # in the order of axes and names
+
+
+@dataclass
+class _ChannelCount:
+    """What was read of one channel so far."""
+
+    first_us: int
+    last_us: int = 0
+    type: str | None = None
+    count: int = 0
+    bytes: int = 0
+    undecodable: int = 0
+    gaps: Gaps = field(default_factory=Gaps)
+
+    def summary(self) -> ChannelSummary:
+        """The counts as they are reported."""
+        span_s = (self.last_us - self.first_us) / 1e6
+        ours = self.type is not None
+        return ChannelSummary(
+            type=self.type,
+            count=self.count,
+            bytes=self.bytes,
+            span_s=span_s,
+            rate_per_s=(self.count - 1) / span_s if span_s > 0 else None,
+            lost=self.gaps.lost if ours else None,
+            doubled=self.gaps.doubled if ours else None,
+            runs=self.gaps.restarts + 1 if ours else None,
+            undecodable=self.undecodable,
+        )
 
 
 class LogWriter:
     """Writes a log that lcm-logplayer and every LCM tool reads. Flushed twice a second, so that
     a killed process loses little."""
 
-    def __init__(self, path):
+    def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
@@ -35,7 +101,7 @@ class LogWriter:
             raise InputError(f"{paths.display(path)}: expected a new file, it exists") from None
         self._flushed = time.monotonic()
 
-    def write(self, channel, data, wall_us):
+    def write(self, channel: str, data: bytes, wall_us: int) -> None:
         name = channel.encode()
         self._file.write(HEADER.pack(SYNC, self.count, wall_us, len(name), len(data)) + name + data)
         self.count += 1
@@ -43,24 +109,25 @@ class LogWriter:
             self._file.flush()
             self._flushed = now
 
-    def close(self):
+    def close(self) -> None:
         self._file.close()
 
 
 class LogReader:
     """Iterates over the entries of a log; afterwards `damage` is None or one line."""
 
-    def __init__(self, path):
+    def __init__(self, path: Path) -> None:
         self.path, self.count, self.skipped, self.cut = path, 0, 0, False
         try:
-            self._bytes = np.memmap(path, np.uint8, "r") if path.stat().st_size else b""
+            empty = path.stat().st_size == 0
+            self._data = memoryview(b"" if empty else np.memmap(path, np.uint8, "r").data)
         except (OSError, ValueError) as error:
             raise InputError(
                 f"{paths.display(path)}: expected a log to read, {_why(error)}"
             ) from None
 
-    def __iter__(self):
-        data, size, at = memoryview(self._bytes), len(self._bytes), 0
+    def __iter__(self) -> Iterator[LogEntry]:
+        data, size, at = self._data, len(self._data), 0
         self.count, self.skipped, self.cut = 0, 0, False
         while at < size:
             if at + HEADER.size <= size:
@@ -73,7 +140,7 @@ class LogReader:
                     self.count += 1
                     at, middle = stop, start + name_size
                     name = bytes(data[start:middle]).decode(errors="replace")
-                    yield Entry(wall_us, name, bytes(data[middle:stop]))
+                    yield LogEntry(wall_us, name, bytes(data[middle:stop]))
                     continue
             found = _find(data, at + 1, size)
             end = size if found < 0 else found
@@ -82,13 +149,13 @@ class LogReader:
             at = end
 
     @staticmethod
-    def _whole(data, start, stop):
+    def _whole(data: memoryview, start: int, stop: int) -> bool:
         """Another event or the end follows, or at least none begins inside."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0
 
     @property
-    def damage(self):
+    def damage(self) -> str | None:
         """What was skipped, in one line; None if nothing was."""
         if not self.skipped:
             return None
@@ -99,7 +166,7 @@ class LogReader:
         )
 
 
-def _find(data, start, stop):
+def _find(data: memoryview, start: int, stop: int) -> int:
     """Where an event begins at or after `start`, or -1; read in pieces, as a log may be large."""
     piece = 1 << 20
     while start < stop:
@@ -110,93 +177,50 @@ def _find(data, start, stop):
     return -1
 
 
-def _why(error):
+def _why(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-def expect_messages(reader):
+def expect_messages(reader: LogReader) -> None:
     """Refuses a log without a single message."""
     if not reader.count:
-        raise InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
+        raise no_messages(reader)
 
 
-def info(path):
-    """Channels, counts, span and gaps of a log, as a JSON object."""
-    reader, channels = LogReader(path), {}
+def no_messages(reader: LogReader) -> InputError:
+    """The error of a log without a single message."""
+    return InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
+
+
+def info(path: Path) -> LogSummary:
+    """Channels, counts, time span and lost messages of a log."""
+    reader, counts = LogReader(path), dict[str, _ChannelCount]()
     for entry in reader:
-        row = channels.setdefault(
-            entry.channel,
-            {
-                "type": None,
-                "count": 0,
-                "bytes": 0,
-                "first": entry.wall_us,
-                "gaps": Gaps(),
-                "bad": 0,
-            },
-        )
-        row["count"] += 1
-        row["bytes"] += len(entry.data)
-        row["last"] = entry.wall_us
+        seen = counts.setdefault(entry.channel, _ChannelCount(entry.wall_us))
+        seen.count += 1
+        seen.bytes += len(entry.data)
+        seen.last_us = entry.wall_us
         if carried := type_of(entry.channel, entry.data):
-            row["type"] = carried.__name__
+            seen.type = carried.__name__
             try:
                 message = decode(entry.channel, entry.data)
             except Undecodable:
-                row["bad"] += 1
+                seen.undecodable += 1
             else:
-                row["gaps"].take(message.run_id, message.seq)
+                seen.gaps.take(message.run_id, message.seq)
     expect_messages(reader)
-    first = min(row["first"] for row in channels.values())
-    last = max(row["last"] for row in channels.values())
-    return {
-        "file": str(path),
-        "messages": reader.count,
-        "span_s": (last - first) / 1e6,
-        "start_wall_us": first,
-        "damage": reader.damage,
-        "channels": {name: _row(row) for name, row in sorted(channels.items(), key=_order)},
-    }
+    first_us = min(seen.first_us for seen in counts.values())
+    last_us = max(seen.last_us for seen in counts.values())
+    return LogSummary(
+        file=path,
+        messages=reader.count,
+        span_s=(last_us - first_us) / 1e6,
+        start_wall_us=first_us,
+        damage=reader.damage,
+        channels={name: counts[name].summary() for name in sorted(counts, key=_order)},
+    )
 
 
-def _row(row):
-    span = (row["last"] - row["first"]) / 1e6
-    carried, gaps = row["type"], row["gaps"]
-    return {
-        "type": carried,
-        "count": row["count"],
-        "bytes": row["bytes"],
-        "span_s": span,
-        "rate_per_s": (row["count"] - 1) / span if span > 0 else None,
-        "lost": gaps.lost if carried else None,
-        "doubled": gaps.doubled if carried else None,
-        "runs": gaps.restarts + 1 if carried else None,
-        "undecodable": row["bad"],
-    }
-
-
-def _order(item):
-    axis, kind = channel_of(item[0])
-    return (kind is None, axis or 99, item[0])
-
-
-def describe(summary):
-    """A log's contents for a reader."""
-    rows = [("channel", "type", "messages", "per s", "lost", "doubled", "")]
-    for name, row in summary["channels"].items():
-        rate = "" if row["rate_per_s"] is None else f"{row['rate_per_s']:.1f}"
-        bad = f"{row['undecodable']} of another type" if row["undecodable"] else ""
-        more = f"{row['runs']} runs" if (row["runs"] or 0) > 1 else ""
-        counts = ["" if row[k] is None else str(row[k]) for k in ("lost", "doubled")]
-        notes = ", ".join(t for t in (bad, more) if t)
-        rows.append((name, row["type"] or "?", str(row["count"]), rate, *counts, notes))
-    widths = [max(len(r[i]) for r in rows) for i in range(6)]
-    lines = [
-        f"{r[0]:{widths[0]}}  {r[1]:{widths[1]}}"
-        + "".join(f"  {r[i]:>{widths[i]}}" for i in range(2, 6))
-        + (f"  {r[6]}" if r[6] else "")
-        for r in rows
-    ]
-    start = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(summary["start_wall_us"] / 1e6))
-    lines.append(f"{summary['messages']} messages, {summary['span_s']:.3f} s from {start}")
-    return "\n".join(line.rstrip() for line in lines)
+def _order(channel: str) -> tuple[bool, int, str]:
+    axis, kind = channel_of(channel)
+    return (kind is None, axis or 99, channel)

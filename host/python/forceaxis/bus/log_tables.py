@@ -2,27 +2,59 @@
 
 import csv
 from array import array
+from collections.abc import Iterator, MutableSequence, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import paths
 from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
-from forceaxis.bus.log import LogReader, expect_messages
-from forceaxis.bus.messages import axis_event_t, axis_state_t
+from forceaxis.bus.log import LogEntry, LogReader, expect_messages
+from forceaxis.bus.messages import axis_capture_t, axis_event_t, axis_state_t, sim_truth_t
 from forceaxis.bus.state_names import BY_NAME
+
+Row = dict[str, int | float | str | None]
+Table = dict[str, NDArray[Any]]
+Column = MutableSequence[Any]  # an array of integers or doubles, or a list of texts
+
+
+@dataclass(frozen=True)
+class WrittenTable:
+    """The files of one table, with its size."""
+
+    files: list[str]
+    rows: int
+    columns: list[str]
+
+
+@dataclass(frozen=True)
+class ExportSummary:
+    """What was written of a log: `forceaxis log export --json`."""
+
+    file: Path
+    out: Path
+    messages: int
+    damage: str | None
+    undecodable: int
+    not_exported: list[str]  # channels of other programs
+    tables: list[WrittenTable]
 
 
 class Columns:
     """A table built from rows of {column: value}; missing values stay empty."""
 
-    def __init__(self):
-        self.rows, self._columns = 0, {}
+    def __init__(self) -> None:
+        self.rows = 0
+        self._columns: dict[str, Column] = {}
 
-    def add(self, row):
+    def add(self, row: Row) -> None:
         for name, value in row.items():
             if value is None:  # a column all the same, so that tables of one type are alike
                 self._columns.setdefault(name, array("q"))
@@ -38,9 +70,9 @@ class Columns:
             column.append(str(value) if wanted is None else value)
         self.rows += 1
 
-    def arrays(self):
+    def arrays(self) -> Table:
         """{column: array}: integers where every row has one, else doubles with NaN; texts."""
-        made = {}
+        made: Table = {}
         for name, column in self._columns.items():
             kind = _kind(column)
             column.extend([_EMPTY[kind]] * (self.rows - len(column)))
@@ -55,11 +87,11 @@ _WIDER = {"q": 0, "d": 1, None: 2}
 _EMPTY = {"q": NOT_AVAILABLE, "d": float("nan"), None: ""}
 
 
-def _kind(column):
-    return getattr(column, "typecode", None)
+def _kind(column: Column | None) -> str | None:
+    return column.typecode if isinstance(column, array) else None
 
 
-def _changed(column, wanted):
+def _changed(column: Column | None, wanted: str | None) -> Column:
     """The column converted so that it can hold values of another kind: doubles hold integers, texts
     hold anything."""
     if column is None:
@@ -69,63 +101,84 @@ def _changed(column, wanted):
     return [str(v) for v in column]
 
 
-def export(path, out, kinds=("csv", "npz")):
-    """Writes tables of a log into folder `out`; a summary of the files as a JSON object."""
-    reader, tables, captures = LogReader(path), {}, {}
-    undecodable, others, gaps = 0, set(), {}
-    for entry in reader:
-        _, kind = channel_of(entry.channel)
+class _Exporter:
+    """Collects the tables of a log while its messages are read."""
+
+    def __init__(self) -> None:
+        self.tables: dict[str, Columns] = {}
+        self.captures: dict[tuple[str, int, int], Assembly] = {}
+        self.gaps: dict[str, Gaps] = {}
+        self.others: set[str] = set()
+        self.undecodable = 0
+
+    def take(self, entry: LogEntry) -> None:
+        """Adds the message of one entry to its table."""
         if type_of(entry.channel, entry.data) is None:
-            others.add(entry.channel)
-            continue
+            self.others.add(entry.channel)
+            return
         try:
             message = decode(entry.channel, entry.data)
         except Undecodable:
-            undecodable += 1
-            continue
-        if not gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
-            continue  # a duplicated datagram
-        if kind == "CAPTURE":
+            self.undecodable += 1
+            return
+        if not self.gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
+            return  # a duplicated datagram
+        _, kind = channel_of(entry.channel)
+        if kind == "CAPTURE" and isinstance(message, axis_capture_t):
             key = (entry.channel, message.run_id, message.capture_id)
-            undecodable += not captures.setdefault(key, Assembly()).take(message)
-        elif kind == "TRUTH":
-            if not fits(message.first_tick, message.num_samples, message.decimation):
-                undecodable += 1
-                continue
-            for row in truth_rows(message):
-                tables.setdefault(entry.channel, Columns()).add(row)
+            self.undecodable += not self.captures.setdefault(key, Assembly()).take(message)
+        elif kind == "TRUTH" and isinstance(message, sim_truth_t):
+            if fits(message.first_tick, message.num_samples, message.decimation):
+                self._add(entry.channel, *truth_rows(message))
+            else:
+                self.undecodable += 1
         else:
-            row = message_row(message, entry.wall_us)
-            tables.setdefault(entry.channel, Columns()).add(row)
+            self._add(entry.channel, message_row(message, entry.wall_us))
+
+    def _add(self, channel: str, *rows: Row) -> None:
+        for row in rows:
+            self.tables.setdefault(channel, Columns()).add(row)
+
+    def named(self) -> dict[str, Table]:
+        """The tables by name; captures of a channel are numbered."""
+        numbers: dict[str, int] = {}
+        named = {channel: table.arrays() for channel, table in self.tables.items()}
+        for (channel, _, _), held in self.captures.items():
+            if held.signals:
+                numbers[channel] = numbers.get(channel, 0) + 1
+                named[f"{channel}_{numbers[channel]}"] = capture_columns(held)
+        return named
+
+
+def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
+    """Writes tables of a log into folder `out`."""
+    reader, exporter = LogReader(path), _Exporter()
+    for entry in reader:
+        exporter.take(entry)
     expect_messages(reader)
-    numbers, written = {}, []
-    named = {channel: table.arrays() for channel, table in tables.items()}
-    for (channel, _, _), held in captures.items():
-        if held.signals:
-            numbers[channel] = numbers.get(channel, 0) + 1
-            named[f"{channel}_{numbers[channel]}"] = capture_columns(held)
-    for name, columns in sorted(named.items()):
+    written = []
+    for name, columns in sorted(exporter.named().items()):
         files = [f"{quote(name, safe=' ')}.{kind}" for kind in kinds]  # a channel may be named a/b
         with paths.replacing(out, *files) as places:
             for kind, place in zip(kinds, places, strict=True):
                 (write_csv if kind == "csv" else write_npz)(place, columns)
         rows = len(next(iter(columns.values()), ()))
-        written.append({"files": files, "rows": rows, "columns": list(columns)})
-    return {
-        "file": str(path),
-        "out": str(out),
-        "messages": reader.count,
-        "damage": reader.damage,
-        "undecodable": undecodable,
-        "not_exported": sorted(others),
-        "tables": written,
-    }
+        written.append(WrittenTable(files, rows, list(columns)))
+    return ExportSummary(
+        file=path,
+        out=out,
+        messages=reader.count,
+        damage=reader.damage,
+        undecodable=exporter.undecodable,
+        not_exported=sorted(exporter.others),
+        tables=written,
+    )
 
 
-def message_row(message, wall_us):
+def message_row(message: Any, wall_us: int) -> Row:
     """A message's fields as a row: units are in the fields' names; further objects follow by
     theirs, and texts for coded numbers."""
-    row = {"received_wall_us": wall_us}
+    row: Row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
         value = getattr(message, name)
         if kind is None and not name.startswith("num_"):
@@ -133,7 +186,7 @@ def message_row(message, wall_us):
             value = int(value) if isinstance(value, bool) else value
             row[named] = None if value == NOT_AVAILABLE else value
     if isinstance(message, axis_state_t):
-        row |= state_words(message)
+        row.update(state_words(message))
     if hasattr(message, "more_name"):
         for name, raw in zip(message.more_name, message.more_value, strict=True):
             row[column_name(name)] = _engineering(name, raw)
@@ -147,7 +200,7 @@ def message_row(message, wall_us):
     return row
 
 
-def event_word(kind):
+def event_word(kind: int) -> str:
     """ "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
     for name, value in vars(axis_event_t).items():
         if name.startswith("EVENT_") and value == kind:
@@ -155,7 +208,7 @@ def event_word(kind):
     return f"event {kind}"
 
 
-def state_words(state):
+def state_words(state: axis_state_t) -> dict[str, str]:
     """State, modes, fault and limit of an axis_state_t as texts, empty where not available."""
     texts = {
         "drive_state": (state.statusword, state_names.drive_state),
@@ -167,17 +220,17 @@ def state_words(state):
     return {k: "" if raw == NOT_AVAILABLE else words(raw) for k, (raw, words) in texts.items()}
 
 
-def truth_rows(message):
+def truth_rows(message: sim_truth_t) -> Iterator[Row]:
     """The samples of a sim_truth_t block as rows in SI."""
     names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
-        yield {"tick": tick, "time_s": tick / TICKS_PER_SECOND} | dict(
-            zip(names, map(float, values), strict=True)
-        )
+        row: Row = {"tick": tick, "time_s": tick / TICKS_PER_SECOND}
+        row.update(zip(names, map(float, values), strict=True))
+        yield row
 
 
-def capture_columns(held):
+def capture_columns(held: Assembly) -> Table:
     """A capture's columns: tick, time and every signal in engineering units, with its
     unit. Samples that were lost in transit are NaN."""
     ticks = held.ticks()
@@ -187,33 +240,32 @@ def capture_columns(held):
     return columns
 
 
-def column_name(name):
+def column_name(name: str) -> str:
     """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension
     or where the name ends in it, dac_code."""
     return _with_unit(name, unit_of(name))
 
 
-def _with_unit(name, unit):
+def _with_unit(name: str, unit: str) -> str:
     word = unit.replace("/", "_per_").replace("^", "").replace(" ", "_")
     if unit in ("", "1") or name.endswith(f"_{word}"):
         return name
     return f"{name}_{word}"
 
 
-def _engineering(name, raw):
+def _engineering(name: str, raw: int) -> float | None:
     if raw == NOT_AVAILABLE:
         return None
     known = BY_NAME.get(name)
     return raw * known.scale if known and known.scale != 1 else raw
 
 
-def write_csv(path, columns):
+def write_csv(path: Path, columns: Table) -> None:
     """A NaN is an empty field; whole numbers and texts as they are, doubles to their last bit."""
 
-    def texts(values):
-        if values.dtype.kind == "f":
-            return ["" if v != v else repr(v) for v in values.tolist()]
-        return values.tolist()
+    def texts(values: NDArray[np.generic]) -> list[str]:
+        exact = values.dtype.kind == "f"
+        return [("" if v != v else repr(v)) if exact else str(v) for v in values.tolist()]
 
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
@@ -221,22 +273,6 @@ def write_csv(path, columns):
         writer.writerows(zip(*map(texts, columns.values()), strict=True))
 
 
-def write_npz(path, columns):
+def write_npz(path: Path, columns: Table) -> None:
     with path.open("wb") as file:
-        np.savez_compressed(file, **columns)
-
-
-def describe_export(summary):
-    """What was written, for a reader."""
-    lines = []
-    for table in summary["tables"]:
-        lines.append(
-            f"{' '.join(table['files']):44} {table['rows']} rows, {len(table['columns'])} columns"
-        )
-    if summary["not_exported"]:
-        lines.append(f"left out     {', '.join(summary['not_exported'])}")
-    if summary["undecodable"]:
-        lines.append(
-            f"left out     {summary['undecodable']} messages that are damaged or of another type"
-        )
-    return "\n".join(lines)
+        np.savez_compressed(file, allow_pickle=False, **columns)

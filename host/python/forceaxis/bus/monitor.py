@@ -3,6 +3,7 @@
 import contextlib
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.text import Text
@@ -14,12 +15,12 @@ from textual.widgets import Footer, Static
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.bus.monitor_state import clock_word, known
+from forceaxis.bus.monitor_state import Watch, clock_word, known
 from forceaxis.bus.monitor_view import (
+    ACTUAL,
     BAD,
     COMPACT,
     FULL,
-    IS,
     QUIET,
     SLIM,
     WARN,
@@ -28,15 +29,17 @@ from forceaxis.bus.monitor_view import (
     spread,
     strip_charts,
 )
+from forceaxis.bus.sources import ReplaySource, Source
 
-SMALLEST = (60, 16)
+SMALLEST_TERMINAL = (60, 16)
 PANEL_WIDTH = 38
 SPANS_S = (2, 5, 10, 20, 40, 80)
-REFRESH_S = 0.2
+REFRESH_PERIOD_S = 0.2
 
 
-class Monitor(App):
-    """Axes of one source (sources.Live or Replay): panels above, charts of the chosen one below."""
+class Monitor(App[None]):
+    """Axes of one source (sources.Source): panels above, charts of the
+    chosen axis below."""
 
     TITLE = "forceaxis monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -63,13 +66,22 @@ class Monitor(App):
         *(Binding(str(n), f"axis({n})", show=False) for n in range(1, 10)),
     )
 
-    def __init__(self, source, watch, axis=None, folder=None, codes=False, may_record=True):
+    def __init__(
+        self,
+        source: Source,
+        watch: Watch,
+        axis: int | None = None,
+        folder: Path | None = None,
+        codes: bool = False,
+        may_record: bool = True,
+    ) -> None:
         super().__init__()
-        self.source, self.watch, self.only, self.chosen = source, watch, axis, axis
+        self.source, self.watched, self.only, self.chosen = source, watch, axis, axis
         self.folder = Path(folder or ".")
         self.codes, self.may_record = codes, may_record
-        self.frozen, self.span_s, self.capture_shown = None, 20, False
-        self._captures_seen = {}
+        self.frozen: str | None = None  # the time of day at which the display was frozen
+        self.span_s, self.capture_shown = 20, False
+        self._captures_seen: dict[int, int] = {}
         self._started, self.panel_height = time.monotonic(), FULL
 
     def compose(self) -> ComposeResult:
@@ -81,41 +93,40 @@ class Monitor(App):
             yield Footer(compact=True)
         yield Static(id="small")
 
-    def on_mount(self):
+    def on_mount(self) -> None:
         if self.only is not None:
-            self.watch.axis(self.only)
-        if self.source.replayed:
+            self.watched.axis(self.only)
+        if isinstance(self.source, ReplaySource):
             self.source.start()
-        self.set_interval(REFRESH_S, self.refresh_view)
+        self.set_interval(REFRESH_PERIOD_S, self.refresh_view)
         self.refresh_view()
 
-    def on_resize(self):
+    def on_resize(self) -> None:
         self.call_after_refresh(self.draw)
 
-    def action_freeze(self):
+    def action_freeze(self) -> None:
         self.frozen = None if self.frozen else time.strftime("%H:%M:%S")
-        if self.source.replayed:
+        if isinstance(self.source, ReplaySource):
             self.source.pause(bool(self.frozen))
         self.draw_head()
 
-    def watch_app_focus(self, focused):
+    def watch_app_focus(self, focused: bool) -> None:
         if not focused:  # the keys are shown before a page is clicked too
             self.app_focus = True
             self.refresh_bindings()
 
-    def check_action(self, action, parameters):
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool:
         return action != "record" or self.may_record
 
-    def action_units(self):
+    def action_units(self) -> None:
         self.codes = not self.codes
         self.draw()
 
-    def action_record(self):
-        if self.source.replayed:
+    def action_record(self) -> None:
+        if isinstance(self.source, ReplaySource):
             self.notify("a replay is a log already", severity="warning")
             return
-        if self.source.writer:
-            writer = self.source.stop_recording()
+        if writer := self.source.stop_recording():
             self.notify(f"{paths.display(writer.path)}: {writer.count} messages")
         else:
             path = self.folder / time.strftime("forceaxis-%Y%m%d-%H%M%S.log")
@@ -125,63 +136,66 @@ class Monitor(App):
                 self.notify(str(error), severity="error")
         self.draw_head()
 
-    def action_capture(self):
+    def action_capture(self) -> None:
         self.capture_shown = not self.capture_shown
         self.draw()
 
-    def action_span(self, step):
+    def action_span(self, step: int) -> None:
         at = SPANS_S.index(self.span_s) + step
         self.span_s = SPANS_S[max(0, min(at, len(SPANS_S) - 1))]
         self.draw()
 
-    def action_previous(self):
+    def action_previous(self) -> None:
         self._step(-1)
 
-    def action_next(self):
+    def action_next(self) -> None:
         self._step(1)
 
-    def _step(self, by):
-        numbers = sorted(self.watch.axes)
+    def _step(self, by: int) -> None:
+        numbers = sorted(self.watched.axes)
         if numbers:
             at = numbers.index(self.chosen) if self.chosen in numbers else 0
             self.choose(numbers[(at + by) % len(numbers)])
 
-    def action_axis(self, number):
-        if number in self.watch.axes:
+    def action_axis(self, number: int) -> None:
+        if number in self.watched.axes:
             self.choose(number)
         else:
             self.notify(f"axis {number}: nothing heard of it", severity="warning")
 
-    def choose(self, number):
+    def choose(self, number: int) -> None:
         self.chosen, self.capture_shown = number, False
         self.draw()
         for panel in self.query(f"#axis-{number}"):
             panel.scroll_visible(animate=False)
 
-    def refresh_view(self):
+    def on_axis_panel_chosen(self, event: AxisPanel.Chosen) -> None:
+        self.choose(event.number)
+
+    def refresh_view(self) -> None:
         if not self.frozen:
             self.draw()
 
-    def draw(self):
+    def draw(self) -> None:
         # A timer may still fire while the screen is being closed.
         with contextlib.suppress(NoMatches):
             self._draw()
 
-    def _draw(self):
+    def _draw(self) -> None:
         width, height = self.size
-        small = width < SMALLEST[0] or height < SMALLEST[1]
+        small = width < SMALLEST_TERMINAL[0] or height < SMALLEST_TERMINAL[1]
         self.query_one("#body").display = not small
         notice = self.query_one("#small", Static)
         notice.display = small
         if small:
             notice.update(
-                f"expected at least {SMALLEST[0]} x {SMALLEST[1]} characters, "
+                f"expected at least {SMALLEST_TERMINAL[0]} x {SMALLEST_TERMINAL[1]} characters, "
                 f"this terminal has {width} x {height}"
             )
             return
-        with self.watch.lock:
+        with self.watched.lock:
             now = self.source.now_us()
-            axes = [(n, self.watch.axes[n]) for n in sorted(self.watch.axes)]
+            axes = [(n, self.watched.axes[n]) for n in sorted(self.watched.axes)]
             shown = [
                 (n, a.words(now), 0 if a.received_us is None else (now - a.received_us) / 1e6)
                 for n, a in axes
@@ -189,7 +203,7 @@ class Monitor(App):
         if self.chosen is None and axes:
             self.chosen = axes[0][0]
         events = 6 if height >= 36 else 4 if height >= 28 else 3
-        self.arrange(shown, width, height - 2 - events)
+        self.arrange([number for number, _, _ in shown], width, height - 2 - events)
         self.draw_head()
         for number, words, silent_s in shown:
             panel = self.query(f"#axis-{number}")
@@ -204,11 +218,11 @@ class Monitor(App):
         self.draw_events(events, width)
         self.draw_chart(now)
 
-    def arrange(self, shown, width, room):
+    def arrange(self, shown: Sequence[int], width: int, room: int) -> None:
         """As many columns as fit, and the tallest panels that leave enough lines for the charts."""
         grid = self.query_one("#panels", Grid)
         there = {p.number for p in self.query(AxisPanel)}
-        for number, _, _ in shown:
+        for number in shown:
             if number not in there:
                 below = [n for n in there if n > number]
                 grid.mount(AxisPanel(number), before=f"#axis-{min(below)}" if below else None)
@@ -226,12 +240,12 @@ class Monitor(App):
         grid.styles.height = min(rows * self.panel_height, max(SLIM, room - 6))
         grid.display = bool(shown)
 
-    def draw_head(self):
-        with self.watch.lock:
-            axes = self.watch.axes.values()
+    def draw_head(self) -> None:
+        with self.watched.lock:
+            axes = self.watched.axes.values()
             lost = sum(a.lost() for a in axes)
             rivals = [a.number for a in axes if a.rivals()]
-            clock, received = self.watch.clock, self.watch.received
+            clock, received = self.watched.clock, self.watched.received
         text = Text("forceaxis", style="bold")
         if rivals:
             named = ", ".join(map(str, rivals))
@@ -239,36 +253,33 @@ class Monitor(App):
         if self.source.trouble:
             text.append(f" · {self.source.trouble}", style=f"bold {BAD}")
         text.append(f" · lost {lost}", style=f"bold {BAD}" if lost else QUIET)
-        if self.source.replayed:
+        if isinstance(self.source, ReplaySource):
             text.append(f" · at {self.source.position_s():.1f} s", style=QUIET)
             if self.source.ended:
                 text.append(" · END", style=f"bold {WARN}")
         if clock is not None:
-            speed = (
-                ""
-                if known(clock.speed_permille) is None
-                else f" x {clock.speed_permille / 1e3:.2f}"
-            )
+            permille = known(clock.speed_permille)
+            speed = "" if permille is None else f" x {permille / 1e3:.2f}"
             text.append(f" · simulator {clock_word(clock)}{speed}", style=QUIET)
         text.append(f" · {received} messages · {self.source.name}", style=QUIET)
         right = Text()
         if self.frozen:
-            right.append(f" FROZEN {self.frozen} ", style=f"bold #121212 on {IS}")
+            right.append(f" FROZEN {self.frozen} ", style=f"bold #121212 on {ACTUAL}")
         if self.source.writer:
             writer = self.source.writer
             right.append(f" ● {writer.path.name} {writer.count} ", style=f"bold {BAD}")
         self.query_one("#head", Static).update(spread(max(10, self.size.width - 2), text, right))
 
-    def draw_events(self, lines, width):
-        with self.watch.lock:
-            latest = list(self.watch.events)[-(lines - 1) :]
+    def draw_events(self, lines: int, width: int) -> None:
+        with self.watched.lock:
+            latest = list(self.watched.events)[-(lines - 1) :]
         drawn = Text()
-        for wall_us, number, alarm, text in latest:
-            moment = time.strftime("%H:%M:%S", time.localtime(wall_us / 1e6))
+        for event in latest:
+            moment = time.strftime("%H:%M:%S", time.localtime(event.wall_us / 1e6))
             line = Text.assemble(
-                (f"{moment}.{int(wall_us // 100000 % 10)} ", QUIET),
-                ("" if number is None else f"axis {number}  ", QUIET),
-                (" ".join(text.split()), f"bold {BAD}" if alarm else ""),
+                (f"{moment}.{event.wall_us // 100000 % 10} ", QUIET),
+                ("" if event.axis is None else f"axis {event.axis}  ", QUIET),
+                (" ".join(event.text.split()), f"bold {BAD}" if event.alarm else ""),
             )
             line.truncate(width - 2, overflow="ellipsis")
             drawn.append("\n" if drawn else "")
@@ -279,13 +290,13 @@ class Monitor(App):
         events.styles.height = lines
         events.update(drawn)
 
-    def draw_chart(self, now):
+    def draw_chart(self, now: float) -> None:
         chart = self.query_one("#chart", Static)
         width, height = chart.size.width - 2, chart.size.height
         if width < 20 or height < 3:
             return
-        with self.watch.lock:
-            axis = self.watch.axes.get(self.chosen)
+        with self.watched.lock:
+            axis = None if self.chosen is None else self.watched.axes.get(self.chosen)
             if axis is None or (axis.state is None and axis.capture is None):
                 waited = time.monotonic() - self._started
                 chart.update(
@@ -296,9 +307,9 @@ class Monitor(App):
                     )
                 )
                 return
-            seen = self._captures_seen.get(self.chosen, 0)
+            seen = self._captures_seen.get(axis.number, 0)
             if axis.captures != seen:
-                self._captures_seen[self.chosen] = axis.captures
+                self._captures_seen[axis.number] = axis.captures
                 self.capture_shown = True
             if self.capture_shown and axis.capture:
                 drawn = capture_chart(axis, width, height)

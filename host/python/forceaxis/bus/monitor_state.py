@@ -6,17 +6,27 @@ Fed by a connection's thread or by a replayed log, read by the monitor; one lock
 import math
 import threading
 from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from forceaxis.bus import state_names
-from forceaxis.bus.capture_assembly import Assembly
+from forceaxis.bus.capture_assembly import Assembly, Samples
 from forceaxis.bus.lcm import NOT_AVAILABLE, TABLE_HASH, Gaps, Undecodable, channel_of, decode
-from forceaxis.bus.messages import axis_command_t, axis_event_t
+from forceaxis.bus.messages import (
+    axis_capture_t,
+    axis_command_t,
+    axis_event_t,
+    axis_state_t,
+    sim_clock_t,
+)
+from forceaxis.results import json_field
 
-HISTORY = 12_000  # states kept for the charts: two minutes at 100 per second
-STALE_S = 1.0  # an axis without a message for this long is shown as silent
-RATE_S = 3.0  # window of the message rate
+HISTORY_STATES = 12_000  # kept for the charts: two minutes at 100 per second
+STALE_AFTER_S = 1.0  # an axis without a message for this long is shown as silent
+RATE_WINDOW_S = 3.0  # of the message rate
 
 COMMAND_KINDS = {
     axis_command_t.KIND_WRITE: "write",
@@ -26,6 +36,7 @@ COMMAND_KINDS = {
     axis_command_t.KIND_RELEASE: "release the axis",
 }
 VOLT_PER_CODE = 20 / 4096  # of the DAC
+T = TypeVar("T")
 # Metre, radian and degree of CiA 303-2, as they are shown.
 UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
 REPEATED = " x"  # before the count of a routine event
@@ -40,32 +51,121 @@ ALARMS = {
 }
 
 
-def known(value):
+def known(value: T) -> T | None:
     """A message's value, None where it is not available."""
     return None if value == NOT_AVAILABLE else value
 
 
+@dataclass(frozen=True)
+class AxisSnapshot:
+    """The state of an axis in words and numbers; None where a value is not available.
+
+    position, target_position and velocity_per_s are in position_unit (mm, deg, user unit or count).
+    """
+
+    drive_state: str | None
+    status: list[str] | None
+    statusword: int | None
+    mode: str | None
+    native_mode: str | None
+    node: str | None
+    fault: str | None
+    error_code: int | None
+    limit_reason: str | None
+    command_source: str | None
+    contact: bool | None
+    limit_cycle: bool | None
+    position_cnt: int | None
+    target_position_cnt: int | None
+    following_error_cnt: int | None
+    velocity_cnt_per_s: int | None
+    position: float | None
+    target_position: float | None
+    velocity_per_s: float | None
+    position_unit: str
+    force_cnt: float | None
+    force_N: float | None
+    target_force_N: float | None
+    force_permille: int | None
+    target_force_permille: int | None
+    dac_code: int | None
+    command_code: int | None
+    output_V: float | None
+    command_V: float | None
+    tick: int | None
+    age_s: float | None
+    rate_per_s: float
+    lost: int
+    received: int
+    two_publishers: bool
+    objects_mismatch: str | None
+    more: dict[str, int]
+
+
+@dataclass(frozen=True)
+class ClockSnapshot:
+    """The simulator's clock; speed over real time."""
+
+    tick: int | None
+    state: str
+    speed: float | None
+    text: str
+
+
+@dataclass(frozen=True)
+class WatchedEvent:
+    """One line of the list of events; axis None: of no axis."""
+
+    wall_us: int
+    axis: int | None
+    alarm: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All axes at one moment: `forceaxis monitor --once --json`."""
+
+    axes: dict[str, AxisSnapshot]
+    clock: ClockSnapshot | None
+    received: int
+    undecodable: int
+    events: list[WatchedEvent]  # the latest ones
+    source: str
+    trouble: str | None = json_field(omit_none=True)
+
+
+def text(value: int, words: Callable[[int], T]) -> T | None:
+    """words(value), or None where the value is not available."""
+    return None if known(value) is None else words(value)
+
+
+def volt(code: int) -> float:
+    """The voltage of a DAC code."""
+    return code * VOLT_PER_CODE
+
+
 class Trace:
-    """The last HISTORY states as arrays, positions and codes as the axis counts them."""
+    """The last HISTORY_STATES states as arrays, positions and codes as the axis counts them."""
 
     NAMES = (
         *("time", "force", "force_target", "position", "position_target"),
         *("code", "command", "force_count"),
     )
 
-    def __init__(self):
-        self._rows, self._end = np.full((2 * HISTORY, len(self.NAMES)), np.nan), 0
+    def __init__(self) -> None:
+        self._rows, self._end = np.full((2 * HISTORY_STATES, len(self.NAMES)), np.nan), 0
 
-    def add(self, row):
+    def add(self, row: Sequence[float]) -> None:
         if self._end == len(self._rows):
-            self._rows[:HISTORY] = self._rows[HISTORY:]
-            self._end = HISTORY
+            self._rows[:HISTORY_STATES] = self._rows[HISTORY_STATES:]
+            self._end = HISTORY_STATES
         self._rows[self._end] = row
         self._end += 1
 
-    def since(self, time_s):
+    def since(self, time_s: float) -> dict[str, Samples]:
         """{name: array} from time_s on, copied."""
-        rows = self._rows[max(0, self._end - HISTORY) : self._end]
+        rows = self._rows[max(0, self._end - HISTORY_STATES) : self._end]
         rows = rows[np.searchsorted(rows[:, 0], time_s) :].copy()
         return dict(zip(self.NAMES, rows.T, strict=True))
 
@@ -73,14 +173,17 @@ class Trace:
 class AxisWatch:
     """One axis: `state` is the latest axis_state_t or None."""
 
-    def __init__(self, number, mm_per_count=None):
-        self.number, self.state, self.received_us = number, None, None
-        self.mm_per_count = mm_per_count
-        self.trace, self.gaps = Trace(), {}
-        self.arrivals = deque(maxlen=1000)
-        self.capture, self.captures = None, 0
+    def __init__(self, number: int, mm_per_count: float | None = None) -> None:
+        self.number, self.mm_per_count = number, mm_per_count
+        self.state: axis_state_t | None = None
+        self.received_us: int | None = None
+        self.trace = Trace()
+        self.gaps: dict[str, Gaps] = {}
+        self.arrivals: deque[int] = deque(maxlen=1000)
+        self.capture: tuple[tuple[int, int], Assembly] | None = None  # ((run, number), samples)
+        self.captures = 0
 
-    def take_state(self, state, wall_us):
+    def take_state(self, state: axis_state_t, wall_us: int) -> None:
         self.state, self.received_us = state, wall_us
         self.arrivals.append(wall_us)
         force, target, _ = self.forces()
@@ -100,15 +203,21 @@ class AxisWatch:
             ]
         )
 
-    def forces(self):
+    def _heard(self) -> axis_state_t:
+        """The latest state. Raises LookupError before the first one."""
+        if self.state is None:
+            raise LookupError(f"axis {self.number}: no state was received")
+        return self.state
+
+    def forces(self) -> tuple[float | None, float | None, str]:
         """(force, target, unit): in N where scale or rated force are known, else in counts; None
         where not available."""
-        state = self.state
+        state = self._heard()
         count, share = known(state.force_cnt_q8), known(state.force_permille)
         wanted, rated = self.force_wanted(), known(state.rated_force_mN)
         scale = known(state.force_scale_uN)
         force, unit = (None if count is None else count / 256), "count"
-        if count is not None and scale:
+        if force is not None and scale:
             force, unit = force * scale * 1e-6, "N"
         elif share is not None and rated:
             force, unit = share * rated * 1e-6, "N"
@@ -116,11 +225,12 @@ class AxisWatch:
         target = wanted * rated * 1e-6 if wanted is not None and rated and in_newtons else None
         return force, target, "N" if in_newtons else unit
 
-    def more(self):
+    def more(self) -> dict[str, int]:
         """{name: value} of the objects that the state has beside its fields."""
-        return dict(zip(self.state.more_name, self.state.more_value, strict=True))
+        state = self._heard()
+        return dict(zip(state.more_name, state.more_value, strict=True))
 
-    def length(self):
+    def length(self) -> tuple[str, float]:
         """(unit, its size in units of the axis's positions): what 60A8h names, mm by the model's
         encoder, else counts of the encoder."""
         more = self.more() if self.state else {}
@@ -131,123 +241,126 @@ class AxisWatch:
             return (name, factor * 10.0**exponent) if factor else (name, 1)
         return ("mm", self.mm_per_count) if self.mm_per_count else ("count", 1)
 
-    def force_wanted(self):
+    def force_wanted(self) -> int | None:
         """The force that the mode in force demands, per mille of rated; None in the others."""
-        state = self.state
+        state = self._heard()
         if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
             return None
         if "force_demand" in self.more():
             return self.more()["force_demand"]
         return None if state.mode_display == -1 else known(state.target_force_permille)
 
-    def position_target(self):
+    def position_target(self) -> int | None:
         """Where the mode in force leads the axis, in counts; None where force decides."""
-        state = self.state
+        state = self._heard()
         mode = known(state.mode_display)
         if mode in state_names.PROFILE_MODES:
             return known(state.demand_position_cnt)
         in_position = mode is None or mode in state_names.TARGET_MODES
         return known(state.target_position_cnt) if in_position else None
 
-    def age_s(self, now_us):
+    def age_s(self, now_us: float) -> float | None:
         """Age of the drive's values in s: since receipt of the message, plus their age in it."""
         if self.received_us is None:
             return None
-        return max(0, now_us - self.received_us + (known(self.state.age_us) or 0)) / 1e6
+        return max(0, now_us - self.received_us + (known(self._heard().age_us) or 0)) / 1e6
 
-    def rate(self, now_us):
-        """States a second, over the last RATE_S."""
-        recent = [t for t in self.arrivals if t > now_us - RATE_S * 1e6]
+    def rate(self, now_us: float) -> float:
+        """States a second, over the last RATE_WINDOW_S."""
+        recent = [t for t in self.arrivals if t > now_us - RATE_WINDOW_S * 1e6]
         if len(recent) < 2 or recent[-1] == recent[0]:
             return 0.0
         return (len(recent) - 1) / ((recent[-1] - recent[0]) / 1e6)
 
-    def lost(self):
+    def lost(self) -> int:
         """Messages lost on this axis's channels from its gateway (clients' commands apart)."""
         return sum(g.lost for kind, g in self.gaps.items() if kind != "COMMAND")
 
-    def rivals(self):
+    def rivals(self) -> bool:
         return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
 
-    def mismatch(self):
+    def mismatch(self) -> str | None:
         """Difference between the object tables of firmware and this program as a text, or None."""
         theirs = self.state and known(self.state.objects_hash)
         if not theirs or theirs == TABLE_HASH:  # 0: not read yet
             return None
         return f"object table {theirs:08x} in the firmware, {TABLE_HASH:08x} here"
 
-    def words(self, now_us):
+    def words(self, now_us: float) -> AxisSnapshot | None:
         """The state in words and numbers, as --json prints it; None where not available."""
         state = self.state
         if state is None:
             return None
-        text = lambda value, words: None if known(value) is None else words(value)  # noqa: E731
         count, mode = known(state.force_cnt_q8), known(state.mode_display)
         force, target, unit = self.forces()
         length, size = self.length()
-        long = lambda value: None if value is None else value * size  # noqa: E731
-        volt = lambda code: None if known(code) is None else code * VOLT_PER_CODE  # noqa: E731
-        return {
-            "drive_state": text(state.statusword, state_names.drive_state),
-            "status": text(state.statusword, lambda w: state_names.status_bits(w, mode)),
-            "statusword": known(state.statusword),
-            "mode": text(state.mode_display, state_names.mode),
-            "native_mode": text(state.native_mode, lambda n: state_names.enum("active_mode", n)),
-            "node": text(state.nmt_state, state_names.node_state),
-            "fault": text(state.fault, lambda n: state_names.enum("fault", n)),
-            "error_code": known(state.error_code),
-            "limit_reason": text(state.limit_reason, lambda n: state_names.enum("limit_reason", n)),
-            "command_source": text(
-                state.command_source, lambda n: state_names.enum("command_source", n)
-            ),
-            "contact": text(state.contact, bool),
-            "limit_cycle": text(state.limit_cycle, bool),
-            "position_cnt": known(state.position_cnt),
-            "target_position_cnt": self.position_target(),
-            "following_error_cnt": known(state.following_error_cnt),
-            "velocity_cnt_per_s": known(state.velocity_cnt_per_s),
-            "position": long(known(state.position_cnt)),
-            "target_position": long(self.position_target()),
-            "velocity_per_s": long(known(state.velocity_cnt_per_s)),
-            "position_unit": length,
-            "force_cnt": None if count is None else count / 256,
-            "force_N": force if unit == "N" else None,
-            "target_force_N": target,
-            "force_permille": known(state.force_permille),
-            "target_force_permille": self.force_wanted(),
-            "dac_code": known(state.dac_code),
-            "command_code": known(state.command_code),
-            "output_V": volt(state.dac_code),
-            "command_V": volt(state.command_code),
-            "tick": known(state.tick),
-            "age_s": self.age_s(now_us),
-            "rate_per_s": self.rate(now_us),
-            "lost": self.lost(),
-            "received": sum(g.received for g in self.gaps.values()),
-            "two_publishers": self.rivals(),
-            "objects_mismatch": self.mismatch(),
-            "more": self.more(),
-        }
+
+        def length_of(count: int | None) -> float | None:
+            return None if count is None else count * size
+
+        def enum(name: str, value: int) -> str | None:
+            return text(value, lambda raw: state_names.enum(name, raw))
+
+        return AxisSnapshot(
+            drive_state=text(state.statusword, state_names.drive_state),
+            status=text(state.statusword, lambda w: state_names.status_bits(w, mode)),
+            statusword=known(state.statusword),
+            mode=text(state.mode_display, state_names.mode),
+            native_mode=enum("active_mode", state.native_mode),
+            node=text(state.nmt_state, state_names.node_state),
+            fault=enum("fault", state.fault),
+            error_code=known(state.error_code),
+            limit_reason=enum("limit_reason", state.limit_reason),
+            command_source=enum("command_source", state.command_source),
+            contact=text(state.contact, bool),
+            limit_cycle=text(state.limit_cycle, bool),
+            position_cnt=known(state.position_cnt),
+            target_position_cnt=self.position_target(),
+            following_error_cnt=known(state.following_error_cnt),
+            velocity_cnt_per_s=known(state.velocity_cnt_per_s),
+            position=length_of(known(state.position_cnt)),
+            target_position=length_of(self.position_target()),
+            velocity_per_s=length_of(known(state.velocity_cnt_per_s)),
+            position_unit=length,
+            force_cnt=None if count is None else count / 256,
+            force_N=force if unit == "N" else None,
+            target_force_N=target,
+            force_permille=known(state.force_permille),
+            target_force_permille=self.force_wanted(),
+            dac_code=known(state.dac_code),
+            command_code=known(state.command_code),
+            output_V=text(state.dac_code, volt),
+            command_V=text(state.command_code, volt),
+            tick=known(state.tick),
+            age_s=self.age_s(now_us),
+            rate_per_s=self.rate(now_us),
+            lost=self.lost(),
+            received=sum(g.received for g in self.gaps.values()),
+            two_publishers=self.rivals(),
+            objects_mismatch=self.mismatch(),
+            more=self.more(),
+        )
 
 
 class Watch:
     """All axes. Ages refer to `now_us`: the wall clock, or that of the replayed log. mm_per_count:
     of the encoders of axes that have no units of their own."""
 
-    def __init__(self, mm_per_count=None):
+    def __init__(self, mm_per_count: float | None = None) -> None:
         self.mm_per_count = mm_per_count
         self.lock = threading.RLock()
-        self.axes, self.clock, self.clock_us = {}, None, None
-        self.events = deque(maxlen=500)  # (wall_us, axis, alarm, text)
+        self.axes: dict[int, AxisWatch] = {}
+        self.clock: sim_clock_t | None = None
+        self.events: deque[WatchedEvent] = deque(maxlen=500)
         self.received = self.undecodable = 0
-        self.gaps = {}  # of the simulator's channels
+        self.gaps: dict[str, Gaps] = {}  # of the simulator's channels
 
-    def axis(self, number):
+    def axis(self, number: int) -> AxisWatch:
         if number not in self.axes:
             self.axes[number] = AxisWatch(number, self.mm_per_count)
         return self.axes[number]
 
-    def take(self, channel, data, wall_us):
+    def take(self, channel: str, data: bytes, wall_us: int) -> None:
         """Processes one message."""
         number, kind = channel_of(channel)
         if kind is None or kind == "TRUTH":
@@ -258,18 +371,22 @@ class Watch:
             with self.lock:
                 self.undecodable += 1
                 if self.undecodable in (1, 10, 100, 1000):
-                    self.events.append((wall_us, number, True, f"{error} ({self.undecodable}x)"))
+                    self.events.append(
+                        WatchedEvent(wall_us, number, True, f"{error} ({self.undecodable}x)")
+                    )
             return
         with self.lock:
             self.received += 1
             gaps = self.gaps if number is None else self.axis(number).gaps
             if not gaps.setdefault(kind, Gaps()).take(message.run_id, message.seq):
                 return
-            if kind == "CLOCK":
-                self.clock, self.clock_us = message, wall_us
-            elif kind == "STATE":
+            if isinstance(message, sim_clock_t):
+                self.clock = message
+            elif number is None:
+                return
+            elif isinstance(message, axis_state_t):
                 self.axis(number).take_state(message, wall_us)
-            elif kind == "EVENT":
+            elif isinstance(message, axis_event_t):
                 alarm = message.kind in ALARMS and not (
                     message.kind in (axis_event_t.EVENT_FAULT, axis_event_t.EVENT_EMCY)
                     and message.code == 0
@@ -278,69 +395,70 @@ class Watch:
                 if message.kind == axis_event_t.EVENT_DONE:
                     self._routine(wall_us, number, text)
                 else:
-                    self.events.append((wall_us, number, alarm, text))
-            elif kind == "COMMAND":
+                    self.events.append(WatchedEvent(wall_us, number, alarm, text))
+            elif isinstance(message, axis_command_t):
                 self._routine(wall_us, number, command_text(message))
-            elif kind == "CAPTURE":
+            elif isinstance(message, axis_capture_t):
                 self._take_capture(self.axis(number), message, wall_us)
 
-    def _routine(self, wall_us, number, text):
+    def _routine(self, wall_us: int, number: int | None, text: str) -> None:
         """A client's command or its confirmation. One that is repeated, such as the write that
         keeps an owner's watchdog, is one line with a count, and other events stay visible."""
-        for i, (_, axis, alarm, shown) in enumerate(self.events):
-            base, _, count = shown.rpartition(REPEATED)
-            if (axis, alarm) != (number, False) or text not in (base, shown):
+        for i, event in enumerate(self.events):
+            base, _, count = event.text.rpartition(REPEATED)
+            if event.alarm or event.axis != number or text not in (base, event.text):
                 continue
             del self.events[i]
-            text = f"{text}{REPEATED}{2 if text == shown else int(count) + 1}"
+            text = f"{text}{REPEATED}{2 if text == event.text else int(count) + 1}"
             break
-        self.events.append((wall_us, number, False, text))
+        self.events.append(WatchedEvent(wall_us, number, False, text))
 
-    def _take_capture(self, axis, block, wall_us):
+    def _take_capture(self, axis: AxisWatch, block: axis_capture_t, wall_us: int) -> None:
         key = (block.run_id, block.capture_id)
         if axis.capture is None or axis.capture[0] != key:
             axis.capture = (key, Assembly())
             axis.captures += 1
         if not axis.capture[1].take(block):
             text = f"capture {block.capture_id}: a block that does not fit the others"
-            self.events.append((wall_us, axis.number, True, text))
+            self.events.append(WatchedEvent(wall_us, axis.number, True, text))
 
-    def snapshot(self, now_us, axis=None):
-        """All states in words, as --once --json prints them."""
+    def snapshot(
+        self, source: str, now_us: float, axis: int | None = None, trouble: str | None = None
+    ) -> Snapshot:
+        """All states in words, or that of one axis; source: where the messages come from; trouble:
+        what ended the source."""
         with self.lock:
-            return {
-                "axes": {
-                    str(n): a.words(now_us)
-                    for n, a in sorted(self.axes.items())
-                    if a.state is not None and axis in (None, n)
+            return Snapshot(
+                axes={
+                    str(number): state
+                    for number, watched in sorted(self.axes.items())
+                    if axis in (None, number) and (state := watched.words(now_us)) is not None
                 },
-                "clock": self._clock(),
-                "received": self.received,
-                "undecodable": self.undecodable,
-                "events": [
-                    {"wall_us": us, "axis": n, "alarm": alarm, "text": text}
-                    for us, n, alarm, text in list(self.events)[-20:]
-                    if axis in (None, n)
-                ],
-            }
+                clock=self._clock(),
+                received=self.received,
+                undecodable=self.undecodable,
+                events=[event for event in list(self.events)[-20:] if axis in (None, event.axis)],
+                source=source,
+                trouble=trouble or None,
+            )
 
-    def _clock(self):
+    def _clock(self) -> ClockSnapshot | None:
         if self.clock is None:
             return None
-        return {
-            "tick": known(self.clock.tick),
-            "state": clock_word(self.clock),
-            "speed": None if known(self.clock.speed_permille) is None
-            else self.clock.speed_permille / 1000,
-            "text": self.clock.text,
-        }  # fmt: skip
+        permille = known(self.clock.speed_permille)
+        return ClockSnapshot(
+            tick=known(self.clock.tick),
+            state=clock_word(self.clock),
+            speed=None if permille is None else permille / 1000,
+            text=self.clock.text,
+        )
 
 
-def clock_word(clock):
+def clock_word(clock: sim_clock_t) -> str:
     return {1: "running", 2: "paused", 3: "ended"}.get(clock.clock_state, str(clock.clock_state))
 
 
-def command_text(command):
+def command_text(command: axis_command_t) -> str:
     """A command as one line: write force_gain=1792."""
     words = [COMMAND_KINDS.get(command.kind, f"command kind {command.kind}")]
     if command.kind == axis_command_t.KIND_READ:

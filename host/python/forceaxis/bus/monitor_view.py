@@ -1,18 +1,22 @@
 """The monitor's display of an axis: its panel, strip charts and captures as coloured text."""
 
+from typing import NamedTuple
+
 import numpy as np
 from rich.text import Text
+from textual.message import Message
 from textual.widgets import Static
 
 from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import charts, state_names
-from forceaxis.bus.capture_assembly import unit_of
-from forceaxis.bus.monitor_state import STALE_S, VOLT_PER_CODE
+from forceaxis.bus.capture_assembly import Samples, unit_of
+from forceaxis.bus.monitor_state import STALE_AFTER_S, VOLT_PER_CODE, AxisSnapshot, AxisWatch
 
-FULL, COMPACT, SLIM = 8, 4, 3  # heights of a panel, with its border
+# Heights of a panel with its border, in lines.
+FULL, COMPACT, SLIM = 8, 4, 3
 
 GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
-IS, WANTED = "#5fafff", "#d78700"
+ACTUAL, WANTED = "#5fafff", "#d78700"
 VALUE = "bold #e4e4e4"
 
 STATE_COLOURS = {
@@ -23,7 +27,7 @@ STATE_COLOURS = {
 }
 
 
-def signed(value, unit="", digits=None):
+def signed(value: float | None, unit: str = "", digits: int | None = None) -> str:
     """A number with thin groups of three, "-" where there is none."""
     if value is None:
         return "-"
@@ -31,7 +35,7 @@ def signed(value, unit="", digits=None):
     return f"{text.replace(',', ' ')} {unit}".rstrip()
 
 
-def spread(width, left, right):
+def spread(width: int, left: Text, right: Text) -> Text:
     """One line with `left` at the left and `right` at the right, cut to `width`."""
     room = width - left.cell_len - right.cell_len
     if room < 1:
@@ -44,24 +48,33 @@ def spread(width, left, right):
 class AxisPanel(Static):
     """One axis: state, mode and fault in words, its values, its active limit."""
 
-    def __init__(self, number):
+    class Chosen(Message):
+        """The panel was clicked."""
+
+        def __init__(self, number: int) -> None:
+            super().__init__()
+            self.number = number
+
+    def __init__(self, number: int) -> None:
         super().__init__(classes="panel", id=f"axis-{number}")
         self.number = number
 
-    def on_click(self):
-        self.app.choose(self.number)
+    def on_click(self) -> None:
+        self.post_message(self.Chosen(self.number))
 
-    def show(self, words, silent_s, height, chosen, codes):
+    def show(
+        self, words: AxisSnapshot | None, silent_s: float, height: int, chosen: bool, codes: bool
+    ) -> None:
         """Draws `words` (AxisWatch.words, None: only other messages were received)."""
         width = max(10, self.content_size.width)
-        silent = words is None or silent_s > STALE_S
-        state = (words or {}).get("drive_state") or "no state yet"
+        silent = words is None or silent_s > STALE_AFTER_S
+        state = (words and words.drive_state) or "no state yet"
         colour = QUIET if silent else STATE_COLOURS.get(state, WARN)
-        if words and words["objects_mismatch"]:
+        if words and words.objects_mismatch:
             colour = BAD
         self.styles.border = ("heavy" if chosen else "round", colour)
         head = f"axis {self.number} · {state}"
-        if words and words["node"] == "silent":
+        if words and words.node == "silent":
             head = f"axis {self.number} · NODE SILENT"
         elif words and silent:
             head = f"axis {self.number} · SILENT, was {state}"
@@ -70,20 +83,20 @@ class AxisPanel(Static):
             self.border_subtitle = ""
             self.update(Text("no state heard yet", style=QUIET))
             return
-        lost = f" · [bold {BAD}]lost {words['lost']}[/]" if words["lost"] else ""
-        self.border_subtitle = f"{age(words['age_s'])} · {words['rate_per_s']:.0f}/s{lost}"
+        lost = f" · [bold {BAD}]lost {words.lost}[/]" if words.lost else ""
+        self.border_subtitle = f"{age(words.age_s)} · {words.rate_per_s:.0f}/s{lost}"
         lines = {FULL: full, COMPACT: compact, SLIM: slim}[height](words, width, codes)
-        if words["objects_mismatch"]:
-            lines[-1] = Text(words["objects_mismatch"], style=f"bold {BAD}")
-            if len(words["objects_mismatch"]) > width:
-                theirs, ours = (words["objects_mismatch"].split()[i] for i in (2, 6))
+        if words.objects_mismatch:
+            lines[-1] = Text(words.objects_mismatch, style=f"bold {BAD}")
+            if len(words.objects_mismatch) > width:
+                theirs, ours = (words.objects_mismatch.split()[i] for i in (2, 6))
                 lines[-1] = Text(f"table {theirs}, here {ours}", style=f"bold {BAD}")
         for line in lines:
             line.truncate(width, overflow="ellipsis")
         self.update(Text("\n").join(lines))
 
 
-def age(seconds):
+def age(seconds: float | None) -> str:
     if seconds is None:
         return "-"
     if seconds < 1:
@@ -91,84 +104,83 @@ def age(seconds):
     return f"{seconds:.1f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def mode_text(words):
-    mode, native = words["mode"], words["native_mode"]
+def mode_text(words: AxisSnapshot) -> Text:
+    mode, native = words.mode, words.native_mode
     text = Text(mode or "mode -", style=VALUE)
     if native:
         text.append(" · no law" if native == "disabled" else f" · {native} law", style=QUIET)
     return text
 
 
-def fault_text(words):
-    fault, code = words["fault"], words["error_code"]
-    if fault in (None, "none") and not code:
-        return Text("fault -" if fault is None else "no fault", style=QUIET)
-    if fault in (None, "none"):  # an error of the drive profile or of a bus, no fault of the axis
+def fault_text(words: AxisSnapshot) -> Text:
+    fault, code = words.fault, words.error_code
+    if fault in (None, "none"):
+        if not code:
+            return Text("fault -" if fault is None else "no fault", style=QUIET)
+        # an error of the drive profile or of a bus, no fault of the axis
         return Text(f"FAULT {state_names.emergency(code)}", f"bold {BAD}")
     return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 
 
-def limit_text(words):
-    limit = words["limit_reason"]
+def limit_text(words: AxisSnapshot) -> Text:
+    limit = words.limit_reason
     if limit in (None, "none"):
         return Text("limit -" if limit is None else "no limit", style=QUIET)
     return Text(f"limit {limit}", style=WARN)
 
 
-def contact_text(words):
+def contact_text(words: AxisSnapshot) -> Text:
     text = Text()
-    if words["contact"] is not None:
-        text.append(
-            "in contact" if words["contact"] else "apart", GOOD if words["contact"] else QUIET
-        )
-    if words["limit_cycle"]:
+    if words.contact is not None:
+        text.append("in contact" if words.contact else "apart", GOOD if words.contact else QUIET)
+    if words.limit_cycle:
         text.append(" · " if text else "")
         text.append("LIMIT CYCLE", f"bold {BAD}")
     return text
 
 
-def force_value(words, codes):
-    if words["force_N"] is not None and not codes:
-        return signed(words["force_N"], "N", 2)
-    if words["force_cnt"] is not None:
-        return signed(words["force_cnt"], "force count", 2)
-    if words["force_permille"] is not None:
-        return signed(words["force_permille"] / 10, "% of rated", 1)
+def force_value(words: AxisSnapshot, codes: bool) -> str:
+    if words.force_N is not None and not codes:
+        return signed(words.force_N, "N", 2)
+    if words.force_cnt is not None:
+        return signed(words.force_cnt, "force count", 2)
+    if words.force_permille is not None:
+        return signed(words.force_permille / 10, "% of rated", 1)
     return "-"
 
 
-def position_values(words, codes):
+def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
     """(name, position, speed): of the axis in its unit, of the encoder in counts."""
-    unit = words["position_unit"]
+    unit = words.position_unit
     if codes or unit == "count":
-        speed = signed(words["velocity_cnt_per_s"], "count/s")
-        return "encoder", signed(words["position_cnt"], "count"), speed
+        speed = signed(words.velocity_cnt_per_s, "count/s")
+        return "encoder", signed(words.position_cnt, "count"), speed
     digits = 0 if unit == "user unit" else 3
-    speed = signed(words["velocity_per_s"], f"{unit}/s", min(digits, 2))
-    return "position", signed(words["position"], unit, digits), speed
+    speed = signed(words.velocity_per_s, f"{unit}/s", min(digits, 2))
+    return "position", signed(words.position, unit, digits), speed
 
 
-def command_values(words, codes):
+def command_values(words: AxisSnapshot, codes: bool) -> tuple[str, str]:
     """(command of the law, output) as voltage or DAC codes."""
     if codes:
-        return signed(words["command_code"], "code"), signed(words["dac_code"], "code")
-    return signed(words["command_V"], "V", 3), signed(words["output_V"], "V", 3)
+        return signed(words.command_code, "code"), signed(words.dac_code, "code")
+    return signed(words.command_V, "V", 3), signed(words.output_V, "V", 3)
 
 
-def row(name, value, note=""):
+def row(name: str, value: str, note: str = "") -> Text:
     return Text.assemble((f"{name:9}", QUIET), (f"{value:>13}", VALUE), (f" {note}", QUIET))
 
 
-def full(words, width, codes):
-    owner = words["command_source"]
+def full(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
+    owner = words.command_source
     target = ""
-    if codes and words["target_force_permille"] is not None:
-        target = f"target {words['target_force_permille'] / 10:.1f} %"
-    elif not codes and words["target_force_N"] is not None:
-        target = f"target {words['target_force_N']:.1f} N"
+    if codes and words.target_force_permille is not None:
+        target = f"target {words.target_force_permille / 10:.1f} %"
+    elif not codes and words.target_force_N is not None:
+        target = f"target {words.target_force_N:.1f} N"
     command, output = command_values(words, codes)
     flags = contact_text(words)
-    for bit in words["status"] or ():
+    for bit in words.status or ():
         flags.append(" · " if flags else "")
         flags.append(bit, WARN if bit in ("warning", "following error", "homing error") else QUIET)
     return [
@@ -181,25 +193,25 @@ def full(words, width, codes):
     ]
 
 
-def trouble_text(words):
+def trouble_text(words: AxisSnapshot) -> Text:
     """The worst of fault, limit cycle and limit; contact where all is well."""
-    if words["fault"] not in (None, "none") or words["error_code"]:
+    if words.fault not in (None, "none") or words.error_code:
         return fault_text(words)
-    if words["limit_cycle"]:
+    if words.limit_cycle:
         return Text("LIMIT CYCLE", style=f"bold {BAD}")
-    if words["limit_reason"] not in (None, "none"):
+    if words.limit_reason not in (None, "none"):
         return limit_text(words)
     return contact_text(words)
 
 
-def numbers(words, codes):
+def numbers(words: AxisSnapshot, codes: bool) -> Text:
     """Force, position and output in one line; codes: by name, without units."""
     if codes:
-        force = "-" if words["force_cnt"] is None else f"{words['force_cnt']:.2f}"
+        force = "-" if words.force_cnt is None else f"{words.force_cnt:.2f}"
         return Text.assemble(
             ("force ", QUIET), (force, VALUE),
-            (" enc ", QUIET), (signed(words["position_cnt"]), VALUE),
-            (" DAC ", QUIET), (signed(words["dac_code"]), VALUE),
+            (" enc ", QUIET), (signed(words.position_cnt), VALUE),
+            (" DAC ", QUIET), (signed(words.dac_code), VALUE),
         )  # fmt: skip
     return Text.assemble(
         (force_value(words, codes), VALUE),
@@ -208,22 +220,35 @@ def numbers(words, codes):
     )
 
 
-def compact(words, width, codes):
+def compact(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
     values = numbers(words, codes)
     return [
-        spread(width, Text(words["mode"] or "mode -", style=VALUE), trouble_text(words)),
+        spread(width, Text(words.mode or "mode -", style=VALUE), trouble_text(words)),
         values,
     ]
 
 
-def slim(words, width, codes):
+def slim(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
     values = numbers(words, codes)
     trouble = trouble_text(words)
     trouble.truncate(16, overflow="ellipsis")
     return [spread(width, values, trouble)]
 
 
-def strip_charts(axis, width, height, now_us, span_s, codes=False):
+class StripChart(NamedTuple):
+    """One chart over time: two lines of one scale."""
+
+    name: str
+    unit: str
+    actual: Samples
+    target: Samples
+    legend: tuple[str, str]
+    least_span: float  # of the scale, in the unit
+
+
+def strip_charts(
+    axis: AxisWatch, width: int, height: int, now_us: float, span_s: float, codes: bool = False
+) -> Text:
     """Force, position and command over the last span_s, as many of them as fit."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
@@ -232,23 +257,28 @@ def strip_charts(axis, width, height, now_us, span_s, codes=False):
     room = height - 1
     count = 3 if room >= 9 else 2 if room >= 6 else 1
     heights = [room // count + (1 if i < room % count else 0) for i in range(count)]
-    parts = []
-    for (name, measure, is_, wanted, legend, least), rows in zip(plots, heights, strict=False):
-        title = Text.assemble((f"axis {axis.number} " if not parts else "", QUIET), (name, "bold"))
-        lines = []
-        for values, colour, word in ((is_, IS, legend[0]), (wanted, WANTED, legend[1])):
+    parts: list[Text] = []
+    for plot, rows in zip(plots, heights, strict=False):
+        title = Text.assemble(
+            (f"axis {axis.number} " if not parts else "", QUIET), (plot.name, "bold")
+        )
+        lines: list[charts.Line] = []
+        for values, colour, word in (
+            (plot.actual, ACTUAL, plot.legend[0]),
+            (plot.target, WANTED, plot.legend[1]),
+        ):
             finite = np.flatnonzero(np.isfinite(values))
             if finite.size:
                 last = charts.number(values[finite[-1]], 3)
-                title.append(f"   ━ {word} {last} {measure}".rstrip(), style=colour)
+                title.append(f"   ━ {word} {last} {plot.unit}".rstrip(), style=colour)
                 lines.append((*broken(time_s, values), colour))
-        parts.append(charts.panel(width, rows, title, lines, (-span_s, 0), least=least))
+        parts.append(charts.panel(width, rows, title, lines, (-span_s, 0), least=plot.least_span))
     parts.append(charts.time_axis(width, span_s))
     return Text("\n").join(parts)
 
 
-def plots_of(axis, data, codes):
-    """(name, unit, is, target, words of the two, least span) of each chart."""
+def plots_of(axis: AxisWatch, data: dict[str, Samples], codes: bool) -> list[StripChart]:
+    """The charts of force, position and command."""
     force = axis.forces()[2] if axis.state else ""
     forces = data["force"], data["force_target"]
     if codes:
@@ -259,13 +289,13 @@ def plots_of(axis, data, codes):
     positions = data["position"] * size, data["position_target"] * size
     name = "encoder" if length == "count" else "position"
     return [
-        ("force", force, *forces, ("is", "target"), 1.0),
-        (name, length, *positions, ("is", "target"), 10.0 * size),
-        ("command", of, code, command, ("out", "before limits"), 10.0 * volt),
+        StripChart("force", force, *forces, ("is", "target"), 1.0),
+        StripChart(name, length, *positions, ("is", "target"), 10.0 * size),
+        StripChart("command", of, code, command, ("out", "before limits"), 10.0 * volt),
     ]
 
 
-def broken(time_s, values):
+def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
     """The line, interrupted where several messages in a row are missing."""
     if len(time_s) < 3:
         return time_s, values
@@ -274,8 +304,10 @@ def broken(time_s, values):
     return np.insert(time_s, holes, np.nan), np.insert(values, holes, np.nan)
 
 
-def capture_chart(axis, width, height):
+def capture_chart(axis: AxisWatch, width: int, height: int) -> Text:
     """The latest capture: each signal a strip over ms from the trigger, as many as fit."""
+    if axis.capture is None:
+        return Text("capture: none yet", style=QUIET)
     (_, number), held = axis.capture
     if not held.signals:
         return Text("capture: no samples yet", style=QUIET)
@@ -296,8 +328,8 @@ def capture_chart(axis, width, height):
         rows = room // len(names) + (1 if i < room % len(names) else 0)
         values = held.values(name).astype(float)
         title = Text.assemble((name, "bold"), (f" {unit_of(name)}", QUIET))
-        parts.append(charts.panel(width, rows, title, [(ms, values, IS)], span, least=1e-6))
+        parts.append(charts.panel(width, rows, title, [(ms, values, ACTUAL)], span, least=1e-6))
     ends = f"{span[0]:.1f} ms", f"{span[1]:.1f} ms"
-    gap = max(1, width - charts.GUTTER - sum(map(len, ends)))
-    parts.append(Text(" " * charts.GUTTER + ends[0] + " " * gap + ends[1], style="dim"))
+    gap = max(1, width - charts.SCALE_WIDTH - sum(map(len, ends)))
+    parts.append(Text(" " * charts.SCALE_WIDTH + ends[0] + " " * gap + ends[1], style="dim"))
     return Text("\n").join(parts)

@@ -13,6 +13,8 @@ import logging
 import shlex
 import signal
 import sys
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -21,17 +23,37 @@ from textual_serve import server as textual_server
 from textual_serve.app_service import AppService
 
 from forceaxis._core import InputError
+from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
-MOST_PAGES = 8  # open at once; each is a process
-QUIT_S = 3.0  # what a screen may take to end
+PAGES_MAX = 8  # open at once; each is a process
+QUIT_TIMEOUT_S = 3.0  # of a screen that was asked to end
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "frame-ancestors 'none'"
 )
 
 
-def is_loopback(host):
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """What the screen of a page shows; it goes to the page's process as JSON."""
+
+    url: str | None
+    axis: int | None
+    speed: float  # of the replay
+    codes: bool
+    replay: Path | None
+    mm_per_count: float | None
+
+
+class AddressError(InputError):
+    """The server cannot listen at this address and port."""
+
+
+def is_loopback(host: str) -> bool:
     """Whether only this machine reaches an address or name."""
     if host == "localhost":
         return True
@@ -52,13 +74,13 @@ def authority(url: str) -> tuple[str, str]:
 
 class Screen(AppService):
     """The process of one page; `stop` returns when the process has ended, so that pages that are
-    opened and closed in a loop never have more processes than MOST_PAGES."""
+    opened and closed in a loop never have more processes than PAGES_MAX."""
 
     async def stop(self) -> None:
-        """Ask the process to end; terminate it where it does not within QUIT_S, as while it is
-        still starting."""
+        """Ask the process to end. Terminate a process that does not end within QUIT_TIMEOUT_S: one
+        that is still starting does not."""
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(super().stop(), QUIT_S)
+            await asyncio.wait_for(super().stop(), QUIT_TIMEOUT_S)
         if (process := self._process) is None:
             return
         if process.returncode is None:
@@ -73,12 +95,12 @@ textual_server.AppService = Screen  # type: ignore[misc]  # the server has no ot
 class MonitorServer(textual_server.Server):
     """Serves one page and its screens; a request by another site's page is refused."""
 
-    def __init__(self, settings, host, port):
-        command = [sys.executable, "-m", "forceaxis.bus.monitor_web", json.dumps(settings)]
+    def __init__(self, settings: MonitorSettings, host: str, port: int) -> None:
+        command = [sys.executable, "-m", "forceaxis.bus.monitor_web", json.dumps(to_json(settings))]
         super().__init__(f"exec {shlex.join(command)}", host, port, title="forceaxis monitor")
-        self.sockets = set()
+        self.sockets: set[asyncio.Task[None]] = set()
 
-    async def _make_app(self):
+    async def _make_app(self) -> web.Application:
         app = web.Application(middlewares=[self.guard])
         app.add_routes([
             web.get("/", self.handle_index),
@@ -90,7 +112,7 @@ class MonitorServer(textual_server.Server):
         return app
 
     @web.middleware
-    async def guard(self, request, handler):
+    async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuses a name that only resolves to this machine, and screens for other sites."""
         _, host = authority(f"//{request.host}")
         origin = request.headers.get("Origin")
@@ -102,32 +124,36 @@ class MonitorServer(textual_server.Server):
             answer.headers["Content-Security-Policy"] = f"{POLICY}; connect-src ws://{request.host}"
         return answer
 
-    async def handle_index(self, request):
+    async def handle_index(self, request: web.Request) -> web.StreamResponse:
         return web.FileResponse(PAGE)
 
-    async def handle_script(self, request):
+    async def handle_script(self, request: web.Request) -> web.StreamResponse:
         return web.FileResponse(PAGE.with_suffix(".js"))
 
-    async def handle_screen(self, request):
-        if len(self.sockets) >= MOST_PAGES:
-            raise web.HTTPServiceUnavailable(text=f"{MOST_PAGES} pages are open already\n")
+    async def handle_screen(self, request: web.Request) -> web.StreamResponse:
+        if len(self.sockets) >= PAGES_MAX:
+            raise web.HTTPServiceUnavailable(text=f"{PAGES_MAX} pages are open already\n")
         self.sockets.add(request.task)
         try:
             return await self.handle_websocket(request)
         finally:
             self.sockets.discard(request.task)
 
-    async def on_shutdown(self, app):
+    async def on_shutdown(self, app: web.Application) -> None:
         for task in list(self.sockets):
             task.cancel()
 
-    async def run(self, ready):
+    async def run(self, ready: Callable[[str], object]) -> int:
         """Serves until SIGINT or SIGTERM, whose number it returns; `ready(url)` once it listens."""
-        ended = asyncio.get_running_loop().create_future()
+        loop = asyncio.get_running_loop()
+        ended: asyncio.Future[int] = loop.create_future()
+
+        def end(number: int) -> None:
+            if not ended.done():
+                ended.set_result(number)
+
         for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(
-                number, lambda n=number: ended.done() or ended.set_result(n)
-            )
+            loop.add_signal_handler(number, end, number)
         runner = web.AppRunner(await self._make_app(), shutdown_timeout=3)
         await runner.setup()
         try:
@@ -139,35 +165,35 @@ class MonitorServer(textual_server.Server):
             await runner.cleanup()
 
 
-def serve(settings, host, port, ready):
+def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str], object]) -> int:
     """Serves the monitor of `settings` (see `main`). Returns the signal that ended it."""
     logging.getLogger("textual-serve").setLevel(logging.CRITICAL)
     try:
         return asyncio.run(MonitorServer(settings, host, port).run(ready))
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(
-            f"--host {host} --port {port}: expected an address of this machine and a port that is "
-            f"free: {reason}"
+        raise AddressError(
+            f"expected an address of this machine and a port that is free: {reason}"
         ) from None
 
 
-def main():
+def main() -> None:
     """One page's screen, at the other end of textual's web driver; ends when its page does, or its
     server in any way."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import Live, Replay
+    from forceaxis.bus.sources import LiveSource, ReplaySource, Source
 
-    settings = json.loads(sys.argv[1])
-    watch, axis = Watch(settings["mm_per_count"]), settings["axis"]
-    if settings["replay"]:
-        source = Replay(watch, Path(settings["replay"]), settings["speed"], axis)
+    settings = from_json(MonitorSettings, json.loads(sys.argv[1]))
+    watch, axis = Watch(settings.mm_per_count), settings.axis
+    source: Source
+    if settings.replay:
+        source = ReplaySource(watch, settings.replay, settings.speed, axis)
     else:
-        source = Live(watch, settings["url"], axis)
+        source = LiveSource(watch, settings.url, axis)
     try:
-        Monitor(source, watch, axis, codes=settings["codes"], may_record=False).run()
+        Monitor(source, watch, axis, codes=settings.codes, may_record=False).run()
     finally:
         source.close()
 

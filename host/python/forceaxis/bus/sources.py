@@ -2,37 +2,41 @@
 
 import threading
 import time
+from pathlib import Path
 
 from forceaxis import paths
+from forceaxis._core import InputError
 from forceaxis.bus.lcm import Bus, default_url, now_us
-from forceaxis.bus.log import LogReader, LogWriter, expect_messages
+from forceaxis.bus.log import LogReader, LogWriter, no_messages
+from forceaxis.bus.monitor_state import Watch
 
 
-class Live:
+class LiveSource:
     """Messages of a bus, handed to `watch` by the connection's thread."""
 
     replayed = ended = False
 
-    def __init__(self, watch, url=None, axis=None):
-        self.watch, self.url, self.writer = watch, url or default_url(), None
-        self.unwritten = None  # the error that ended a recording
+    def __init__(self, watch: Watch, url: str | None = None, axis: int | None = None) -> None:
+        self.watch, self.url = watch, url or default_url()
+        self.writer: LogWriter | None = None
+        self.unwritten: str | None = None  # the error that ended a recording
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
         channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
         self._bus = Bus(self.url, self._take, channels)
 
     @property
-    def name(self):
+    def name(self) -> str:
         return self.url
 
     @property
-    def trouble(self):
+    def trouble(self) -> str | None:
         return self._bus.trouble or self.unwritten
 
-    def now_us(self):
+    def now_us(self) -> float:
         return now_us()
 
-    def _take(self, channel, data, wall_us):
+    def _take(self, channel: str, data: bytes, wall_us: int) -> None:
         with self._lock:
             if self.writer:
                 try:
@@ -42,13 +46,13 @@ class Live:
                     self.unwritten = f"recording ended: {paths.display(path)}: {error.strerror}"
         self.watch.take(channel, data, wall_us)
 
-    def record(self, path):
+    def record(self, path: Path) -> None:
         """Begins a log; InputError where the file exists."""
         writer = LogWriter(path)
         with self._lock:
             self.writer, self.unwritten = writer, None
 
-    def stop_recording(self):
+    def stop_recording(self) -> LogWriter | None:
         """The finished LogWriter, or None."""
         with self._lock:
             writer, self.writer = self.writer, None
@@ -59,58 +63,71 @@ class Live:
                 self.unwritten = f"recording: {paths.display(writer.path)}: {error.strerror}"
         return writer
 
-    def close(self):
+    def close(self) -> None:
         self._bus.close()
         self.stop_recording()
 
 
-class Replay:
+class ReplaySource:
     """Messages of a log at `speed` times the rate at which they were received; None: at once."""
 
-    replayed, writer = True, None
+    replayed = True
+    writer: LogWriter | None = None
 
-    def __init__(self, watch, path, speed=1.0, axis=None):
+    def __init__(
+        self, watch: Watch, path: Path, speed: float | None = 1.0, axis: int | None = None
+    ) -> None:
         self.watch, self.path, self.speed = watch, path, speed
         self.reader = LogReader(path)
         first = next(iter(self.reader), None)
-        expect_messages(self.reader)
+        if first is None:
+            raise no_messages(self.reader)
         self._own = None if axis is None else f"AXIS_{axis}_"
-        self._at_us, self._start = first.wall_us, first.wall_us
-        self.ended, self.trouble, self._run = False, None, True
+        self._at_us: float = first.wall_us
+        self._start_us, self.ended, self._run = first.wall_us, False, True
+        self.trouble: str | None = None
         self._go = threading.Event()
         self._go.set()
-        self._thread = None
+        self._thread: threading.Thread | None = None
 
     @property
-    def name(self):
-        speed = "" if self.speed in (None, 1) else f" x {self.speed:g}"
+    def name(self) -> str:
+        speed = "" if self.speed is None or self.speed == 1 else f" x {self.speed:g}"
         return f"replay of {self.path.name}{speed}"
 
-    def start(self):
+    def start(self) -> None:
         self._thread = threading.Thread(target=self._play, daemon=True, name="replay")
         self._thread.start()
 
-    def play_all(self):
+    def play_all(self) -> None:
         """Passes all messages at once, in this thread."""
         self.speed = None
         self._play()
 
-    def now_us(self):
+    def now_us(self) -> float:
         return self._at_us
 
-    def position_s(self):
-        return (self._at_us - self._start) / 1e6
+    def position_s(self) -> float:
+        return (self._at_us - self._start_us) / 1e6
 
-    def pause(self, paused):
+    def record(self, path: Path) -> None:
+        """Refuses: a replay is a log already."""
+        raise InputError("expected a bus to record; a replay is a log already")
+
+    def stop_recording(self) -> LogWriter | None:
+        """None: a replay is never recorded."""
+        return None
+
+    def pause(self, paused: bool) -> None:
         self._go.clear() if paused else self._go.set()
 
-    def close(self):
+    def close(self) -> None:
         self._run = False
         self._go.set()
         if self._thread:
             self._thread.join(2)
 
-    def _play(self):
+    def _play(self) -> None:
         clock = time.monotonic()
         for entry in self.reader:
             while self.speed:
@@ -130,3 +147,6 @@ class Replay:
             if self._own is None or entry.channel.startswith((self._own, "SIM_")):
                 self.watch.take(entry.channel, entry.data, entry.wall_us)
         self.ended, self.trouble = True, self.reader.damage
+
+
+Source = LiveSource | ReplaySource

@@ -1,6 +1,7 @@
 """Names of a drive's numbers: CiA 402 state, mode of operation, EMCY code, enumerations."""
 
 from forceaxis import objects
+from forceaxis.objects import AxisObject
 
 BY_NAME = {o.name: o for o in objects.OBJECTS}
 
@@ -57,7 +58,7 @@ TARGET_MODES = {-5, 1, 8}
 PROFILE_MODES = {-4, 3, 6, 9}
 
 
-def drive_state(statusword):
+def drive_state(statusword: int) -> str:
     """The CiA 402 state, or the word itself where no state has that pattern."""
     for mask, value, text in STATES:
         if statusword & mask == value:
@@ -65,7 +66,7 @@ def drive_state(statusword):
     return f"statusword {statusword:04X}h"
 
 
-def condition(statusword, fault):
+def condition(statusword: int, fault: int) -> str:
     """What a drive is in, as a sentence: "it is operation enabled without a fault", "it has the
     fault no_contact" with the state where that is another than fault; fault: raw."""
     state, name = drive_state(statusword), enum("fault", fault)
@@ -76,7 +77,7 @@ def condition(statusword, fault):
     return f"it is {state} with the fault {name}"
 
 
-def status_bits(statusword, mode=None):
+def status_bits(statusword: int, mode: int | None = None) -> list[str]:
     """The further statusword bits that are set, by their names in this mode."""
     names = [text for bit, text in BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
@@ -85,34 +86,32 @@ def status_bits(statusword, mode=None):
     return names
 
 
-def mode(number):
+def mode(number: int) -> str:
     """The mode of operation (6061h) in words."""
     return MODES.get(number, f"mode {number}")
 
 
-def node_state(number):
+def node_state(number: int) -> str:
     return NODE_STATES.get(number, f"NMT {number}")
 
 
-def emergency(code):
+def emergency(code: int) -> str:
     """An EMCY code in words, with its number."""
     text = _named("error_code", code) if code else "error reset"
     return f"EMCY {code:04X}h {text.replace('_', ' ')}" if text else f"EMCY {code:04X}h"
 
 
-def enum(name, raw):
+def enum(name: str, raw: int) -> str:
     """Text of an object's raw value; the number where the table has no text for it."""
     return _named(name, raw) or str(raw)
 
 
-def texts(known):
+def texts(known: AxisObject) -> dict[str, int]:
     """{text: raw value} of an object whose values have names, else empty."""
-    return {t: i for i, t in enumerate(known.enum)} | {
-        text: value for value, text in getattr(known, "values", ())
-    }
+    return {t: i for i, t in enumerate(known.enum)} | {text: value for value, text in known.values}
 
 
-def _named(name, raw):
+def _named(name: str, raw: int) -> str | None:
     known = BY_NAME.get(name)
     if known is None:
         return None

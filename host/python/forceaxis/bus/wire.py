@@ -6,6 +6,7 @@ the memory is full, and a string that is cut off passes as a shorter one.
 
 import functools
 import math
+from typing import ClassVar, Protocol, Self
 
 _SIZES = {
     "int8_t": 1, "byte": 1, "boolean": 1, "int16_t": 2, "int32_t": 4, "int64_t": 8,
@@ -13,17 +14,43 @@ _SIZES = {
 }  # fmt: skip
 
 
+class Message(Protocol):
+    """What every generated message type has."""
+
+    __slots__: ClassVar[list[str]]
+    __typenames__: list[str]
+    __dimensions__: list[list[str] | None]
+    wall_utime: int
+    seq: int
+    run_id: int
+
+    @classmethod
+    def decode(cls, data: bytes) -> Self:
+        """The message in these bytes."""
+
+    @classmethod
+    def _get_packed_fingerprint(cls) -> bytes:
+        """The first eight bytes of every message of the type."""
+
+    def encode(self) -> bytes:
+        """The bytes of the message."""
+
+
+# Bytes of values that count no rows; (name, bytes) of a count; (names of counts, bytes of one
+# element, 0 for strings) of an array or string.
+Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
+
+
 class Torn(ValueError):
     """A count or length that does not fit the data."""
 
 
 @functools.cache
-def _plan(message_type):
-    """What follows the fingerprint, in order: an int for the bytes of values that count nothing,
-    (name, bytes) for a count, (names of counts, bytes or 0 of a string) for an array or string."""
+def _plan(message_type: type[Message]) -> list[Step]:
+    """What follows the fingerprint of a message, in order."""
     dimensions = message_type.__dimensions__
     counting = {name for each in dimensions if each for name in each}
-    steps = []
+    steps: list[Step] = []
     for name, kind, each in zip(
         message_type.__slots__, message_type.__typenames__, dimensions, strict=True
     ):
@@ -40,19 +67,19 @@ def _plan(message_type):
 
 
 class _Reader:
-    def __init__(self, data):
+    def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
-    def skip(self, count):
+    def skip(self, count: int) -> None:
         self.at += count
         if self.at > len(self.data):
             raise Torn("ends early")
 
-    def number(self, size):
+    def number(self, size: int) -> int:
         self.skip(size)
         return int.from_bytes(self.data[self.at - size : self.at], "big", signed=True)
 
-    def string(self):
+    def string(self) -> None:
         length = self.number(4)
         if length < 1:
             raise Torn("a string without its final zero")
@@ -61,9 +88,10 @@ class _Reader:
             raise Torn("a string without its final zero")
 
 
-def expect_whole(message_type, data):
+def expect_whole(message_type: type[Message], data: bytes) -> None:
     """Raises Torn unless every count and length of the data fits and nothing is left over."""
-    reader, counts = _Reader(bytes(data)), {}
+    reader = _Reader(bytes(data))
+    counts: dict[str, int] = {}
     reader.skip(8)
     if reader.data[:8] != message_type._get_packed_fingerprint():
         raise Torn("another type")
@@ -79,7 +107,7 @@ def expect_whole(message_type, data):
             continue
         elements = math.prod(counts[dimension] for dimension in what)
         if elements == 0 and any(counts[dimension] for dimension in what[:1]):
-            raise Torn("rows of nothing")  # which take no bytes, but time and memory
+            raise Torn("rows of nothing")  # they have no bytes, but cost time and memory
         if size:
             reader.skip(elements * size)
             continue

@@ -24,83 +24,144 @@ emulating and flashing its image. Sources and scripts are named from that folder
 Programs of tools/ import this file without the package: only the standard library is used.
 """
 
+import dataclasses
 import tomllib
+import types
+import typing
+from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 FILE = "board.toml"
 _package = Path(__file__).resolve().parents[1]
 _checkout = _package.parents[2] / "firmware/port"
 PORTS = _checkout if _checkout.is_dir() else _package / "port"
 
-TEXTS, NAMES, NUMBERS = [str], {str: str}, [int]
-SCHEMA = {
-    "name": str,
-    "image": str,
-    "build": {
-        "tools": str,
-        "package": str,
-        "flags": TEXTS,
-        "script": str,
-        "sources": TEXTS,
-    },
-    "released": {"identity": str, "sources": TEXTS},
-    "memory": {"flash": NUMBERS, "sectors": NUMBERS, "parameters": NUMBERS, "ram": NUMBERS},
-    "limits": {
-        "interrupt_instructions": int,
-        "adc_to_dac_instructions": int,
-        "flash_bytes": int,
-        "ram_bytes": int,
-        "recorder_bytes": int,
-    },
-    "stack": {
-        "thread": str,
-        "levels": [TEXTS],
-        "section": str,
-        "recorder": str,
-        "indirect": {str: TEXTS},
-    },
-    "emulator": {
-        "identity": str,
-        "sources": TEXTS,
-        "program": str,
-        "package": str,
-        "machine": str,
-        "serial_lines": TEXTS,
-        "clock": TEXTS,
-    },
-    "probe": {
-        "title": str,
-        "config": str,
-        "version": str,
-        "chip": str,
-        "chip_id": int,
-        "chip_id_address": int,
-        "options": {
-            "title": str,
-            "address": int,
-            "mask": int,
-            "value": int,
-            "keys_address": int,
-            "keys": NUMBERS,
-            "start": int,
-            "lock": int,
-            "busy_address": int,
-            "busy": int,
-        },
-    },
-    "registers": {
-        "header": str,
-        "package": str,
-        "devices": TEXTS,
-        "core": TEXTS,
-        "peripherals": NAMES,
-        "prefixes": NAMES,
-        "split": NAMES,
-        "lacking": TEXTS,
-    },
-}
-OPTIONAL = {"emulator", "probe", "registers", "options", "lacking"}
+
+@dataclass(frozen=True)
+class Build:
+    """The compiler of a board, and the sources of each of its images."""
+
+    tools: str  # prefix of the compiler's programs
+    package: str
+    flags: list[str]
+    script: str
+    sources: list[str]
+
+
+@dataclass(frozen=True)
+class Released:
+    """The image that is flashed."""
+
+    identity: str
+    sources: list[str]
+
+
+@dataclass(frozen=True)
+class Memory:
+    """The memories of the chip, as addresses; the sizes of the flash's sectors in bytes."""
+
+    flash: range
+    sectors: list[int]
+    parameters: range  # of the parameter store
+    ram: range
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The limits of the released image."""
+
+    interrupt_instructions: int
+    adc_to_dac_instructions: int
+    flash_bytes: int
+    ram_bytes: int
+    recorder_bytes: int
+
+
+@dataclass(frozen=True)
+class Stack:
+    """What tools/image_report must know to find the deepest stack."""
+
+    thread: str
+    levels: list[list[str]]
+    section: str
+    recorder: str
+    indirect: dict[str, list[str]]
+
+
+@dataclass(frozen=True)
+class EmulatedImage:
+    """The image for the emulator, and the command line of the emulator."""
+
+    identity: str
+    sources: list[str]
+    program: str
+    package: str
+    machine: str
+    serial_lines: list[str]
+    clock: list[str]
+
+
+@dataclass(frozen=True)
+class ProbeOptions:
+    """Bits of a register that a flashing sets and reads back."""
+
+    title: str
+    address: int
+    mask: int
+    value: int
+    keys_address: int
+    keys: list[int]
+    start: int
+    lock: int
+    busy_address: int
+    busy: int
+
+
+@dataclass(frozen=True)
+class Probe:
+    """The debug probe that writes the flash, and the chip that it must find."""
+
+    title: str
+    config: str
+    version: str  # pattern of the version in openocd's output
+    chip: str
+    chip_id: int
+    chip_id_address: int
+    options: ProbeOptions | None
+
+
+@dataclass(frozen=True)
+class Registers:
+    """The vendor's register descriptions, and the names in them that differ."""
+
+    header: str
+    package: str
+    devices: list[str]
+    core: list[str]
+    peripherals: dict[str, str]
+    prefixes: dict[str, str]
+    split: dict[str, str]
+    lacking: list[str] | None
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board.toml; `folder` is where it is."""
+
+    name: str
+    image: str
+    build: Build
+    released: Released
+    memory: Memory
+    limits: Limits
+    stack: Stack
+    emulator: EmulatedImage | None
+    probe: Probe | None
+    registers: Registers | None
+    folder: Path
+
+
 WORDS = {str: "a text", int: "a number"}
 
 
@@ -108,59 +169,75 @@ class BoardError(ValueError):
     """A board.toml that is missing or wrong: one line."""
 
 
-def _checked(where, value, schema):
-    """The value, tables as namespaces. Raises BoardError unless it fits the schema."""
-    if isinstance(schema, type):
-        if type(value) is not schema:
-            raise BoardError(f"{where}: expected {WORDS[schema]}")
-        return value
-    if isinstance(schema, list):
+def _read_value(where: str, value: Any, kind: Any) -> Any:
+    """A value of the file as the type `kind`. Raises BoardError where it is of another type."""
+    if isinstance(kind, types.UnionType):  # an optional table or list that is there
+        kind = typing.get_args(kind)[0]
+    if dataclasses.is_dataclass(kind):
+        return _read_table(where, value, kind)
+    if kind is range:
+        numbers = _read_value(where, value, list[int])
+        if len(numbers) != 2:
+            raise BoardError(f"{where}: expected an address and a number of bytes")
+        return range(numbers[0], sum(numbers))
+    if typing.get_origin(kind) is list:
         if not isinstance(value, list):
             raise BoardError(f"{where}: expected a list")
-        return [_checked(f"{where}[{i}]", v, schema[0]) for i, v in enumerate(value)]
+        (item,) = typing.get_args(kind)
+        return [_read_value(f"{where}[{i}]", v, item) for i, v in enumerate(value)]
+    if typing.get_origin(kind) is dict:
+        item = typing.get_args(kind)[1]
+        return {k: _read_value(f"{where}.{k}", v, item) for k, v in _table(where, value).items()}
+    if type(value) is not kind:
+        raise BoardError(f"{where}: expected {WORDS[kind]}")
+    return value
+
+
+def _table(where: str, value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise BoardError(f"{where}: expected a table")
-    if str in schema:
-        return {k: _checked(f"{where}.{k}", v, schema[str]) for k, v in value.items()}
-    if unknown := sorted(value.keys() - schema.keys()):
-        raise BoardError(f"{where}: {unknown[0]}: expected one of {', '.join(schema)}")
-    if missing := [k for k in schema if k not in value and k not in OPTIONAL]:
-        raise BoardError(f"{where}: expected {missing[0]}")
-    return SimpleNamespace(
-        **{
-            k: _checked(f"{where}: {k}", value[k], kind) if k in value else None
-            for k, kind in schema.items()
-        }
-    )
+    return value
 
 
-def read(folder):
+def _read_table(where: str, value: Any, kind: Any, **given: Any) -> Any:
+    """A table of the file as the dataclass `kind`; given: fields that the file does not have."""
+    table = _table(where, value)
+    kinds = {k: v for k, v in typing.get_type_hints(kind).items() if k not in given}
+    if unknown := sorted(table.keys() - kinds.keys()):
+        raise BoardError(f"{where}: {unknown[0]}: expected one of {', '.join(kinds)}")
+    for key, expected in kinds.items():
+        if key in table:
+            given[key] = _read_value(f"{where}: {key}", table[key], expected)
+        elif isinstance(expected, types.UnionType):
+            given[key] = None
+        else:
+            raise BoardError(f"{where}: expected {key}")
+    return kind(**given)
+
+
+def read(folder: Path | str) -> Board:
     """The board of a folder. Raises BoardError."""
     path = Path(folder) / FILE
     try:
-        board = _checked(path, tomllib.loads(path.read_text(encoding="utf-8")), SCHEMA)
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError:
         raise BoardError(f"{path}: expected the description of a board, there is none") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BoardError(f"{path}: expected TOML; {error}") from None
-    memory = board.memory
-    for name in ("flash", "parameters", "ram"):
-        span = getattr(memory, name)
-        if len(span) != 2:
-            raise BoardError(f"{path}: memory: {name}: expected an address and a number of bytes")
-        setattr(memory, name, range(span[0], sum(span)))
-    if sum(memory.sectors) != len(memory.flash):
-        raise BoardError(f"{path}: memory: sectors: expected {len(memory.flash)} bytes in all")
-    board.folder = path.parent
+    board: Board = _read_table(str(path), table, Board, folder=path.parent)
+    if sum(board.memory.sectors) != len(board.memory.flash):
+        raise BoardError(
+            f"{path}: memory: sectors: expected {len(board.memory.flash)} bytes in all"
+        )
     return board
 
 
-def folders():
+def folders() -> list[Path]:
     """The folders of all known boards."""
     return sorted(path.parent for path in PORTS.glob(f"*/{FILE}"))
 
 
-def known():
+def known() -> list[Board]:
     """All boards whose description can be read; tools/image reports the errors of others."""
     boards = []
     for folder in folders():

@@ -11,29 +11,35 @@ import subprocess
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
-from types import SimpleNamespace
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 
-LINK = "pil-"  # processor in the loop
+LINK_PREFIX = "pil-"  # processor in the loop
 IMAGES = Path(__file__).resolve().parents[4] / "build/image"
 
 
 def links() -> tuple[str, ...]:
     """Names of the links to the boards that have an emulator."""
-    return tuple(LINK + board.name for board in boards.known() if board.emulator)
+    return tuple(LINK_PREFIX + board.name for board in boards.known() if board.emulator)
 
 
-def board_of(link: str) -> SimpleNamespace:
+def board_of(link: str) -> boards.Board:
     """The board of a link."""
-    (board,) = [b for b in boards.known() if b.emulator and LINK + b.name == link]
+    (board,) = [b for b in boards.known() if b.emulator and LINK_PREFIX + b.name == link]
     return board
 
 
+def emulated_image(board: boards.Board) -> boards.EmulatedImage:
+    """The image for the emulator of a board. Raises InputError for a board without one."""
+    if board.emulator is None:
+        raise InputError(f"{board.name}: expected a board with an emulator")
+    return board.emulator
+
+
 def command(
-    board: SimpleNamespace,
+    board: boards.Board,
     image: Path,
     *options: str,
     arguments: Iterable[str | Path] = (),
@@ -45,7 +51,7 @@ def command(
     chip with CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
     Raises InputError if the program or the image is missing.
     """
-    emulator = board.emulator
+    emulator = emulated_image(board)
     if not image.is_file():
         raise InputError(
             f"{paths.display(image)}: expected an image, there is none; "
@@ -72,7 +78,7 @@ class Emulator:
     time, so a run is the same every time. `pipes`: file descriptors to it and from it. Raises as
     command() does."""
 
-    def __init__(self, board: SimpleNamespace) -> None:
+    def __init__(self, board: boards.Board) -> None:
         self.board = board
         self._stack = contextlib.ExitStack()
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="forceaxis.")))
@@ -81,8 +87,8 @@ class Emulator:
             line = command(
                 board,
                 IMAGES / f"{board.image}-emulated.elf",
-                *board.emulator.clock,
-                arguments=["forceaxis", *names],
+                *emulated_image(board).clock,
+                arguments=["forceaxis", *map(str, names)],
             )
         except InputError:
             self._stack.close()
@@ -114,4 +120,4 @@ class Emulator:
         self._log.flush()
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().split("\n") if line.strip()]
-        return f"{self.board.emulator.program} printed {lines[-1] if lines else 'nothing'}"
+        return f"{emulated_image(self.board).program} printed {lines[-1] if lines else 'nothing'}"

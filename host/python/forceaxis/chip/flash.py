@@ -4,15 +4,18 @@ import re
 import shlex
 import shutil
 import subprocess
-from types import SimpleNamespace
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 from forceaxis.chip import image as images
+from forceaxis.errors import ParameterError
+from forceaxis.results import json_field
 
-TIMEOUT_S = 120
+OPENOCD_TIMEOUT_S = 120
 # Patterns of openocd's output and their meaning; the first match counts.
 FAILURES = (
     (
@@ -43,8 +46,12 @@ class FlashError(Exception):
     """Probe or chip failed: exit status 1."""
 
 
-class Plan(NamedTuple):
-    board: SimpleNamespace
+@dataclass(frozen=True)
+class Plan:
+    """What a write of an image changes on the board."""
+
+    board: boards.Board
+    probe: boards.Probe
     image: images.Image
     identity: images.Identity
     sectors: list[int]
@@ -52,7 +59,7 @@ class Plan(NamedTuple):
     serial: str
 
     @property
-    def warning(self):
+    def warning(self) -> str | None:
         """A warning about an image that can be written, or None."""
         ours = objects.OBJECTS_HASH[:8]
         if self.identity.table_hash == ours:
@@ -63,21 +70,23 @@ class Plan(NamedTuple):
         )
 
 
-def board_of(image, identity):
-    """The board that the image is for. Raises InputError."""
-    flashable = [b for b in boards.known() if b.probe]
-    for board in flashable:
+def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Board, boards.Probe]:
+    """The board that the image is for, and its probe. Raises InputError."""
+    flashable = [(board, board.probe) for board in boards.known() if board.probe]
+    for board, probe in flashable:
         if board.released.identity == identity.board:
-            return board
-    names = ", ".join(b.released.identity for b in flashable)
+            return board, probe
+    names = ", ".join(board.released.identity for board, _ in flashable)
     raise InputError(f"{image.path}: expected an image for {names}, this is for {identity.board}")
 
 
-def plan(path, address=None, erase_parameters=False, serial=""):
+def plan(
+    path: Path, address: int | None = None, erase_parameters: bool = False, serial: str = ""
+) -> Plan:
     """What would be written. Raises InputError for a file that is no image for its chip."""
     image = images.load(path, address)
     identity = images.identity(image)
-    board = board_of(image, identity)
+    board, probe = board_of(image, identity)
     flash, ram, parameters = board.memory.flash, board.memory.ram, board.memory.parameters
     if image.kind == "bin" and address is None:
         image = image.moved(flash.start)
@@ -97,25 +106,26 @@ def plan(path, address=None, erase_parameters=False, serial=""):
         )
     if not erase_parameters and any(overlaps(s, parameters) for s in image.segments):
         hint = "; a .hex or .elf may leave them out" if image.kind == "bin" else ""
-        raise InputError(
-            f"{path}: expected --erase-parameters, it would write over the stored parameters "
-            f"{span(parameters)}{hint}"
+        raise ParameterError(
+            "erase_parameters",
+            f"expected for {path}, which would write over the stored parameters "
+            f"{span(parameters)}{hint}",
         )
     # Within its braces Tcl reads every other character literally.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError("expected a file name without { } \\ and control characters, for openocd")
     if not re.fullmatch(r"[0-9A-Za-z]*", serial):
-        raise InputError(f"--serial: expected letters and digits, got {serial}")
+        raise ParameterError("serial", f"expected letters and digits, got {serial}")
     sectors = [
         n
         for n, sector in enumerate(sectors_of(board))
         if any(overlaps(s, sector) for s in image.segments)
         or (erase_parameters and sector.start in parameters)
     ]
-    return Plan(board, image, identity, sectors, erase_parameters, serial)
+    return Plan(board, probe, image, identity, sectors, erase_parameters, serial)
 
 
-def sectors_of(board):
+def sectors_of(board: boards.Board) -> list[range]:
     """Their addresses, in order."""
     sectors, first = [], board.memory.flash.start
     for size in board.memory.sectors:
@@ -124,58 +134,55 @@ def sectors_of(board):
     return sectors
 
 
-def overlaps(segment, addresses):
+def overlaps(segment: images.Segment, addresses: range) -> bool:
     return segment.address < addresses.stop and addresses.start < segment.end
 
 
-def span(addresses):
+def span(addresses: range) -> str:
     return f"{addresses.start:#010x}..{addresses.stop - 1:#010x}"
 
 
-def describe(plan):
-    who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
-    options = plan.board.probe.options
-    starts = [sector.start for sector in sectors_of(plan.board)]
-    sectors = ", ".join(
-        f"{n} ({'parameters, ' if starts[n] in parameters else ''}{starts[n]:#010x})"
-        for n in plan.sectors
+@dataclass(frozen=True)
+class FlashSummary:
+    """What a write changes: `forceaxis flash --json`; probe and chip after a write only."""
+
+    version: str
+    git: str
+    table_hash: str
+    board: str
+    file: Path
+    size: int
+    sectors: list[int]
+    erase_parameters: bool
+    warning: str | None
+    command: list[str]  # of openocd
+    probe: str | None = json_field(omit_none=True)
+    chip: str | None = json_field(omit_none=True)
+
+
+def summary(plan: Plan, probe: str | None = None, chip: str | None = None) -> FlashSummary:
+    """The plan as it is reported; probe, chip: the ones found, of a write that was done."""
+    return FlashSummary(
+        *plan.identity,
+        file=plan.image.path,
+        size=plan.image.size,
+        sectors=plan.sectors,
+        erase_parameters=plan.erase_parameters,
+        warning=plan.warning,
+        command=command(plan),
+        probe=probe,
+        chip=chip,
     )
-    rows = (
-        ("file", f"{image.path}"),
-        ("size", f"{image.size} bytes"),
-        ("sectors", sectors),
-        ("version", who.version),
-        ("git", who.git),
-        ("objects", who.table_hash),
-        ("board", who.board),
-        (
-            "parameters",
-            "erased: the axis starts with defaults" if plan.erase_parameters else "kept",
-        ),
-        *([("options", options.title)] if options else []),
-    )
-    return "\n".join(f"{name:12} {value}" for name, value in rows)
 
 
-def summary(plan):
-    return plan.identity._asdict() | {
-        "file": str(plan.image.path),
-        "size": plan.image.size,
-        "sectors": plan.sectors,
-        "erase_parameters": plan.erase_parameters,
-        "warning": plan.warning,
-        "command": command(plan),
-    }
+def probe_options(probe: boards.Probe, serial: str) -> list[str]:
+    return ["-f", probe.config, *(["-c", f"adapter serial {serial}"] if serial else [])]
 
 
-def probe_options(board, serial):
-    return ["-f", board.probe.config, *(["-c", f"adapter serial {serial}"] if serial else [])]
-
-
-def command(plan):
+def command(plan: Plan) -> list[str]:
     """The command line that sets the option bytes, writes, verifies and resets."""
     steps = []
-    options = plan.board.probe.options
+    options = plan.probe.options
     if options or plan.erase_parameters:
         steps += ["init", "reset init"]
     if options:
@@ -186,10 +193,10 @@ def command(plan):
     where = f" {plan.image.address:#010x}" if plan.image.kind == "bin" else ""
     steps.append(f"program {{{plan.image.path}}} verify reset exit{where}")
     words = [word for step in steps for word in ("-c", step)]
-    return ["openocd", *probe_options(plan.board, plan.serial), *words]
+    return ["openocd", *probe_options(plan.probe, plan.serial), *words]
 
 
-def options_steps(options):
+def options_steps(options: boards.ProbeOptions) -> list[str]:
     """openocd's commands that set option bytes where they are not right, and print the register: it
     is opened by its keys, written, started by a write of its own, awaited and locked."""
     at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
@@ -207,9 +214,9 @@ def options_steps(options):
     ]
 
 
-def expect_options(plan, output):
+def expect_options(plan: Plan, output: str) -> None:
     """Raises FlashError unless the option bytes were read back as they are wanted."""
-    options = plan.board.probe.options
+    options = plan.probe.options
     if options is None:
         return
     found = re.search(r"^options ([0-9a-f]{8})\s*$", output, re.M)
@@ -220,23 +227,23 @@ def expect_options(plan, output):
         )
 
 
-def quoted(words):
+def quoted(words: Sequence[str]) -> str:
     return shlex.join(words)
 
 
-def expect_openocd():
+def expect_openocd() -> None:
     if shutil.which("openocd") is None:
         raise InputError("openocd: expected it on PATH; install it with `apt install openocd`")
 
 
-def find_probe(plan):
+def find_probe(plan: Plan) -> tuple[str, str]:
     """(probe, chip) as texts, nothing changed on the chip. Raises FlashError."""
-    probe = plan.board.probe
+    probe = plan.probe
     output = run(
-        plan.board,
+        probe,
         [
             "openocd",
-            *probe_options(plan.board, plan.serial),
+            *probe_options(plan.probe, plan.serial),
             *("-c", "init"),
             *("-c", f"echo [format {{device %08x}} [mrw {probe.chip_id_address:#x}]]"),
             *("-c", "shutdown"),
@@ -258,15 +265,15 @@ def find_probe(plan):
     return text, f"{probe.chip}, revision {idcode >> 16:#x}"
 
 
-def write(plan):
+def write(plan: Plan) -> None:
     """Erases, writes, verifies, resets. Raises FlashError."""
-    output = run(plan.board, command(plan))
+    output = run(plan.probe, command(plan))
     if "** Verified OK **" not in output:
         raise FlashError("openocd: expected `Verified OK`; " + last_line(output))
     expect_options(plan, output)
 
 
-def run(board, words):
+def run(probe: boards.Probe, words: Sequence[str]) -> str:
     """What openocd printed. Raises FlashError with its reason."""
     done = subprocess.run(
         words,
@@ -275,18 +282,18 @@ def run(board, words):
         stderr=subprocess.STDOUT,
         text=True,
         errors="replace",
-        timeout=TIMEOUT_S,
+        timeout=OPENOCD_TIMEOUT_S,
         check=False,
     )
     if done.returncode == 0:
         return done.stdout
     for pattern, meaning in FAILURES:
         if re.search(pattern, done.stdout):
-            raise FlashError("openocd: " + meaning.format(probe=board.probe.title))
+            raise FlashError("openocd: " + meaning.format(probe=probe.title))
     raise FlashError(f"openocd: ended with status {done.returncode}; {last_line(done.stdout)}")
 
 
-def last_line(output):
+def last_line(output: str) -> str:
     """The most informative line: openocd's last error, else its last line."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")]

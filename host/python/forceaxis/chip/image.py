@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 
 MAGIC = b"FAXI"
 IDENTITY = struct.Struct("<4sI16s16sI16s")
@@ -74,7 +75,7 @@ def load(path: Path | str, address: int | None = None) -> Image:
     if kind not in READERS:
         raise InputError(f"{path}: expected a file .elf, .hex or .bin")
     if address is not None and kind != "bin":
-        raise InputError(f"{path}: expected --address with a .bin only; this file has its own")
+        raise ParameterError("address", f"expected with a .bin only; {path} has its own addresses")
     if path.stat().st_size > BYTES_MAX:
         raise InputError(f"{path}: expected an image, which is smaller than {BYTES_MAX} bytes")
     data = path.read_bytes()

@@ -1,11 +1,13 @@
 """Verbs that compare possible changes of an axis."""
 
 import shutil
+from pathlib import Path
 
 import click
 
 from forceaxis import paths
 from forceaxis.cli.common import (
+    Callback,
     Parameter,
     Positive,
     Slow,
@@ -18,7 +20,7 @@ from forceaxis.cli.common import (
 from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
-def over_options(verb):
+def over_options(verb: Callback) -> Callback:
     """Add the options --over and --modes."""
     verb = click.option(
         "--modes",
@@ -70,8 +72,19 @@ def over_options(verb):
 @drawn
 @as_json
 def advise(
-    model, overrides, states, timing, factor, simulate, linear, over, modes, threads, out, as_json
-):
+    model: str,
+    overrides: tuple[str, ...],
+    states: tuple[str, ...],
+    timing: str | None,
+    factor: float,
+    simulate: bool,
+    linear: bool,
+    over: tuple[str, ...],
+    modes: str,
+    threads: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
     """Show what limits the bandwidth of a force loop, and how much each change improves it.
 
     Rows are ranked by the crossover frequency at half the critical gain. Beside the linear limit
@@ -139,9 +152,19 @@ def advise(
 @drawn
 @as_json
 def compliance(
-    model, element, overrides, states, over, lowest, highest, points, adc_bits, threads, out,
-    as_json,
-):  # fmt: skip
+    model: str,
+    element: str | None,
+    overrides: tuple[str, ...],
+    states: tuple[str, ...],
+    over: tuple[str, ...],
+    lowest: float | None,
+    highest: float | None,
+    points: int,
+    adc_bits: int | None,
+    threads: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
     """Compare a soft contact with a low gain: vary the stiffness of pad, sensor or workpiece.
 
     For each stiffness of one element the verb prints the bandwidth fS over the set of plants, of
@@ -157,7 +180,7 @@ def compliance(
     check_drawing(out)
     if (lowest is None) != (highest is None):
         raise click.UsageError("expected --from and --to together, got one of them")
-    span = None if lowest is None else (lowest, highest)
+    span = None if lowest is None or highest is None else (lowest, highest)
     order = soft.ComplianceOrder(
         model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads,
         models.states(states),

@@ -41,7 +41,16 @@ from forceaxis.cli.common import Verb, as_json
     help="Measure everything; the exit status is 1 if a promised ratio is missed.",
 )
 @as_json
-def bench_(cases, tools, repeat, sweeps, linear, links, check, as_json):
+def bench_(
+    cases: tuple[str, ...],
+    tools: tuple[str, ...],
+    repeat: int,
+    sweeps: bool,
+    linear: bool,
+    links: bool,
+    check: bool,
+    as_json: bool,
+) -> None:
     """Measure the speed of the simulator, and of odeint, MuJoCo and SciPy if they are installed.
 
     The verb prints how many times faster than real time one thread simulates 2 s of a force loop,

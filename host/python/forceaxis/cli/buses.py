@@ -5,12 +5,18 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.common import File, Folder, Positive, Subject, Verb, Verbs, as_json, show
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.bus.monitor_state import Watch
+    from forceaxis.bus.sources import Source
 
 log_file = click.argument(
     "log_path", metavar="FILE.log", type=click.Path(dir_okay=False, path_type=Path)
@@ -63,8 +69,20 @@ log_file = click.argument(
 )
 @as_json
 def monitor(
-    url, axis, record, replay, speed, once, seconds, codes, model, web, host, port, as_json
-):
+    url: str | None,
+    axis: int | None,
+    record: Path | None,
+    replay: Path | None,
+    speed: float | None,
+    once: bool,
+    seconds: float,
+    codes: bool,
+    model: str | None,
+    web: bool,
+    host: str | None,
+    port: int | None,
+    as_json: bool,
+) -> None:
     """Show axes live over LCM: state, mode, fault, values, strip charts and lost messages.
 
     The monitor shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing
@@ -87,11 +105,10 @@ def monitor(
     if not once and not web and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise click.UsageError("expected a terminal; in scripts use --once, with --json")
     from forceaxis.bus.monitor_state import Watch
-    from forceaxis.bus.sources import Live, Replay
 
     mm_per_count = encoder_mm(model) if model else None
     watch = Watch(mm_per_count)
-    source = Replay(watch, replay, speed or 1.0, axis) if replay else Live(watch, url, axis)
+    source = source_of(watch, url, replay, speed or 1.0, axis)
     try:
         if record:
             source.record(record)
@@ -108,12 +125,21 @@ def monitor(
     if writer:
         click.echo(f"{paths.display(writer.path)}: {writer.count} messages")
     if web:
-        settings = {"url": url, "axis": axis, "speed": speed or 1.0, "codes": codes}
-        settings |= {"replay": replay and str(replay), "mm_per_count": mm_per_count}
-        serve(settings, host or "127.0.0.1", 8780 if port is None else port)
+        shown: dict[str, Any] = {"url": url, "axis": axis, "speed": speed or 1.0, "codes": codes}
+        shown |= {"replay": replay, "mm_per_count": mm_per_count}
+        serve(shown, host or "127.0.0.1", 8780 if port is None else port)
 
 
-def encoder_mm(model):
+def source_of(
+    watch: "Watch", url: str | None, replay: Path | None, speed: float, axis: int | None
+) -> "Source":
+    """Return the log at `replay`, or the bus without one, as the source of `watch`."""
+    from forceaxis.bus.sources import LiveSource, ReplaySource
+
+    return ReplaySource(watch, replay, speed, axis) if replay else LiveSource(watch, url, axis)
+
+
+def encoder_mm(model: str) -> float:
     """Return the length in mm of one encoder count of a model."""
     from forceaxis.linear import system
 
@@ -123,7 +149,7 @@ def encoder_mm(model):
     return 1e3 / encoder.scale
 
 
-def serve(settings, host, port):
+def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
     """Serve the monitor to browsers until a signal ends it; exit with the status of the signal."""
     try:
         from forceaxis.bus import monitor_web
@@ -132,66 +158,36 @@ def serve(settings, host, port):
             "--web: expected textual-serve; install it with `pip install 'forceaxis[web]'`"
         ) from None
     ready = lambda url: show([("monitor", url)])  # noqa: E731
-    sys.exit(128 + monitor_web.serve(settings, host, port, ready))
+    settings = monitor_web.MonitorSettings(**shown)
+    try:
+        sys.exit(128 + monitor_web.serve(settings, host, port, ready))
+    except monitor_web.AddressError as error:
+        raise InputError(f"--host {host} --port {port}: {error}") from None
 
 
-def snapshot(watch, source, axis, seconds, as_json):
+def snapshot(
+    watch: "Watch", source: "Source", axis: int | None, seconds: float, as_json: bool
+) -> None:
     """Print the states received so far; exit with status 1 if there is none."""
-    if source.replayed:
+    from forceaxis.bus.sources import ReplaySource
+    from forceaxis.cli.buses_text import snapshot_text
+
+    replayed = isinstance(source, ReplaySource)
+    if isinstance(source, ReplaySource):
         source.play_all()
     else:
         time.sleep(seconds)
-    shown = watch.snapshot(source.now_us(), axis) | {"source": source.name}
-    if source.trouble:
-        shown["trouble"] = source.trouble
+    shown = watch.snapshot(source.name, source.now_us(), axis, source.trouble)
     if as_json:
-        click.echo(json.dumps(shown, allow_nan=False))
-    elif shown["axes"]:
-        click.echo(describe(shown))
-    if not shown["axes"]:
+        click.echo(json.dumps(to_json(shown), allow_nan=False))
+    elif shown.axes:
+        click.echo(snapshot_text(shown))
+    if not shown.axes:
         which = "an axis" if axis is None else f"axis {axis}"
-        within = "" if source.replayed else f" within {seconds:g} s; is its gateway running?"
+        within = "" if replayed else f" within {seconds:g} s; is its gateway running?"
         click.echo(f"forceaxis: {source.name}: expected a state of {which}{within}", err=True)
         source.close()
         sys.exit(1)
-
-
-def describe(shown):
-    """Return a snapshot as text with one line for each axis."""
-    lines = []
-    for number, a in shown["axes"].items():
-        force = "-"
-        if a["force_N"] is not None:
-            force = f"{a['force_N']:.2f} N"
-            if a["target_force_N"] is not None:
-                force += f" of {a['target_force_N']:.2f} N"
-        elif a["force_cnt"] is not None:
-            force = f"{a['force_cnt']:.2f} counts of the force reading"
-        parts = [
-            a["drive_state"] or "no state",
-            a["mode"] or "mode -",
-            "no fault" if a["fault"] in (None, "none") else f"FAULT {a['fault']}",
-            f"force {force}",
-            position(a),
-            f"output {'-' if a['output_V'] is None else format(a['output_V'], '.3f')} V",
-            f"{a['rate_per_s']:.0f}/s",
-            f"lost {a['lost']}",
-        ]
-        if a["limit_reason"] not in (None, "none"):
-            parts.insert(3, f"limit {a['limit_reason']}")
-        if a["objects_mismatch"]:
-            parts.append(a["objects_mismatch"])
-        lines.append(f"axis {number}: " + ", ".join(parts))
-    if "trouble" in shown:
-        lines.append(shown["trouble"])
-    return "\n".join(lines)
-
-
-def position(a):
-    if a["position_unit"] == "count":
-        return f"encoder {'-' if a['position_cnt'] is None else a['position_cnt']} count"
-    value = "-" if a["position"] is None else f"{a['position']:.6g}"
-    return f"position {value} {a['position_unit']}"
 
 
 @click.group(
@@ -199,7 +195,7 @@ def position(a):
     epilog="""forceaxis log info out/axis2.log
     forceaxis log export out/axis2.log --out out/axis2""",
 )
-def log():
+def log() -> None:
     """Show the contents of LCM logs, or export them as tables.
 
     A log may come from `forceaxis monitor --record` or from lcm-logger, and may have further
@@ -210,16 +206,18 @@ def log():
 @log.command(epilog="forceaxis log info out/axis2.log")
 @log_file
 @as_json
-def info(log_path, as_json):
+def info(log_path: Path, as_json: bool) -> None:
     """Print channels, types, numbers of messages, rates, time span and lost messages of a log.
 
     A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """
     from forceaxis.bus import log as logs
+    from forceaxis.cli.buses_text import log_text
 
     summary = logs.info(log_path)
-    click.echo(json.dumps(summary, allow_nan=False) if as_json else logs.describe(summary))
-    report_damage(summary)
+    shown = json.dumps(to_json(summary), allow_nan=False) if as_json else log_text(summary)
+    click.echo(shown)
+    report_damage(summary.damage)
 
 
 @log.command(
@@ -231,7 +229,7 @@ def info(log_path, as_json):
 @click.option("--csv", is_flag=True, help="Write CSV only, unless --npz is given too.")
 @click.option("--npz", is_flag=True, help="Write NPZ only, unless --csv is given too.")
 @as_json
-def export(log_path, out, csv, npz, as_json):
+def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> None:
     """Write states, events, commands, captures, clock and plant signals of a log as CSV and NPZ.
 
     Each channel becomes one table with the name of the channel; each capture becomes a table, as
@@ -239,22 +237,24 @@ def export(log_path, out, csv, npz, as_json):
     force_count in counts, time_s in s. A missing value is an empty field in CSV and nan in NPZ.
     """
     from forceaxis.bus import log_tables
+    from forceaxis.cli.buses_text import export_text
 
     kinds = tuple(k for k, wanted in (("csv", csv), ("npz", npz)) if wanted) or ("csv", "npz")
     summary = log_tables.export(log_path, out, kinds)
-    if not summary["tables"]:
+    if not summary.tables:
         raise InputError(f"{paths.display(log_path)}: expected messages of forceaxis in this log")
     if as_json:
-        click.echo(json.dumps(summary))
+        click.echo(json.dumps(to_json(summary)))
     else:
-        click.echo(log_tables.describe_export(summary))
+        click.echo(export_text(summary))
         click.echo(f"files        {paths.quoted(out)}")
-    report_damage(summary)
+    report_damage(summary.damage)
 
 
-def report_damage(summary):
-    if summary["damage"]:
-        click.echo(f"forceaxis: {summary['damage']}", err=True)
+def report_damage(damage: str | None) -> None:
+    """Print what was skipped of a damaged log."""
+    if damage:
+        click.echo(f"forceaxis: {damage}", err=True)
 
 
 @click.command(
@@ -264,7 +264,7 @@ def report_damage(summary):
     forceaxis gateway --help""",
 )
 @click.argument("args", nargs=-1, type=click.UNPROCESSED)
-def gateway(args):
+def gateway(args: tuple[str, ...]) -> None:
     """Run the gateway: CANopen master of the axes on a CAN bus, served on LCM and Modbus TCP.
 
     SIGTERM or SIGINT ends it. `forceaxis gateway --help` lists its options.

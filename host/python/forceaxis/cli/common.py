@@ -9,7 +9,9 @@ import sys
 import textwrap
 import threading
 import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar, cast
 
 import click
 from click.shell_completion import CompletionItem
@@ -18,6 +20,11 @@ from forceaxis import paths, progress
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.words import printable, suggestion
+
+if TYPE_CHECKING:
+    from forceaxis.experiments.link import LinkOptions
+
+Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
 SENTENCE = 300  # characters; click ends a longer one in dots
 
@@ -31,12 +38,12 @@ class Printed(io.TextIOWrapper):
     """A standard stream that shows control sequences from buses and files as plain characters, so
     that they cannot change the terminal. The colours of the program itself still work."""
 
-    def __init__(self, stream):
+    def __init__(self, stream: TextIO) -> None:
         super().__init__(
             stream.buffer, stream.encoding, stream.errors, line_buffering=True, write_through=True
         )
 
-    def write(self, text):
+    def write(self, text: str) -> int:
         """Write `text` and return its length; see the class for what is escaped."""
         pieces = OWN_SEQUENCES.split(text)
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
@@ -45,7 +52,7 @@ class Printed(io.TextIOWrapper):
 
 
 @contextlib.contextmanager
-def printed_streams():
+def printed_streams() -> Iterator[None]:
     """Replace standard output and error by Printed streams; binary output is not changed."""
     before = sys.stdout, sys.stderr
     streams = [Printed(s) if hasattr(s, "buffer") else s for s in before]
@@ -54,8 +61,8 @@ def printed_streams():
         yield
     finally:
         sys.stdout, sys.stderr = before
-        for stream, old in zip(streams, before, strict=True):
-            if stream is not old:
+        for stream in streams:
+            if isinstance(stream, Printed):
                 stream.detach()  # the descriptor belongs to the stream of before
 
 
@@ -94,13 +101,15 @@ def with_options(command: click.Command, error: InputError) -> str:
 class Verb(click.Command):
     """A verb whose help keeps the line breaks of its example. Its errors name options."""
 
-    def invoke(self, ctx):
+    def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
         except InputError as error:
             raise InputError(with_options(self, error)) from error
 
-    def format_epilog(self, ctx, formatter):
+    def format_epilog(
+        self: click.Command, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
         if self.epilog:
             formatter.write_paragraph()
             formatter.write("Example:\n")
@@ -111,20 +120,21 @@ class Verb(click.Command):
 class Slow(Verb):
     """A verb that may compute for seconds; a terminal shows its progress until it prints."""
 
-    def invoke(self, ctx):
+    def invoke(self, ctx: click.Context) -> Any:
         with waiting(self.name):
             return super().invoke(ctx)
 
 
-def done_waiting():
+def done_waiting() -> None:
     """Clear the progress line of `waiting` before a verb prints."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
-def listed(context, formatter, verbs):
+def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterable[str]) -> None:
     """Write a list of verbs, each with the first sentence of its help, wrapped."""
-    found = [(name, context.command.get_command(context, name)) for name in verbs]
+    group = cast(click.Group, context.command)
+    found = [(name, cast(click.Command, group.get_command(context, name))) for name in verbs]
     formatter.write_dl([(name, verb.get_short_help_str(SENTENCE)) for name, verb in found])
 
 
@@ -134,7 +144,7 @@ class Verbs(click.Group):
     command_class = Verb
     format_epilog = Verb.format_epilog
 
-    def format_commands(self, ctx, formatter):
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             listed(ctx, formatter, self.list_commands(ctx))
 
@@ -142,24 +152,31 @@ class Verbs(click.Group):
 class Folder(click.Path):
     """The name of a folder to write to; the code that writes creates it."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__(file_okay=False, path_type=Path)
 
-    def convert(self, value, param, ctx):
+    def convert(
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> str | bytes | os.PathLike[str]:
         if value == "":
             self.fail("expected the name of a folder", param, ctx)
         return super().convert(value, param, ctx)
 
 
-class Positive(click.ParamType):
+class Positive(click.ParamType[float]):
     """A number from `low` to `high`; both bounds are above 0."""
 
     name = "float"
 
-    def __init__(self, low=1e-6, high=1e6):
+    def __init__(self, low: float = 1e-6, high: float = 1e6) -> None:
         self.low, self.high = low, high
 
-    def convert(self, value, param, ctx):
+    def convert(
+        self, value: str | float, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
         try:
             number = float(value)
         except ValueError:
@@ -173,33 +190,35 @@ class Positive(click.ParamType):
 class File(click.Path):
     """The name of a file to write."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
 
 
-class Kind(click.Choice):
+class Kind(click.Choice[str]):
     """The kinds of a link. Their module is loaded only for a verb with the option --link."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         from forceaxis.experiments import link
 
         super().__init__(link.KINDS)
 
 
-class Subject(click.ParamType):
+class Subject(click.ParamType[str | Path]):
     """A file that a verb reads. The user gives its path, or for a file in one of `folders` its
     name without ".toml". The value is the typed text, or with `as_path` the Path."""
 
     name = "file"
 
-    def __init__(self, *folders, as_path=False):
+    def __init__(self, *folders: Path, as_path: bool = False) -> None:
         self.folders, self.as_path = folders, as_path
 
-    def files(self):
+    def files(self) -> dict[str, Path]:
         """Return {name without ".toml": path}; a file of the first folder takes precedence."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
-    def convert(self, value, param, ctx):
+    def convert(
+        self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | Path:
         text = str(value)
         path, known = Path(text), self.files()
         is_stem = text and path.parent == Path() and path.suffix != ".toml" and not path.exists()
@@ -218,30 +237,34 @@ class Subject(click.ParamType):
             return value
         return Path(paths.display(known[text])) if is_stem else path
 
-    def shell_complete(self, ctx, param, incomplete):
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         return [
             *(CompletionItem(stem) for stem in self.files() if stem.startswith(incomplete)),
             CompletionItem(incomplete, type="file"),
         ]
 
 
-class Override(click.ParamType):
+class Override(click.ParamType[str]):
     """A text NAME=VALUE. A shell can complete names of parameters, objects and their values."""
 
     name = "override"
 
-    def shell_complete(self, ctx, param, incomplete):
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         return [CompletionItem(text) for text in completed(ctx, incomplete)]
 
 
-def set_option(text):
+def set_option(text: str) -> Callable[[Callback], Callback]:
     """Return the option --set with the help `text`."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
     )
 
 
-def mode_option(name):
+def mode_option(name: str) -> Callable[[Callback], Callback]:
     """Return the option --mode; the verb receives its value as the parameter `name`."""
     return click.option(
         "--mode",
@@ -255,31 +278,35 @@ def mode_option(name):
     )
 
 
-class Parameter(click.ParamType):
+class Parameter(click.ParamType[str]):
     """A text NAME=VALUE. A shell can complete the names of the model's parameters."""
 
     name = "parameter"
 
-    def shell_complete(self, ctx, param, incomplete):
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         return [CompletionItem(n) for n in _parameters(ctx) if n.startswith(incomplete)]
 
 
-class Object(click.ParamType):
+class Object(click.ParamType[str]):
     """The name of a firmware object, or with `end="="` a text NAME=VALUE for a writable object."""
 
     name = "object"
 
-    def __init__(self, end=""):
+    def __init__(self, end: str = "") -> None:
         self.end = end
 
-    def shell_complete(self, ctx, param, incomplete):
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
         from forceaxis import objects
 
         known = (o.name + self.end for o in objects.OBJECTS if "w" in o.access or not self.end)
         return [CompletionItem(name) for name in sorted(known) if name.startswith(incomplete)]
 
 
-def completed(ctx, text):
+def completed(ctx: click.Context, text: str) -> list[str]:
     """Return the completions of `--set TEXT`: objects, values of enumerations, parameters of the
     model, verdict and duration. Raises no exception."""
     from forceaxis import objects
@@ -294,7 +321,7 @@ def completed(ctx, text):
     return sorted(n for n in names if n.startswith(text))
 
 
-def _parameters(ctx):
+def _parameters(ctx: click.Context) -> list[str]:
     """Return "NAME=" for each parameter of the model that is on the command line."""
     from forceaxis import _core, toml
     from forceaxis.linear import plant_facts, settings
@@ -329,7 +356,7 @@ threads = click.option(
 )
 
 
-def linked(command):
+def linked(command: Callback) -> Callback:
     """Add the options of a verb that can run the firmware as a separate process."""
     for option in (
         click.option("--inject", default="", hidden=True, help="For tests: faults of the link."),
@@ -354,7 +381,7 @@ def linked(command):
     return command
 
 
-def link_of(kind, lcm_url, link_can, inject):
+def link_of(kind: str | None, lcm_url: str, link_can: str, inject: str) -> "LinkOptions | None":
     """Return the Link that the options select, or None. May restart the verb in a guest kernel."""
     if kind is None:
         return None
@@ -372,7 +399,7 @@ COLOURS = {
 }
 
 
-def coloured(text, word=None):
+def coloured(text: str, word: str | None = None) -> str:
     """Return `text` in the colour of a result such as "stable"; `word` names the result if it is
     not the text itself. The text stays plain if the variable NO_COLOR is set."""
     colour = COLOURS.get((word or text).strip())
@@ -380,7 +407,7 @@ def coloured(text, word=None):
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
-def fitted(text, indent=0):
+def fitted(text: str, indent: int = 0) -> str:
     """Wrap a line to the width of the terminal and indent its continuation lines."""
     if not sys.stdout.isatty():
         return text
@@ -389,14 +416,14 @@ def fitted(text, indent=0):
                          break_long_words=False)  # fmt: skip
 
 
-def fitted_lines(text):
+def fitted_lines(text: str) -> str:
     """Wrap lines "key          text" to the width of the terminal, except rows of a table."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
-def show(rows):
+def show(rows: Iterable[tuple[str, str]]) -> None:
     """Print rows of (key, text). A terminal shows them wrapped, with the verdict in colour."""
     done_waiting()
     for key, text in rows:
@@ -410,7 +437,7 @@ def show(rows):
 
 
 @contextlib.contextmanager
-def waiting(what):
+def waiting(what: str | None) -> Iterator[None]:
     """Show the progress of a computation on standard error: after two seconds one line that is
     updated on a terminal, elsewhere one line for each phase."""
     if not sys.stderr.isatty():
@@ -419,7 +446,7 @@ def waiting(what):
         return
     over, began = threading.Event(), time.monotonic()
 
-    def report():
+    def report() -> None:
         pause = 2.0
         while not over.wait(pause):
             pause = 0.5
@@ -431,7 +458,7 @@ def waiting(what):
     thread = threading.Thread(target=report, daemon=True)
     thread.start()
 
-    def stop():
+    def stop() -> None:
         if not over.is_set():
             over.set()
             thread.join()
@@ -447,7 +474,7 @@ def waiting(what):
         stop()
 
 
-def fail(message, status=2):
+def fail(message: str, status: int = 2) -> NoReturn:
     """Print the message on one line of standard error and exit with `status`."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
     sys.exit(status)

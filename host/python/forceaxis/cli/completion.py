@@ -3,9 +3,10 @@
 import os
 import shlex
 from pathlib import Path
+from typing import cast
 
 import click
-from click.shell_completion import get_completion_class
+from click.shell_completion import ShellComplete, get_completion_class
 
 from forceaxis import paths
 from forceaxis.cli.common import Verb, Verbs
@@ -13,12 +14,13 @@ from forceaxis.cli.common import Verb, Verbs
 SHELLS = click.Choice(["bash", "zsh", "fish"])
 
 
-def _script(shell):
+def _script(shell: str) -> str:
     cli = click.get_current_context().find_root().command
-    return get_completion_class(shell)(cli, {}, "forceaxis", "_FORCEAXIS_COMPLETE").source()
+    complete = cast(type[ShellComplete], get_completion_class(shell))
+    return complete(cli, {}, "forceaxis", "_FORCEAXIS_COMPLETE").source()
 
 
-def _places(shell):
+def _places(shell: str) -> tuple[Path, Path | None]:
     """Return the path of the script and the start-up file that has to read it, None for fish."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
@@ -32,7 +34,7 @@ def _places(shell):
 
 
 @click.group(cls=Verbs, epilog="forceaxis completion install")
-def completion():
+def completion() -> None:
     """Let a shell complete verbs, options, models, experiments and firmware objects."""
 
 
@@ -40,7 +42,7 @@ def completion():
     cls=Verb, epilog="forceaxis completion install\nforceaxis completion install zsh"
 )
 @click.argument("shell", metavar="[SHELL]", type=SHELLS, required=False)
-def install(shell):
+def install(shell: str | None) -> None:
     """Install the completion for SHELL; default: the shell of the environment variable SHELL.
 
     The verb writes the script and, for bash and zsh, one line at the end of the start-up file of
@@ -65,7 +67,7 @@ def install(shell):
 
 @completion.command(cls=Verb, epilog="forceaxis completion show bash")
 @click.argument("shell", metavar="SHELL", type=SHELLS)
-def show(shell):
+def show(shell: str) -> None:
     """Print the completion script of SHELL, so that you can save it where you want."""
     click.echo(_script(shell))
 

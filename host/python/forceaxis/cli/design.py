@@ -6,8 +6,10 @@ import json
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -24,13 +26,18 @@ from forceaxis.cli.common import (
     threads,
 )
 
+if TYPE_CHECKING:
+    from forceaxis.design.outcome import DesignOrder
 
-class Newtons(click.ParamType):
+
+class Newtons(click.ParamType[tuple[float, ...]]):
     """One or more forces in N with commas between them; the value is a tuple."""
 
     name = "newtons"
 
-    def convert(self, value, param, ctx):
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
         number = common.Positive()
         return tuple(number.convert(text, param, ctx) for text in str(value).split(","))
 
@@ -119,7 +126,17 @@ class Newtons(click.ParamType):
 @click.option("--out", type=Folder(), help="New folder for the results.")
 @threads
 @as_json
-def design(text, overrides, states, pareto, measured, priors, out, as_json, **given):
+def design(
+    text: str,
+    overrides: tuple[str, ...],
+    states: tuple[str, ...],
+    pareto: str | None,
+    measured: tuple[str, ...],
+    priors: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
     """Design the force law with the largest bandwidth for MODEL and its tolerances.
 
     The law is a bank of the firmware: gain, integral action and up to three second-order sections,
@@ -164,8 +181,8 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
     from forceaxis.results import to_json
 
     given["forces_N"] = tuple(itertools.chain.from_iterable(given["forces_N"]))
-    values, states = linear.overrides(overrides), linear.states(states)
-    order = outcome.DesignOrder(text, overrides=values, states=states, **given)
+    values, named = linear.overrides(overrides), linear.states(states)
+    order = outcome.DesignOrder(text, overrides=values, states=named, **given)
     if priors and not measured:
         raise click.UsageError("--prior: expected with --measured")
     if measured:
@@ -182,14 +199,16 @@ def design(text, overrides, states, pareto, measured, priors, out, as_json, **gi
         click.echo(common.fitted_lines(design_text.describe(found, width)))
 
 
-def _identified(order, measured, priors):
+def _identified(
+    order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
+) -> "DesignOrder":
     """Return the order with the parameters and tolerances that fit the measured responses."""
     from forceaxis.commission import freed, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
     from forceaxis.linear import settings
 
-    model = settings.of(order.text, (), plant=True).model
+    model = settings.of(order.text, plant=True).model
     before = known.priors(model, order.over, priors, order.overrides)
     responses = [read_response(folder, model, order.overrides) for folder in measured]
     with tempfile.TemporaryDirectory() as folder:
@@ -200,10 +219,11 @@ def _identified(order, measured, priors):
         raise Refusal(found.rejected, found.text)
     if found.model != responses[0].model:
         click.echo("fitted with dampers for the dry friction that was measured", err=True)
-    return replace(order, over=found.over, overrides=order.overrides | found.values)
+    assert found.values is not None
+    return replace(order, over=found.over, overrides={**order.overrides, **found.values})
 
 
-def _pareto(order, pareto, out, as_json):
+def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) -> None:
     from forceaxis.cli import design_text
     from forceaxis.design import files, tradeoff
     from forceaxis.results import to_json
@@ -223,13 +243,13 @@ def _pareto(order, pareto, out, as_json):
 
 
 @contextlib.contextmanager
-def progress_on(stream):
+def progress_on(stream: TextIO) -> Iterator[Callable[[str], None] | None]:
     """Give a function that shows one line of progress on a terminal; None without a terminal."""
     if not stream.isatty():
         yield None
         return
 
-    def show(text):
+    def show(text: str) -> None:
         stream.write(f"\r\033[K{text[:78]}")
         stream.flush()
 

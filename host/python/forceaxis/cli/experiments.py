@@ -61,7 +61,17 @@ codes_option = click.option(
 @codes_option
 @linked
 @as_json
-def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_json):
+def run(
+    experiment: Path,
+    overrides: tuple[str, ...],
+    out: Path | None,
+    codes: bool,
+    kind: str | None,
+    lcm_url: str,
+    link_can: str,
+    inject: str,
+    as_json: bool,
+) -> None:
     """Run one experiment: the firmware controls the simulated plant, 1500 ticks per second.
 
     The verb prints the verdict with its reasons and window, the controlled force and its set-point,
@@ -96,7 +106,7 @@ def run(experiment, overrides, out, codes, kind, lcm_url, link_can, inject, as_j
 @click.option("--out", type=Folder(), help="Folder of the results, as for run.")
 @codes_option
 @as_json
-def replay(journal, out, codes, as_json):
+def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
     """Repeat the run of an axis_node in one process, from the journal that it has written.
 
     The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
@@ -133,9 +143,11 @@ def replay(journal, out, codes, as_json):
         fail(f"{journal}: expected the trace hash {replayed.trace_hash} again", status=1)
 
 
-def named(context, option, texts):
+def named(
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, str]:
     """Return {NAME: VALUE} for the texts "NAME=VALUE" of an option. Raises InputError."""
-    given = {}
+    given: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not (name and equals and value):
@@ -210,19 +222,19 @@ def named(context, option, texts):
 )
 @as_json
 def sweep(
-    experiment,
-    grid,
-    random,
-    count,
-    seed,
-    bisect,
-    overrides,
-    out,
-    refine,
-    threads,
-    scheduler,
-    as_json,
-):
+    experiment: Path,
+    grid: dict[str, str],
+    random: dict[str, str],
+    count: int | None,
+    seed: int,
+    bisect: dict[str, str],
+    overrides: tuple[str, ...],
+    out: Path,
+    refine: bool,
+    threads: int | None,
+    scheduler: str | None,
+    as_json: bool,
+) -> None:
     """Run one experiment at many points of any parameters; NAME as in `run --set`.
 
     The journal in the folder of --out keeps every finished run. After an interruption, or with more
@@ -280,7 +292,15 @@ def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = 
 )
 @threads
 @as_json
-def test(targets, update, junit, out, pattern, threads, as_json):
+def test(
+    targets: tuple[str, ...],
+    update: bool,
+    junit: Path | None,
+    out: Path | None,
+    pattern: str | None,
+    threads: int | None,
+    as_json: bool,
+) -> None:
     """Run every experiment in DIR that has a table [expect], and compare the results with it.
 
     \b
@@ -308,7 +328,7 @@ def test(targets, update, junit, out, pattern, threads, as_json):
     """
     from forceaxis.experiments import regression
 
-    def report(outcome):
+    def report(outcome: "RegressionOutcome") -> None:
         if outcome.status == "error":
             click.echo(f"forceaxis: {outcome.message}", err=True)
         if not as_json:

@@ -9,14 +9,17 @@ import click
 from forceaxis._core import InputError
 from forceaxis.chip import flash
 from forceaxis.cli.common import Verb, as_json
+from forceaxis.results import to_json
 
 
-class Address(click.ParamType):
+class Address(click.ParamType[int]):
     """An address of 32 bits, hexadecimal (0x08000000) or decimal."""
 
     name = "address"
 
-    def convert(self, value, param, ctx):
+    def convert(
+        self, value: int | str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int:
         if isinstance(value, int):
             return value
         try:
@@ -51,7 +54,15 @@ class Address(click.ParamType):
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
 @click.option("--dry-run", is_flag=True, help="Write nothing; print the command of openocd.")
 @as_json
-def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
+def flash_(
+    file: Path,
+    address: int | None,
+    erase_parameters: bool,
+    serial: str,
+    yes: bool,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
     """Write a firmware image (.elf, .hex, .bin) to its board with openocd and a debug probe.
 
     The verb prints the contents of the file and the flash sectors that they occupy, asks for
@@ -77,17 +88,43 @@ def flash_(file, address, erase_parameters, serial, yes, dry_run, as_json):
         raise flash.FlashError("nothing was written")
     flash.write(plan)
     if as_json:
-        click.echo(json.dumps(flash.summary(plan) | {"probe": probe, "chip": chip}))
+        click.echo(json.dumps(to_json(flash.summary(plan, probe, chip))))
     else:
         click.echo("written      verified; the chip was reset and runs it, the axis disabled")
 
 
-def show(plan, as_json, quiet=False):
+def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
     """Print the plan of the write on standard output and its warning on standard error."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:
-        click.echo(json.dumps(flash.summary(plan)) if as_json else flash.describe(plan))
+        click.echo(json.dumps(to_json(flash.summary(plan))) if as_json else plan_text(plan))
+
+
+def plan_text(plan: flash.Plan) -> str:
+    """Return what a write would change, as lines."""
+    who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
+    options = plan.probe.options
+    starts = [sector.start for sector in flash.sectors_of(plan.board)]
+    sectors = ", ".join(
+        f"{n} ({'parameters, ' if starts[n] in parameters else ''}{starts[n]:#010x})"
+        for n in plan.sectors
+    )
+    rows = (
+        ("file", f"{image.path}"),
+        ("size", f"{image.size} bytes"),
+        ("sectors", sectors),
+        ("version", who.version),
+        ("git", who.git),
+        ("objects", who.table_hash),
+        ("board", who.board),
+        (
+            "parameters",
+            "erased: the axis starts with defaults" if plan.erase_parameters else "kept",
+        ),
+        *([("options", options.title)] if options else []),
+    )
+    return "\n".join(f"{name:12} {value}" for name, value in rows)
 
 
 VERBS = (flash_,)

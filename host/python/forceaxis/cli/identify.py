@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from forceaxis.identify.resonance import ResonanceResult
 
 
-class Known(click.ParamType):
+class Known(click.ParamType["Estimate"]):
     """A known value above 0, typed as VALUE or VALUE+-ERROR; the 95 % interval is +-ERROR."""
 
     name = "VALUE[+-ERROR]"

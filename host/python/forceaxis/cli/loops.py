@@ -1,5 +1,8 @@
 """Verbs for a force loop: critical gain, root locus, Nyquist plot, step response."""
 
+from pathlib import Path
+from typing import Any
+
 import click
 
 from forceaxis.cli.common import Positive, Slow, as_json
@@ -34,7 +37,7 @@ from forceaxis.cli.models import (
     "--output", default="reading", help="Feed back this signal. Default: the input of ADC 0."
 )
 @as_json
-def limit(as_json, ranges, visit, **given):
+def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: Any) -> None:
     """Compute the critical gain of a force loop around MODEL|EXPERIMENT.
 
     With an EXPERIMENT (a path or a name in sim/experiments) the verb takes the control law or the
@@ -81,7 +84,9 @@ def limit(as_json, ranges, visit, **given):
 )
 @drawn
 @as_json
-def rlocus(vary, span_hz, out, as_json, **given):
+def rlocus(
+    vary: tuple[str, ...], span_hz: float | None, out: Path | None, as_json: bool, **given: Any
+) -> None:
     """Draw the root locus of a force loop around MODEL|EXPERIMENT, with its critical gain.
 
     The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
@@ -110,7 +115,9 @@ def rlocus(vary, span_hz, out, as_json, **given):
 @loop_output
 @drawn
 @as_json
-def nyquist(out, as_json, ranges, visit, **given):
+def nyquist(
+    out: Path | None, as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: Any
+) -> None:
     """Draw the Nyquist plot of a force loop around MODEL|EXPERIMENT.
 
     The gain is that of the options, of the experiment, or half the critical gain. JSON: as
@@ -145,7 +152,14 @@ def nyquist(out, as_json, ranges, visit, **given):
 @click.option("--duration-s", type=float, default=1.0, show_default=True)
 @drawn
 @as_json
-def step(duration_s, out, as_json, ranges, visit, **given):
+def step(
+    duration_s: float,
+    out: Path | None,
+    as_json: bool,
+    ranges: tuple[str, ...],
+    visit: str | None,
+    **given: Any,
+) -> None:
     """Compute the step response of the closed loop around MODEL|EXPERIMENT, linear, in contact.
 
     The gain is that of the options, of the experiment, or half the critical gain. At time 0 the

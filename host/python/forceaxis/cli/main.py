@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import cast
 
 # Matrices here are small: threads of a BLAS that wait for each other cost fifty times the work
 # where the cores are busy. Read when NumPy loads.
@@ -85,7 +86,7 @@ FAILURES = {
 }
 
 
-def show_versions(context, _parameter, wanted):
+def show_versions(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted:
         from forceaxis import versions
 
@@ -97,10 +98,10 @@ def show_versions(context, _parameter, wanted):
 class Program(click.Group):
     """The group of all verbs; the module of a verb is loaded when the verb is used."""
 
-    def list_commands(self, ctx):
+    def list_commands(self, ctx: click.Context) -> list[str]:
         return list(MODULES)
 
-    def get_command(self, ctx, cmd_name):
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in MODULES:
             return None
         name = MODULES[cmd_name]
@@ -112,17 +113,19 @@ class Program(click.Group):
         module = importlib.import_module(f"forceaxis.cli.{name}")
         return next(verb for verb in module.VERBS if verb.name == cmd_name)
 
-    def resolve_command(self, ctx, args):
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in MODULES and not args[0].startswith("-"):
             raise click.exceptions.NoSuchCommand(args[0], possibilities=MODULES, ctx=ctx)
         return super().resolve_command(ctx, args)
 
-    def format_commands(self, ctx, formatter):
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for group, verbs in GROUPS.items():
             with formatter.section(group):
                 listed(ctx, formatter, verbs)
 
-    def format_epilog(self, ctx, formatter):
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         Verb.format_epilog(self, ctx, formatter)
 
 
@@ -142,7 +145,7 @@ class Program(click.Group):
     help="Show the versions of firmware, object table, LCM types and files, and exit.",
 )
 @click.pass_context
-def cli(context):
+def cli(context: click.Context) -> None:
     """Simulate the firmware of a force-controlled axis before you flash it."""
     if context.invoked_subcommand is None:
         formatter = context.make_formatter()
@@ -150,7 +153,7 @@ def cli(context):
         click.echo(f"{cli.help}\n\n{JOBS}\n\n{formatter.getvalue()}\nforceaxis VERB --help")
 
 
-def with_help(error):
+def with_help(error: click.ClickException) -> str:
     """Return the message of a usage error; it names `--help` if it lacks what was expected."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
@@ -161,7 +164,7 @@ def with_help(error):
     return f"{text}{end} `{verb} --help` shows what is expected"
 
 
-def with_table(message):
+def with_table(message: str) -> str:
     """Return the message about an unknown name in [set], with the table that has this name."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
@@ -171,13 +174,13 @@ def with_table(message):
     return message
 
 
-def main():
+def main() -> None:
     """Run the program. An input error prints one line on standard error and exits with status 2."""
     with printed_streams():
         command_line()
 
 
-def command_line():
+def command_line() -> None:
     """Run one verb, or print one line that says why it cannot be run."""
     try:
         for text in sys.argv:
@@ -186,7 +189,7 @@ def command_line():
     except click.exceptions.Abort:
         fail("interrupted", status=130)
     except click.exceptions.NoArgsIsHelpError as error:
-        verbs = ", ".join(error.ctx.command.list_commands(error.ctx))
+        verbs = ", ".join(cast(click.Group, error.ctx.command).list_commands(error.ctx))
         fail(f"{error.ctx.command_path}: expected a verb: {verbs}")
     except click.ClickException as error:
         fail(with_help(error))

@@ -1,11 +1,16 @@
 """Verbs for linear models: state space, poles, modes, frequency response, and the beam."""
 
 import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from forceaxis import paths
 from forceaxis.cli.common import (
+    Callback,
     File,
     Parameter,
     Positive,
@@ -18,8 +23,14 @@ from forceaxis.cli.common import (
     set_option,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def check_drawing(out):
+    from forceaxis.linear.limits import Summary
+    from forceaxis.linear.request import LoopRequest
+
+
+def check_drawing(out: Path | None) -> None:
     """Check the suffix of a figure file before the computation starts. Raises InputError."""
     if out:
         from forceaxis import drawing
@@ -27,7 +38,7 @@ def check_drawing(out):
         drawing.check_name(out)
 
 
-def draw(out, make):
+def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
     """Draw a figure with make(linear.plots) and write it to `out`, unless that is None."""
     if out:
         from forceaxis import drawing
@@ -36,7 +47,12 @@ def draw(out, make):
         drawing.save(make(plots), out)
 
 
-def present(summary, as_json, describe, out=None):
+def present(
+    summary: "Summary",
+    as_json: bool,
+    describe: Callable[["Summary"], str],
+    out: Path | None = None,
+) -> None:
     """Print the result of a verb as a JSON object or as text, with the name of the figure file."""
     done_waiting()
     if as_json:
@@ -47,8 +63,8 @@ def present(summary, as_json, describe, out=None):
         click.echo(f"figure       {paths.quoted(out)}")
 
 
-def _model_options(subject, *folders):
-    def add(verb):
+def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callback]:
+    def add(verb: Callback) -> Callback:
         for decorate in (
             mode_option("modes"),
             set_option("A parameter of the model in its unit (b_m=0.02). Repeatable."),
@@ -73,7 +89,7 @@ LAWS = click.Choice(
 TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
-def law_options(verb):
+def law_options(verb: Callback) -> Callback:
     """Add the option --law, the parameters of the laws, and the options for a gain."""
     for name, text in reversed(
         {
@@ -114,7 +130,7 @@ LAW_PARAMETERS = {
 }
 
 
-def loop_request(given):
+def loop_request(given: Mapping[str, Any]) -> "LoopRequest":
     """Return the LoopRequest of a verb's arguments `given`, those that describe a force loop."""
     from forceaxis import linear
     from forceaxis.linear.request import LoopRequest
@@ -159,7 +175,7 @@ loop_timing = click.option(
 )
 
 
-def over_options(verb):
+def over_options(verb: Callback) -> Callback:
     """Add the options --over, --modes and --timing; --timing also accepts "both" here."""
     for decorate in (
         click.option(
@@ -218,7 +234,16 @@ loop_output = click.option(
 )
 @drawn
 @as_json
-def modes_(model, overrides, modes, free, input_, output, out, as_json):
+def modes_(
+    model: str,
+    overrides: tuple[str, ...],
+    modes: tuple[str, ...],
+    free: bool,
+    input_: str,
+    output: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
     """Compute the modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
 
     MODEL is a path or a name in sim/models. The modes are those of the mechanics without damping
@@ -275,7 +300,14 @@ def modes_(model, overrides, modes, free, input_, output, out, as_json):
 @click.option("--span-hz", type=Positive(), help="Half-width of the figure, Hz.")
 @drawn
 @as_json
-def poles(as_json, input_, output, out, span_hz, **given):
+def poles(
+    as_json: bool,
+    input_: str | None,
+    output: str | None,
+    out: Path | None,
+    span_hz: float | None,
+    **given: Any,
+) -> None:
     """Compute poles, zeros and transfer function of MODEL, or of a loop closed around it.
 
     Without a gain the transfer function is from --input (default drive.command, V) to --output.
@@ -329,9 +361,20 @@ def poles(as_json, input_, output, out, span_hz, **given):
 @as_json
 @click.pass_context
 def bode(
-    context, out, as_json, measured, vary, ranges, visit, part, input_, outputs, from_hz, to_hz,
-    **given,
-):  # fmt: skip
+    context: click.Context,
+    out: Path | None,
+    as_json: bool,
+    measured: tuple[str, ...],
+    vary: tuple[str, ...],
+    ranges: tuple[str, ...],
+    visit: str | None,
+    part: str | None,
+    input_: str,
+    outputs: tuple[str, ...],
+    from_hz: float,
+    to_hz: float,
+    **given: Any,
+) -> None:
     """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of its force loop.
 
     The phase is unwrapped from 0 at the lowest frequency. The default --timing is continuous for
@@ -358,7 +401,13 @@ def bode(
 OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz")
 
 
-def _overlay(context, model, out, as_json, measured):
+def _overlay(
+    context: click.Context,
+    model: str,
+    out: Path | None,
+    as_json: bool,
+    measured: tuple[str, ...],
+) -> None:
     """Draw measured points over the model, with signals, states and timing of the measurement."""
     from forceaxis import linear
     from forceaxis.cli import text_models
@@ -404,7 +453,18 @@ def _overlay(context, model, out, as_json, measured):
 @click.option("--timing", type=TIMINGS, default="continuous", show_default=True)
 @click.option("--out", type=File(), help="Write the matrices: FILE.npz or FILE.mat.")
 @as_json
-def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out, as_json):
+def linearise(
+    model: str,
+    overrides: tuple[str, ...],
+    modes: tuple[str, ...],
+    free: bool,
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    load: bool,
+    timing: str,
+    out: Path | None,
+    as_json: bool,
+) -> None:
     """Compute the state space of MODEL in one mode: x' = A x + B u, y = C x + D u, in SI units.
 
     With a sampled timing the equation is x(k+1) = A x(k) + B u(k). JSON, .npz and .mat contain A,
@@ -442,7 +502,7 @@ def linearise(model, overrides, modes, free, inputs, outputs, load, timing, out,
 @click.option("--length-m", type=float, default=1.0, show_default=True)
 @click.option("--modes", type=click.IntRange(1, 200), default=4, show_default=True)
 @as_json
-def beam(modes, as_json, **given):
+def beam(modes: int, as_json: bool, **given: float) -> None:
     """Compute poles and zeros of the elastic beam of thesis section 2.4.4.
 
     The beam slides at the actuator; its tip is free. The verb prints the undamped poles and zeros

@@ -2,16 +2,17 @@
 
 import json
 import sys
+from pathlib import Path
 
 import click
 
 from forceaxis._core import InputError
-from forceaxis.cli.common import Folder, Verb, as_json, fitted, show, waiting
+from forceaxis.cli.common import Callback, Folder, Verb, as_json, fitted, show, waiting
 from forceaxis.design import data_sheet, new
 from forceaxis.results import to_json
 
 
-def options(command):
+def options(command: Callback) -> Callback:
     """Add one command-line option for each value of the data sheets."""
     for field in reversed(data_sheet.FIELDS):
         default = field.why if callable(field.default) else data_sheet.shown(field, field.default)
@@ -22,7 +23,7 @@ def options(command):
     return command
 
 
-def prompt(field, proposed, number):
+def prompt(field: data_sheet.Field, proposed: str, number: int) -> str:
     """Ask for one value until the answer is valid, or until the user asks to go back."""
     count = len(data_sheet.FIELDS)
     if number == 1:
@@ -54,7 +55,9 @@ def prompt(field, proposed, number):
 @click.option("--force", is_flag=True, help="Replace existing files.")
 @click.option("--no-design", is_flag=True, help="Leave out the bank and held.toml.")
 @as_json
-def new_(name, yes, force, no_design, as_json, **given):
+def new_(
+    name: Path, yes: bool, force: bool, no_design: bool, as_json: bool, **given: str | None
+) -> None:
     """Write a model and experiments of your axis into the folder NAME.
 
     The verb asks for values from the data sheets of motor, amplifier, transmission, sensor and
@@ -68,14 +71,14 @@ def new_(name, yes, force, no_design, as_json, **given):
     """
     new.refuse_existing(name, force)
     talk = not (yes or as_json) and sys.stdin.isatty()
-    values = data_sheet.collect(given, prompt if talk else None)
+    values, sources = data_sheet.collect(given, prompt if talk else None)
     design = None
     if not no_design:
         from forceaxis.design import own_axis
 
         design = own_axis.design
     with waiting("new"):
-        done = new.write(name, *values, force, design)
+        done = new.write(name, values, sources, force, design)
     if as_json:
         click.echo(json.dumps(to_json(done)))
     else:

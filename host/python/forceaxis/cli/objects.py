@@ -4,6 +4,8 @@ import json
 import shutil
 import sys
 import textwrap
+from collections.abc import Iterator
+from pathlib import Path
 
 import click
 
@@ -11,6 +13,7 @@ from forceaxis import objects, paths
 from forceaxis.cli.common import File, Verb, as_json
 from forceaxis.words import suggestion
 
+DETAIL_COLUMNS = 80
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
     "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6"),
@@ -18,25 +21,25 @@ FILES = {
 }
 
 
-def addresses(o):
+def addresses(o: objects.AxisObject) -> tuple[str, str]:
     """Return the CANopen address and the Modbus register of an object as texts."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
 
-def span(o):
+def span(o: objects.AxisObject) -> str:
     unit = "" if o.unit == "1" else f" {o.unit}"
     low, high = (f"{v * o.scale:.12g}" for v in (o.min, o.max))
     return ", ".join(o.enum) or f"{low} to {high}{unit}"
 
 
-def writable(o):
+def writable(o: objects.AxisObject) -> str:
     return {"any": "", "disabled": "; written only while disabled"}.get(
         o.writable, "; written only while the recorder is idle"
     )
 
 
-def line(o):
+def line(o: objects.AxisObject) -> str:
     canopen, modbus = addresses(o)
     text = f"{o.meaning} [{span(o)}{writable(o)}]"
     whole = f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
@@ -46,9 +49,9 @@ def line(o):
     return textwrap.fill(whole, width, subsequent_indent=" " * 28, break_on_hyphens=False)
 
 
-def details(o):
+def details(o: objects.AxisObject) -> Iterator[str]:
     """Yield lines with all properties of one object."""
-    yield f"{o.name}: {o.meaning}"
+    yield from textwrap.wrap(f"{o.name}: {o.meaning}", DETAIL_COLUMNS, subsequent_indent="  ")
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
     space = "holding" if o.access == "rw" else "input"
@@ -66,7 +69,9 @@ def details(o):
     )
     for key, text in rows:
         if text:
-            yield f"  {key:8} {text}"
+            yield from textwrap.wrap(
+                f"  {key:8} {text}", DETAIL_COLUMNS, subsequent_indent=" " * 11
+            )
 
 
 @click.command(
@@ -80,7 +85,7 @@ def details(o):
 @click.option("--dbc", type=File(), metavar="FILE", help=f"Write the {FILES['dbc'][1]}, as a DBC.")
 @click.option("--modbus", type=File(), metavar="FILE", help=f"Write the {FILES['modbus'][1]}.")
 @as_json
-def objects_(pattern, as_json, **files):
+def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     """List the objects of the firmware, or write files that describe them to other programs.
 
     The list has name, CANopen index:sub-index and Modbus register (h holding, i input) in

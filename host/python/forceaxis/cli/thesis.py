@@ -4,13 +4,18 @@ import json
 import signal
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from forceaxis import paths
 from forceaxis.cli.common import Folder, Slow, Verb, as_json, done_waiting, link_of, linked, threads
 from forceaxis.experiments import link
+from forceaxis.results import to_json
 from forceaxis.thesis import tables
+
+if TYPE_CHECKING:
+    from forceaxis.thesis import claims
 
 
 @click.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
@@ -18,7 +23,15 @@ from forceaxis.thesis import tables
 @threads
 @linked
 @as_json
-def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
+def tables_(
+    fit: bool,
+    threads: int | None,
+    kind: str | None,
+    lcm_url: str,
+    link_can: str,
+    inject: str,
+    as_json: bool,
+) -> None:
     """Simulate the 55 cells of the stability tables of the thesis and compare the results.
 
     The exit status is 1 if fewer cells match than the parameter file records. With --link the
@@ -53,7 +66,7 @@ def tables_(fit, threads, kind, lcm_url, link_can, inject, as_json):
 )
 @threads
 @as_json
-def report(folder, out, threads, as_json):
+def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -> None:
     """Run every experiment in FOLDER and write one self-contained HTML page.
 
     For each model the page shows the recommended P gain and the margins of each designed bank, for
@@ -89,7 +102,7 @@ def report(folder, out, threads, as_json):
     "--out", type=Folder(), default="out/session", show_default=True, help="Folder of the results."
 )
 @as_json
-def session(out, as_json):
+def session(out: Path, as_json: bool) -> None:
     """Repeat a laboratory session of the thesis through the gateway, on virtual CAN in real time.
 
     The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
@@ -104,7 +117,7 @@ def session(out, as_json):
     # As an interrupt: the programs are ended and the journal is complete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
-    def report(step):
+    def report(step: str) -> None:
         if sys.stderr.isatty() and not as_json:
             click.echo(f"session      {step}", err=True)
 
@@ -126,7 +139,7 @@ def session(out, as_json):
     name="check-thesis", cls=Slow, epilog="forceaxis check-thesis\nforceaxis check-thesis --json"
 )
 @as_json
-def check_thesis(as_json):
+def check_thesis(as_json: bool) -> None:
     """Compare the numbers in the thesis with the results of its models.
 
     The numbers are frequencies, crossovers, damping ratios and improvements. Each difference has a
@@ -136,9 +149,26 @@ def check_thesis(as_json):
 
     result = claims.check()
     done_waiting()
-    click.echo(json.dumps(result, allow_nan=False) if as_json else claims.describe(result))
-    if result["unexplained"]:
+    shown = json.dumps(to_json(result), allow_nan=False) if as_json else claims_text(result)
+    click.echo(shown)
+    if result.unexplained:
         sys.exit(1)
+
+
+def claims_text(result: "claims.CheckedClaims") -> str:
+    """Return the claims beside our values as lines."""
+    from forceaxis.thesis import claims
+
+    lines = []
+    for c in result.claims:
+        mark = "agrees " if c.agrees else "differs"
+        lines.append(f"{mark}  {c.where:16} {c.what}")
+        thesis, ours = claims.value(c.thesis, c.unit), claims.value(c.ours, c.unit)
+        why = f": {c.why}" if c.why else ""
+        within = f" (within {100 * c.within:g} %)" if c.within else ""
+        lines.append(f"           thesis {thesis}, ours {ours}{within}{why}")
+    lines.append(f"{result.agree} agree, {result.differ} differ")
+    return "\n".join(lines)
 
 
 VERBS = (tables_, check_thesis, report, session)

@@ -1,1 +1,1 @@
-"""Commissioning a live axis: responses measured on it, and what follows from them."""
+"""Commissioning of an axis: measured responses, fitted model, designed and stored force law."""

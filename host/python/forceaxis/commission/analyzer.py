@@ -1,17 +1,18 @@
-"""A signal analyzer on a live axis: the response from DAC codes to the reading, or to the encoder.
+"""Measures the frequency response of an axis from the DAC code to the force or to the position.
 
     analyzer = Analyzer(axis, MeasuringOrder(force_max_N=120))
     analyzer.rest()
     free = analyzer.free()
     pressed = analyzer.contact(30.0)
 
-In contact the waveform is added at the output of the force law, in mode 4: open loop, an axis that
-integrates would drift off. Every realisation is another noise of one period, in which the axis
-settles before a whole period is recorded. Apart it is the open-loop excitation mode, and the axis
-is moved back to where it stood before each realisation and at the end.
+In contact the waveform is added to the output of the force law in mode 4. The loop stays closed,
+because an axis with an integrating drive would drift in open loop. Each realisation is another
+noise sequence of one period: the axis settles during the first period and the analyzer records the
+next period. Out of contact the analyzer uses the open-loop excitation mode. It moves the axis back
+to its start position before each realisation and at the end.
 
-The axis itself ends the excitation in the tick in which a bound is passed. What the analyzer writes
-is put back in close(), with the axis disabled.
+The firmware ends the excitation in the tick in which a bound is exceeded. close() disables the axis
+and restores all objects that the analyzer has written.
 """
 
 import contextlib
@@ -32,44 +33,49 @@ from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
 
 Record = tuple[Samples, Samples, Samples]  # waveform, codes, output; (n,) each
-Play = Callable[..., Record]  # of an amplitude, a seed and a share of the time to settle
+Play = Callable[..., Record]  # (amplitude in codes, seed, settling time as a share) -> Record
 
 IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 APART = ("position", "dac_code", "force")
 SWING = MeasuringOrder.swing
-DEVIATION = {"adc0": 0.05, "encoder": 0.02}  # relative, median of the lines
-LOWEST = 0.5  # of the bias force: the reading never falls below it
-MARGIN = 0.1  # of the bias: the axis ends the excitation so much inside the bounds
+# relative standard deviation of the response, median over the lines
+DEVIATION = {"adc0": 0.05, "encoder": 0.02}
+LOWEST = 0.5  # share of the bias force: the measured force does not fall below it
+MARGIN = 0.1  # share of the bias force: distance of the excitation bounds from the expected force
 RAMP_S = 0.1
 APPROACH_S = 60.0
 RELEASE_S = 1.0
 WAIT_POLL_S = 0.1
 BIAS_TRIES = 8
-QUIET_LSB = 0.4  # rms; rounding of readings that are quieter is no noise
-JUDGED = 3  # realisations that distortion is judged by
-# How much more they may differ than noise makes them; rounding of slow motions is no white noise.
+QUIET_LSB = 0.4  # rms: below it the rounding hides the noise of the measured force
+JUDGED = 3  # number of realisations from which the distortion is computed
+# Permitted ratio of the difference of realisations to their noise. It is above 1, because the
+# rounding of a slow motion is not white noise.
 DISTORTED = {"adc0": 1.35, "encoder": 6.0}
-LEAST_STEP, FAR = 1.4, {"adc0": 8.0, "encoder": 4.0}  # times the amplitude, in one step
-BACKS = 6  # times the amplitude is halved
-# With dry friction the amplitude is so many times the friction, if the bounds permit: it slides.
+# smallest and largest factor of the amplitude in one step
+LEAST_STEP, FAR = 1.4, {"adc0": 8.0, "encoder": 4.0}
+BACKS = 6  # largest number of times that the amplitude is halved
+# With dry friction, the amplitude is this multiple of the friction if the bounds permit it, so
+# that the axis slides.
 LESS, BACKS_RUBS = 0.7, 12
-FREE_SWING = 400  # counts, from peak to peak
-FREE_SETTLE = 0.3  # of the time to settle in contact
-SEARCH_SETTLE = 0.5  # of it while the amplitude is searched
-CERTAIN = 0.04  # relative error, median of the lines, at which fewer averages are enough
-STANDING = 4  # counts within which an axis stands
-CODE_NOISE = 5.0  # standard deviations of a mean of codes, by which two of them differ at most
+FREE_SWING = 400  # counts, peak to peak
+FREE_SETTLE = 0.3  # share of the settling time in contact
+SEARCH_SETTLE = 0.5  # share of the settling time during the search of the amplitude
+CERTAIN = 0.04  # relative error, median over the lines, at which fewer averages suffice
+STANDING = 4  # counts: at standstill the position changes by less
+CODE_NOISE = 5.0  # largest difference of two mean codes, in standard deviations of a mean
 
 
 class Ended(Exception):
-    """The axis ended an excitation; args: the name of excitation_state."""
+    """The axis has ended an excitation; the argument is the name in `excitation_state`."""
 
 
 class Analyzer:
-    """Measures on an Axis that is owned and disabled; close() leaves it as it was, disabled.
+    """Measures responses of an Axis that is owned and disabled; close() restores its parameters and
+    disables it.
 
-    model, overrides: what Measurement.predict() compares with; "" without a model.
-    Methods raise Refusal, and NoAnswer and Refused of the link.
+    model, overrides: the model and its changed parameters for Measurement.predict(); "" without a
+    model. Methods raise Refusal, and NoAnswer and Refused of the connection.
     """
 
     def __init__(
@@ -85,7 +91,7 @@ class Analyzer:
                  "position_min", "position_max", "output_limit")  # fmt: skip
         held = axis.get(*names)
         self.bits, self.sign, self.zero = (held[n] for n in names[:3])
-        self.newton = held["force_scale"] * 1e-6  # a count of the reading
+        self.newton = held["force_scale"] * 1e-6  # N per force count
         self.rated_N = held["rated_force"] * 1e-3
         self.known, self.home = held, held["position"]
         self.samples = round(TICKS_PER_S / self.order.resolution_hz)
@@ -103,19 +109,19 @@ class Analyzer:
             )  # fmt: skip
 
     def _most_samples(self, signals: Sequence[str]) -> int:
-        """Samples that the recorder's 32 KiB hold."""
+        """Largest number of samples of these signals in the recorder's memory of 32 KiB."""
         width = sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
         return 32768 // width
 
     def set(self, **values: Any) -> None:
-        """Writes parameters that close() puts back."""
+        """Writes parameters; close() restores their previous values."""
         new = [name for name in values if name not in self._before]
         if new:
             self._before |= self.axis.get(*new)
         self.axis.set(**values)
 
     def close(self) -> None:
-        """Disables the axis and puts back what was written."""
+        """Disables the axis and restores the values that set() has replaced."""
         self.axis.disable()
         before, self._before = self._before, {}
         for name, value in before.items():
@@ -128,12 +134,14 @@ class Analyzer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(NoAnswer):  # then its watchdog disables it
+        # if the axis does not answer, its watchdog disables it
+        with contextlib.suppress(NoAnswer):
             self.close()
 
     def rest(self) -> Rest:
-        """The disabled axis at rest: a Rest. Refuses what moves or has no tare. A motor that no
-        amplifier holds goes to and fro within the play of its gear for long: that is at rest."""
+        """Checks and returns the state of the disabled axis at rest. Raises Refusal if the axis
+        moves or its force is not tared. A motor without power may move within the backlash of its
+        gear; the check permits this motion."""
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
         if np.ptp(place) > STANDING + self._play():
@@ -151,12 +159,13 @@ class Analyzer:
         return Rest(reading, noise, int(np.median(place)))
 
     def _play(self) -> int:
-        """Counts of all backlash that the model has; 0 without a model."""
+        """Total backlash of the model in encoder counts; 0 without a model."""
         return known.play_counts(self.model, self.overrides) if self.model else 0
 
     def contact(self, force_N: float, of_loop: bool = False) -> Level:
-        """The response from DAC codes to the reading, pressed with `force_N`: a Level. of_loop: the
-        amplitude is searched for the loop's sensitivity, which less of it shows."""
+        """The response from the DAC code to the measured force at the force `force_N`. of_loop: the
+        amplitude is searched for the accuracy of the sensitivity function, for which a smaller
+        amplitude suffices."""
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
@@ -171,13 +180,14 @@ class Analyzer:
         seeds = [(order.seed + i) % 65536 for i in range(order.averages)]
         level.of_loop = of_loop
         self._measure(level, self._pressed, still, order.swing * bias, "adc0", seeds)
-        self.set(target_force=0)  # disabled under force, the contact's spring throws the axis back
+        # without it the contact spring would push the axis away after the disabling
+        self.set(target_force=0)
         self.wait(RELEASE_S, lambda: None)
         return level
 
     def bound(self, bias_N: float, waveform: str, period: int) -> None:
-        """Sets up an excitation of the law's output about `bias_N`, with the bounds at which the
-        axis ends it; period: ticks, 0: none."""
+        """Sets up an excitation of the force law's output about `bias_N`, with the bounds at which
+        the axis ends the excitation. period: ticks, 0 without a period."""
         least, most = (LOWEST + MARGIN) * bias_N, self.order.force_max_N - MARGIN * bias_N
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
         self.set(
@@ -189,7 +199,7 @@ class Analyzer:
         )  # fmt: skip
 
     def free(self) -> Level:
-        """The response from DAC codes to the encoder, the contact apart: a Level."""
+        """The response from the DAC code to the encoder position, out of contact."""
         start = self.axis.read("position")
         travel = self.order.travel
         self.set(
@@ -214,12 +224,12 @@ class Analyzer:
         return level
 
     def between(self, low_N: float, high_N: float) -> Record:
-        """(reading in N, position in counts, codes), (n,), pressed with `low_N`, slowly to `high_N`
-        and back."""
+        """Changes the force slowly from `low_N` to `high_N` and back; returns (measured force in N,
+        position in counts, DAC codes), each (n,)."""
         reached = self.press(low_N)
         self.rated_N = self.axis.read("rated_force") * 1e-3
         found = friction.between(self, low_N, high_N, reached)
-        self.set(target_force=0)  # as contact()
+        self.set(target_force=0)  # for the same reason as in contact()
         self.wait(RELEASE_S, lambda: None)
         return found
 
@@ -230,7 +240,8 @@ class Analyzer:
         self, level: Level, play: Play, still: Recording, swing: float, output: str,
         seeds: Sequence[int],
     ) -> None:  # fmt: skip
-        """Searches the amplitude, unless it is given, then measures; fills in `level`."""
+        """Searches the amplitude unless the order gives it, then measures the response into
+        `level`."""
         records = None
         if not level.amplitude:
             level.amplitude = self._search(level, play, still, swing, output, seeds[0])
@@ -276,7 +287,7 @@ class Analyzer:
         )
 
     def _speed(self, response: Any, u: Samples) -> float:
-        """Rms of the output's rate that the codes make, in N/s or counts/s."""
+        """Rms of the output's rate of change that the codes cause, in N/s or counts/s."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * response) ** 2
@@ -285,13 +296,15 @@ class Analyzer:
     def _realisations(
         self, level: Level, play: Play, seeds: Sequence[int], rest: response.Still, output: str
     ) -> list[Record]:
-        """Of all seeds, with an amplitude that the first of them do not show to distort."""
+        """Records all realisations. If the first realisations show distortion, the amplitude is
+        reduced first."""
         records = [play(level.amplitude, seed) for seed in seeds[:JUDGED]]
         r, u, y = (np.array([record[i] for record in records]) for i in range(3))
         found = response.excess(r, u, y, rest, self.lines, self._steps(output))
         self.say(f"{level.amplitude} codes: {found:.3g} times the noise")
         level.distorted = float(found)
-        # A smaller amplitude shows more of dry friction, whose distortion is noise in the variance.
+        # Dry friction distorts more at a smaller amplitude, and the variance contains this
+        # distortion.
         if found > DISTORTED[output] and level.amplitude > 1 and not self.order.rubs:
             raise Ended("distorted")
         for seed in seeds[JUDGED:]:
@@ -309,8 +322,9 @@ class Analyzer:
     def _search(
         self, level: Level, play: Play, still: Recording, swing: float, output: str, seed: int
     ) -> int:
-        """Codes of amplitude: raised as the deviation asks and the swing permits, until the signal
-        swings enough, or the response is to be expected within DEVIATION."""
+        """Searches the amplitude in codes. It is increased within the permitted force or position
+        range until the output is large enough or the expected relative deviation is below
+        DEVIATION."""
         most = min(self.order.most, self.known["output_limit"])
         amplitude = min(self.order.first, most)
         unit = self.newton if output == "adc0" else 1.0
@@ -326,7 +340,8 @@ class Analyzer:
             error = errors[level.of_loop]
             swung = f"{moved:.3g} {'N' if unit != 1 else 'encoder counts'}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
-            # Friction makes noise small: only what swings as far as the bounds permit slides.
+            # While the axis sticks its noise is small, so the amplitude has to be as large as the
+            # bounds permit.
             sure = error < DEVIATION[output] and not (self.order.rubs and output == "adc0")
             if moved >= 0.9 * swing or sure or amplitude >= most:
                 return amplitude
@@ -353,7 +368,8 @@ class Analyzer:
         return held.values("force_raw") * 2.0 ** (8 - self.bits)
 
     def press(self, force_N: float) -> float:
-        """Approaches in mode 4 and presses until the reading stands at `force_N`: that force."""
+        """Approaches in mode 4 and presses until the measured force has settled at `force_N`;
+        returns the settled force in N."""
         axis = self.axis
         if math.isfinite(self.order.force_max_N):
             bound, own = self.order.force_max_N / self.newton, self.known["force_max"]
@@ -375,9 +391,9 @@ class Analyzer:
         )  # fmt: skip
 
     def _touch(self) -> None:
-        """Waits for the contact. What presses after a loss may then be as fast as this approach
-        was: held still meanwhile, as by default, a weak law leaves a light contact that noise ends
-        for a tick."""
+        """Waits for the contact. After a contact loss the axis may then approach at the speed of
+        the first approach. With the default limit, a weak force law would lose a light contact for
+        a tick again and again because of noise."""
         fastest = 0
 
         def touches(state: Mapping[str, Any]) -> bool:
@@ -395,12 +411,13 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def per_mille(self, force_N: float) -> float:
-        """Target of a force, at most what the axis does not clip."""
+        """Target of a force in per mille of the rated force, limited to the axis' own limit."""
         return min(1e3 * force_N / self.rated_N, bounds.most_force(self.axis))
 
     def standing(self, timeout_s: float = 20.0) -> float:
-        """The reading in N once it stands, in contact, and the code with it: where dry friction
-        holds the axis the reading stands while the law's integral still winds up."""
+        """Waits until the measured force in contact and the DAC code are constant; returns the
+        force in N. Both are compared, because dry friction can keep the force constant while the
+        integral action still changes the code."""
         passed, before, code = 0.0, None, 0.0
         while passed < timeout_s:
             self.axis.link.wait(0.2)
@@ -429,7 +446,7 @@ class Analyzer:
             )
 
     def _pressed(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """A realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
+        """Records a realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
         axis = self.axis
         self.set(excitation_code=amplitude, excitation_seed=seed)
         try:
@@ -448,14 +465,14 @@ class Analyzer:
         return wave, held.values("dac_code"), self._output(held, "adc0")
 
     def goes_on(self) -> None:
-        """Raises Refusal or Ended unless the axis is enabled and excited."""
+        """Raises Refusal or Ended unless the axis is enabled and its excitation runs."""
         state = self.axis.get("excitation_state", "fault", "drive_state")
         self._expect_enabled(state)
         if state["excitation_state"] not in ("running", "ramping_up"):
             raise Ended(state["excitation_state"])
 
     def wait(self, seconds: float, check: Callable[[], object]) -> None:
-        """Lets the axis go on for some seconds of its time; check() at every poll."""
+        """Waits for `seconds` of the axis' time; calls check() at each poll."""
         passed = 0.0
         while passed < seconds:
             step = min(WAIT_POLL_S, seconds - passed)
@@ -464,13 +481,14 @@ class Analyzer:
             check()
 
     def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """A realisation apart: (u, u, y), without the drift from period to period."""
+        """A realisation out of contact: (u, u, y), without the drift from period to period."""
         axis, n = self.axis, self.samples
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
         self.wait(FREE_SETTLE * settle * self.order.settle_s, self._free)
-        count = min(n + n // 4, self._most_samples(APART))  # the drift shows in what repeats
+        # the drift is the difference of two samples that are one period apart
+        count = min(n + n // 4, self._most_samples(APART))
         axis.arm(APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)
         self._free()
@@ -494,7 +512,7 @@ class Analyzer:
             raise Ended("ended_travel")
 
     def go_home(self) -> None:
-        """Stands again where the measurement began."""
+        """Moves the axis back to the position at which the measurement began."""
         self.axis.enable("profile position")
         if abs(self.axis.read("position") - self.home) > STANDING:
             self.axis.move(self.home)

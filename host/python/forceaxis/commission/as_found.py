@@ -1,9 +1,10 @@
-"""What a run finds on an axis, kept in a file of its folder until the axis has it again.
+"""Saves the objects of an axis to a file before a run and restores them to the axis after it.
 
     with kept(AxisFolder(axis, "out/tuned", say)):
 
-The file is there before anything is changed. That of a run that was killed, or that lost the axis,
-is still there: the next run in that folder writes its values to the axis first.
+The file is written before the first object is changed. If the run is killed or loses its
+connection, the file remains. The next run in the same folder then first writes the saved values to
+the axis.
 """
 
 import contextlib
@@ -22,14 +23,16 @@ from forceaxis.commission.tune_files import AxisState
 
 T = TypeVar("T")
 RawValues = dict[str, int]  # {object: raw value}
-Say = Callable[[str], None]  # takes a line on what is done to the axis
+Say = Callable[[str], None]  # receives a line of text about an action on the axis
 
 FILE = tune_files.FOUND
-NO_OWNER = BY_NAME["command_source"].enum.index("canopen")  # source of an axis without an owner
+# value of command_source while the axis has no owner
+NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
     n for n, o in BY_NAME.items() if n.startswith("recorder_") and o.access == "rw"
 )
-# Besides the parameters: what a measurement sets and other clients may have set before.
+# Objects besides the parameters: a measurement writes them, and other clients may have written
+# them before.
 SET_UP = (
     "modes_of_operation",
     "target_force",
@@ -42,28 +45,29 @@ SET_UP = (
 
 
 def say_nothing(text: str) -> None:
-    """A Say that leaves the line out."""
+    """Discards the line of text."""
 
 
 class AxisFolder:
-    """JSON files about an owned, disabled Axis. say(text): a line for what is done to it. coasted:
-    a run that was killed has left the axis enabled, which has come to rest somewhere else."""
+    """JSON files of a folder about an owned, disabled Axis. say(text): reports an action on the
+    axis. coasted: a killed run left the axis enabled, so the axis has come to rest at another
+    position."""
 
     def __init__(self, axis: Axis, folder: str | Path, say: Say = say_nothing) -> None:
         self.axis, self.folder, self.say = axis, Path(folder), say
         self.coasted = False
 
     def read(self, name: str, kind: type[T]) -> T | None:
-        """A file as an instance of `kind`; None where there is no such file. Raises InputError for
-        a damaged file."""
+        """Reads a file as an instance of `kind`; returns None if the file does not exist. Raises
+        InputError for a damaged file."""
         return tune_files.read(self.folder / name, kind)
 
     def write(self, name: str, value: Any) -> None:
-        """Replaces a file as a whole. value: a result or what JSON can hold."""
+        """Replaces a complete file. value: a result or a value that JSON can represent."""
         tune_files.write(self.folder, name, value)
 
     def found(self) -> AxisState:
-        """What the axis has at the end of the block. Raises InputError."""
+        """The values that the block restores at its end. Raises InputError."""
         held = self.read(FILE, AxisState)
         if held is None:
             raise InputError(f"{self.folder / FILE}: expected that file during a run, it is gone")
@@ -72,7 +76,7 @@ class AxisFolder:
 
 def read(axis: Axis) -> RawValues:
     """{object: raw value} of the parameters and SET_UP, without the consumer heartbeats, which the
-    link manages. Raises Refused, NoAnswer."""
+    connection manages. Raises Refused, NoAnswer."""
     set_up = axis.link.read([name for name in SET_UP if axis.link.reaches(name)])
     found = params.read(axis) | set_up
     return {n: raw for n, raw in found.items() if not n.startswith("consumer_heartbeat_")}
@@ -80,9 +84,10 @@ def read(axis: Axis) -> RawValues:
 
 @contextlib.contextmanager
 def kept(folder: AxisFolder) -> Iterator[None]:
-    """Writes what the axis had at the beginning of the block to it at its end, whatever ends it,
-    unless the axis is silent or another client's; expect() changes those values. Raises InputError
-    where the folder's file is of another axis."""
+    """Restores at the end of the block, also after an exception, the values that the axis had at
+    its beginning. Nothing is written if the axis does not answer or has another owner. expect()
+    changes the values to restore. Raises InputError if the file in the folder belongs to another
+    axis."""
     _recover(folder)
     new = not folder.folder.exists()
     folder.write(FILE, AxisState(_identity(folder.axis), read(folder.axis)))
@@ -102,14 +107,14 @@ def kept(folder: AxisFolder) -> Iterator[None]:
 
 
 def expect(folder: AxisFolder, values: RawValues) -> None:
-    """Replaces raw values that the axis has at the end of the block."""
+    """Replaces raw values that the block restores at its end."""
     held = folder.found()
     folder.write(FILE, AxisState(held.axis, held.values | values))
 
 
 def put_back(folder: AxisFolder) -> int:
-    """Disables the axis and writes every object that differs from the file: their number. Raises
-    Refused, NoAnswer."""
+    """Disables the axis and writes every object whose value differs from the file; returns the
+    number of written objects. Raises Refused, NoAnswer."""
     axis, held = folder.axis, folder.found().values
     (source,) = axis.link.read(["command_source"]).values()
     if source not in (axis.link.source, NO_OWNER):
@@ -131,7 +136,7 @@ def _identity(axis: Axis) -> RawValues:
 
 
 def _recover(folder: AxisFolder) -> None:
-    """Takes an axis over from a run that was killed in this folder."""
+    """Restores the values of an axis if an earlier run in this folder was killed."""
     held, axis = folder.read(FILE, AxisState), folder.axis
     if held is None:
         return
@@ -147,7 +152,8 @@ def _recover(folder: AxisFolder) -> None:
         axis.reset_fault()
         axis.link.wait(0.05)
         folder.say(f"the run before was killed: its fault {fault} is reset")
-        actions.wait_to_stand(axis)  # disabled by the fault, it may still coast
+        # the fault has disabled the axis, but the axis may still coast
+        actions.wait_to_stand(axis)
         folder.coasted = True
     count = put_back(folder)
     if count:

@@ -1,6 +1,5 @@
-"""A guided first motion: what can be seen of an axis at rest, then a test at low output, then a
-small move out and back. Each step has a verdict; the first that fails keeps the axis from moving.
-"""
+"""First motion test of a new axis: observation at rest, a test at a low output, then a small move
+out and back. Each step has a verdict; after a failed step the axis is not moved."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,19 +13,19 @@ from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import LEFT, ORPHANED
 
 SAMPLES = 750  # half a second at rest
-READINGS, READING_PERIOD_S = 25, 0.02  # of a link that carries no recording
-STANDING_CNT = 2  # of an encoder at a stand, as the firmware's own test has it
-DITHER_LSB = 0.4  # noise below it hides what is smaller than a code
-REACH = 8  # first_motion_counts that the firmware's test moves at most
-TRAVEL_CNT, OUTPUT_CODES = 400, 250  # of the move out and back
-MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # each way, and the most counts a tick
+READINGS, READING_PERIOD_S = 25, 0.02  # for a connection without recordings
+STANDING_CNT = 2  # largest change of the encoder at standstill, as in the firmware's test
+DITHER_LSB = 0.4  # with less noise, a value smaller than one code cannot be measured
+REACH = 8  # multiple of first_motion_counts that bounds the motion of the firmware's test
+TRAVEL_CNT, OUTPUT_CODES = 400, 250  # travel and largest code of the move out and back
+MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # duration of each move; most counts per tick
 SETTLE_S = 1.3
-MOVE_SPEED_MAX = 8  # counts a tick: at least four times as fast as the move is
+MOVE_SPEED_MAX = 8  # counts per tick: at least four times the speed of the move
 ARRIVED_CNT = 20
 RESTORE_TRIES = 4
 ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # digital_inputs
 NO_LIMIT = 2**31 - 1
-# What a fault that stops the first motion mostly means.
+# {fault: its most frequent causes} of the faults that stop the first motion.
 CAUSES = {
     "force_sensor_failed": "the reading is at an end of its range or does not stand still: check "
     "cable, supply and force_zero_code",
@@ -50,8 +49,9 @@ Value = float | str | None
 
 @dataclass(frozen=True)
 class CheckStep:
-    """verdict: "passed", "noted" (no failure, but worth a look), "skipped" or "failed"; value and
-    limit of what was judged, a number or a name, None where there is none."""
+    """One step of the test. verdict: "passed", "noted" (no failure, but to be examined), "skipped"
+    or "failed"; value and limit of the checked quantity, each a number or a name, None without a
+    value."""
 
     step: str
     verdict: str
@@ -62,7 +62,7 @@ class CheckStep:
 
 @dataclass(frozen=True)
 class CheckedObjects:
-    """Objects of an axis, in engineering values, that the steps compare with what they see."""
+    """Objects of an axis, in engineering values, that the steps compare with observations."""
 
     adc_bits: int
     force_zero_code: int
@@ -85,7 +85,7 @@ class CheckedObjects:
 
 @dataclass(frozen=True)
 class MotionCheckResult:
-    """The steps of a guided first motion; passed: none failed."""
+    """The steps of a first motion test; passed: no step failed."""
 
     axis: str
     passed: bool
@@ -93,15 +93,15 @@ class MotionCheckResult:
 
 
 class MotionCheck:
-    """The steps for an Axis that is owned and disabled; it is disabled after run(), its parameters
-    as before, force_tare apart."""
+    """The first motion test of an Axis that is owned and disabled. After run() the axis is disabled
+    and has its previous parameters, except force_tare."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
         say: Callable[[CheckStep], None] = lambda step: None,
     ) -> None:  # fmt: skip
-        """travel: of the move, counts; output: the largest code meanwhile. say(CheckStep) is called
-        as each step ends."""
+        """travel: distance of the move in counts; output: limit of the DAC code during the motion.
+        say(CheckStep) is called at the end of each step."""
         self.axis, self.travel, self.output, self.say = axis, travel, output, say
         self.steps: list[CheckStep] = []
 
@@ -111,11 +111,12 @@ class MotionCheck:
         return all(step.verdict != "failed" for step in self.steps)
 
     def result(self) -> MotionCheckResult:
-        """The steps that are done."""
+        """The steps that have ended, as a result."""
         return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
     def run(self, consent: Callable[[str], bool]) -> None:
-        """All steps; consent(text) is asked before the axis moves, where all passed so far."""
+        """Runs all steps. If the steps at rest pass, consent(text) is called; the axis moves only
+        if it returns True."""
         self._connection()
         if not self._table():
             return
@@ -131,7 +132,7 @@ class MotionCheck:
             self._tare()
 
     def asked(self) -> str:
-        """What a person has to know before the axis moves."""
+        """The text about the motion that a person has to confirm before the axis moves."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
@@ -218,7 +219,7 @@ class MotionCheck:
         try:
             held = self.axis.capture(list(names), samples=SAMPLES)
             raw, force, current, place = (held.values(name) for name in names)
-        except Refused:  # this link carries no recording
+        except Refused:  # this connection has no recordings
             rows = []
             for _ in range(READINGS):
                 rows.append([self.axis.read(name) for name in names])
@@ -256,7 +257,8 @@ class MotionCheck:
                     ": the axis moves, or its cable picks up noise")  # fmt: skip
 
     def _limits(self) -> None:
-        """Where the limits leave room; away from the workpiece is preferred."""
+        """Finds a direction with enough distance to the position limits; away from the workpiece is
+        preferred."""
         low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
@@ -269,18 +271,19 @@ class MotionCheck:
                     f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
     def _span(self) -> int:
-        """How far the axis may be from its start, whatever happens."""
+        """Largest distance in counts that the axis can move from its start, including any
+        overshoot."""
         return max(self.travel, REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:
-        """Of the move, counts a tick."""
+        """Speed of the move in counts per tick."""
         return min(self.travel / MOVE_TICKS, MOVE_SPEED)
 
     def _output(self) -> int:
         return min(self.output, self.known.output_limit)
 
     def _motion(self) -> None:
-        """First motion and move, with limits of their own meanwhile."""
+        """Runs the first motion and the move, each with narrower limits on the axis."""
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
         bounds = {
@@ -298,7 +301,8 @@ class MotionCheck:
         before = self.axis.link.read(names)
         try:
             self.axis.set(**bounds, first_motion_test="off")
-            self.axis.set(first_motion_test="on")  # written anew: it is not passed yet
+            # writing the object clears an earlier passed result
+            self.axis.set(first_motion_test="on")
             if not self._first_motion():
                 self._skip("what failed comes first", "move")
                 return
@@ -329,7 +333,8 @@ class MotionCheck:
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
     def _move(self) -> None:
-        """Out and back by the position law; the largest error of the places reached."""
+        """Moves out and back in position mode and checks the largest position error at the end
+        points."""
         largest, errors = 0, []
         for target in (self.start + self.direction * self.travel, self.start):
             try:
@@ -362,8 +367,8 @@ class MotionCheck:
                     "is too low")  # fmt: skip
 
     def _put_back(self, before: dict[str, int]) -> None:
-        """Disables the axis and restores what was set for the motion. A link that is lost for a
-        moment is tried again; a first Ctrl-C acts after it."""
+        """Disables the axis and restores the objects that were set for the motion. A lost
+        connection is tried again; a first Ctrl-C takes effect only afterwards."""
         interrupt: KeyboardInterrupt | None = None
         reason: str | None = None
         for again in range(RESTORE_TRIES):
@@ -408,7 +413,7 @@ class MotionCheck:
 
 
 def _least(own: float, bound: float) -> float:
-    """The smaller one of a limit, 0 for none, and of a bound; whole numbers stay whole."""
+    """The smaller of a limit and a bound; a limit of 0 means no limit. Integers stay integers."""
     return min(own, bound) if own else bound
 
 

@@ -1,7 +1,9 @@
-"""Contact of an axis with a bank in force: simulated on the fitted plant, and recorded.
+"""Contacts of an axis with an active bank: simulated on the fitted plant, and recorded on the
+axis.
 
-`simulated` is what a bank has to pass before it is written; a `Touching` analyzer records the
-touch-downs of the axis while the bank is verified, and `predicted` gives those of the fitted plant.
+A bank is written only if the contacts of `simulated` pass. A `Touching` analyzer records the first
+contacts of the axis while the bank is verified; `predicted` computes the same contacts on the
+fitted plant.
 """
 
 import math
@@ -38,11 +40,11 @@ from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
 from forceaxis.results import from_json, to_json
 
-MEMBER_COUNT, MEMBER_SEED = 6, 1988  # of the set, chosen at random
-BEFORE_S, AFTER_S = 0.1, 2.0  # of a recorded touch-down, at most
-# An axis leaves the contact in short moves, then by a long one: over the travel.
+MEMBER_COUNT, MEMBER_SEED = 6, 1988  # number and seed of the random members of the set of plants
+BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording before and after a first contact
+# To leave the contact, the axis first makes short moves, then one move over the whole travel.
 SHORT_MOVE, LONG_MOVE, MOVES_MAX = 0.25, 0.75, 40
-# What a touch-down depends on besides the bank, as the axis has it.
+# Objects of the axis, besides the bank, on which a first contact depends.
 TOUCH_DOWN_OBJECTS = (
     "rated_force", "force_slope", "approach_velocity_max", "contact_force",
     "position_gain", "velocity_gain", "contact_loss_cap", "contact_loss_dwell", "bump_decay_shift",
@@ -52,7 +54,7 @@ TOUCH_DOWN_OBJECTS = (
 
 @dataclass(frozen=True)
 class FittedAxis:
-    """What an axis with the designed bank is predicted from."""
+    """The data from which the contacts of an axis with the designed bank are predicted."""
 
     tuning: TuningFolder
     checked: Checked
@@ -61,18 +63,18 @@ class FittedAxis:
 
     @property
     def plants(self) -> PlantSet:
-        """What was designed for: the set about the fitted values."""
+        """The set of plants of the design, about the fitted values."""
         model, fitted = self.tuning.model, self.fitted
         ranges = plant_set.ranges_of(model, fitted.over, fitted.values)
         modes, together = self.designed.modes or ({},), fitted.together or ({},)
         return PlantSet(str(model), fitted.values, ranges, modes, together)
 
     def plant(self) -> Design:
-        """The fitted plant, for a `with`."""
+        """The fitted plant; to be used in a `with` statement."""
         return Design(str(self.tuning.model), self.fitted.values)
 
     def bench(self, plant: Design, bank: Bank) -> simulation.ContactBench:
-        """The bench of a plant with the axis' own firmware settings."""
+        """A simulated contact of a plant with the firmware settings of the axis."""
         bench = simulation.ContactBench(
             plant, self.designed.adc_bits, firmware=firmware_of(self.tuning, self.checked)
         )
@@ -83,7 +85,7 @@ class FittedAxis:
 
 
 def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
-    """What the axis is to be simulated with."""
+    """Firmware settings with which the axis is simulated."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
                            "contact_force")  # fmt: skip
     held |= checked.settings
@@ -91,8 +93,8 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
-    """Simulated contacts, each with its kind: contact at each force, strikes at all but the
-    largest, then contact on random members of the set. Raises Refusal: hf_gain, simulated_KIND."""
+    """Simulates contacts: one at each force, impacts at all forces but the largest, and contacts of
+    random members of the set. Each row has its kind. Raises Refusal hf_gain or simulated_KIND."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank, given = designed.bank.bank, designed.contact_loss or {}
     loss = {name: int(given[name]) for name in files.LOSS if name in given}
@@ -133,27 +135,29 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
 
 @dataclass(frozen=True)
 class TouchDown:
-    """A recorded touch-down."""
+    """A recorded first contact."""
 
-    time_s: Samples  #: from the first reading above contact_force on
+    time_s: Samples  #: 0 at the first measured force above contact_force
     force_N: Samples
     force_asked_N: float
     order: MeasuringOrder  #: of the analyzer
-    settings: Settings  #: {object of TOUCH_DOWN_OBJECTS: engineering value} then
+    settings: Settings  #: {object of TOUCH_DOWN_OBJECTS: engineering value} at the contact
 
 
 class Touching(Analyzer):
-    """An Analyzer whose contact begins apart and is recorded: `touch`, of the last contact."""
+    """An Analyzer that begins each contact out of contact and records it; `touch` is the last
+    record."""
 
     touch: TouchDown
     asked_N: float
 
     def touch_down(self, force_N: float) -> None:
-        """Touches down and presses until the reading settles, without measuring."""
+        """Makes a first contact and presses until the measured force has settled, without a
+        response."""
         self.press(force_N)
 
     def press(self, force_N: float) -> float:
-        """As Analyzer.press(), from apart, recorded."""
+        """As Analyzer.press(), but from out of contact and with a recording."""
         self.asked_N = force_N
         self._leave()
         before = round(BEFORE_S * TICKS_PER_S)
@@ -164,7 +168,7 @@ class Touching(Analyzer):
         return super().press(force_N)
 
     def _leave(self) -> None:
-        """Moves back by at most the travel from where nothing presses any more."""
+        """Moves the axis back, at most over the travel, until it is out of contact."""
         axis, travel = self.axis, self.order.travel
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
@@ -183,12 +187,13 @@ class Touching(Analyzer):
 
 
 def name(force_N: float) -> str:
-    """Of the file of a touch-down, without its suffix."""
+    """Name of the file of a first contact, without suffix."""
     return f"touch-down-{force_N:g}N"
 
 
 def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
-    """A file of the folder with a TouchDown and what is predicted() of it; its peaks."""
+    """Writes a recorded first contact and its prediction to a file of the folder; returns both
+    peaks."""
     expected = predicted(fitted_axis, touch)
     columns = np.column_stack([touch.time_s, touch.force_N, expected])
     folder, file_name = fitted_axis.tuning.folder, f"{name(touch.force_asked_N)}.csv"
@@ -200,8 +205,9 @@ def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
 
 
 def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
-    """The reading, N, at the times of a TouchDown: of the fitted plant with firmware, bank and
-    the same settings; NaN where that does not settle."""
+    """Predicted measured force in N at the times of a TouchDown, from the fitted plant with the
+    firmware, the bank and the settings of the axis. All values are NaN if the simulated force does
+    not settle."""
     bank = fitted_axis.designed.bank.bank
     with fitted_axis.plant() as plant:
         bench = fitted_axis.bench(plant, bank)
@@ -212,7 +218,8 @@ def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
         with Axis(SimLink(file)) as axis:
             same = Touching(axis, touch.order)
             try:
-                for _ in range(2):  # the second one from as far away as the axis
+                # the second contact begins at the distance at which the axis began
+                for _ in range(2):
                     same.touch_down(touch.force_asked_N)
             except (Refusal, Refused, NoAnswer):  # of that plant
                 return np.full(len(touch.time_s), np.nan)

@@ -1,11 +1,12 @@
-"""A model's parameters from all responses of one axis, and from what was known of it before.
+"""Fits the parameters of a model to all responses of one axis, together with prior knowledge.
 
     found = joint(model, priors(model, over), [free, at_30_N, at_150_N], over)
     found.values, found.intervals, found.over     # or why not: found.rejected, found.text
 
-Responses in contact fix ratios of masses, stiffnesses and the drive's force alone: the response
-apart and the priors fix the absolute values, as well as they are known. A force law does not meet
-what they leave open, since it acts from the reading to the code, as the responses do.
+Responses in contact determine only ratios of masses, stiffnesses and the drive's force constant.
+The response out of contact and the priors determine the absolute values as accurately as they are
+known. The remaining uncertainty does not change a force loop, because the force law acts from the
+measured force to the code, and the responses contain the same path.
 """
 
 import itertools
@@ -34,22 +35,26 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-OUTSIDE = 3.0  # standard deviations from its prior: rejected
+OUTSIDE = 3.0  # standard deviations: a fitted value that is farther from its prior is rejected
 EDGE = 6.0  # how far is searched
-MODEL_ERROR = 0.01  # of a response, that is no fault of the parameters
-GRID, ANTIRESONANCES = 7, 28  # starts of each wide parameter, evaluated; the best are searched from
+MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
+# starts of each wide parameter and antiresonances of the grid; the best start the search
+GRID, ANTIRESONANCES = 7, 28
 SEARCHES = 2
-NEAR = 0.15  # logarithm of the frequency: lines at the limiting mode
+# logarithm of the frequency: distance within which a line belongs to the limiting mode
+NEAR = 0.15
 STEP = 1e-5
 KEPT = 200
-COMBINATIONS = 9  # of modes at the levels
-APART, CHANGED = 0.3, 0.02  # logarithms: levels that are one plant still; that count as another
+COMBINATIONS = 9  # largest number of combinations of modes at the levels
+# logarithms: largest distance of the levels of one plant, and of a change
+APART, CHANGED = 0.3, 0.02
 
 
 @dataclass(frozen=True)
 class ResponseScore:
-    """How well a model explains one response: name "apart" or "in contact"; points: lines; modes:
-    {element: state} that it is explained in; p: probability of a chi-square as large."""
+    """How well a model explains one response. name: "apart" or "in contact"; points: number of
+    lines; modes: {element: state} in which the model is linearised; p: probability of a chi-square
+    at least as large."""
 
     name: str
     points: int
@@ -61,9 +66,9 @@ class ResponseScore:
 
 @dataclass(frozen=True, kw_only=True)
 class JointSummary:
-    """A JointFit as JSON has it. values, intervals, ratios, correlation, over, set: None of a
-    rejected fit; order: of the rows of the correlation; why: in words, of a rejected fit; set: the
-    values as options of the command line."""
+    """A JointFit in the form of its JSON. values, intervals, ratios, correlation, over and set are
+    None for a rejected fit; order: names of the rows of the correlation; why: text about the
+    rejection; set: the values as options of the command line."""
 
     model: str = ""
     values: Values | None = None
@@ -86,43 +91,44 @@ class JointSummary:
 
 @dataclass
 class JointFit:
-    """What joint() found. Of a rejected fit only `rejected`, `text`, `best`, `levels` and the
-    chi-square say anything."""
+    """The result of joint(). For a rejected fit only `rejected`, `text`, `best`, `levels` and the
+    chi-square are defined."""
 
     model: str
     best: Values
     chi2: float
     dof: int
     levels: list[ResponseScore]  #: per response
-    problem: "Responses"  #: of which `best` is the best, at the logarithms `at`
+    problem: "Responses"  #: the fitted responses; `at` are the logarithms of the values `best`
     at: Samples
-    rejected: str | None = None  #: one word: prior, chi2 or coherence
+    rejected: str | None = None  #: reason in one word: prior, chi2 or coherence
     text: str = ""  #: why, for people
-    values: Values | None = None  #: `best`, of a fit that is not rejected
+    values: Values | None = None  #: `best` if the fit is not rejected
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
-    #: {"a/b" or "a*b": (value, low, high)}: what is known better than either
+    #: {"a/b" or "a*b": (value, low, high)} of pairs that are known better than their parameters
     ratios: dict[str, tuple[float, float, float]] | None = None
-    correlation: Samples | None = None  #: in the order of `best`
+    correlation: Samples | None = None  #: in the order of the names in `best`
     plants: plant_set.PlantSet | None = None  #: for a design
     limiting_hz: float | None = None
-    #: of each response, {parameter: value} with what it alone has
+    #: for each response {parameter: value}, with the parameters that belong to this response alone
     own: list[Values] = field(default_factory=list)
-    #: each force has parameters of its own: `values` is their mean, the ranges hold all of them
+    #: True if each force has parameters of its own: `values` is then their mean, and the ranges
+    #: contain the values of all forces
     levels_differ: bool = False
 
     @property
     def p(self) -> float:
-        """Probability of a chi-square as large, were the model right."""
+        """Probability of a chi-square at least as large if the model is correct."""
         return float(stats.chi2.sf(self.chi2, self.dof))
 
     @property
     def over(self) -> tuple[str, ...]:
-        """The ranges of `plants`, as texts NAME=LOW..HIGH."""
+        """The ranges of `plants` as texts NAME=LOW..HIGH."""
         ranges = self.plants.ranges if self.plants else {}
         return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in ranges.items())
 
     def summary(self) -> JointSummary:
-        """For JSON."""
+        """The fit as JSON shows it."""
         summary = JointSummary(
             model=self.model, best=self.best, order=tuple(self.best), chi_square=self.chi2,
             dof=self.dof, p_value=self.p, responses=tuple(self.levels),
@@ -140,14 +146,15 @@ class JointFit:
 
 @dataclass
 class Responses:
-    """The responses of one axis as residuals of the logarithms of its parameters."""
+    """The responses of one axis as residuals that depend on the logarithms of the parameters."""
 
     model: str
     priors: dict[str, Prior]
     measured: list[Measurement]
     modes: list[States] = field(default_factory=list)  # of each response
-    own: list[dict[str, str]] = field(default_factory=list)  # of each: {parameter: name in priors}
-    errors: list[float] = field(default_factory=list)  # of each response, relative, of any model
+    # for each response {parameter: its name in priors}
+    own: list[dict[str, str]] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)  # relative model error of each response
     states: States = field(default_factory=dict)  # of all in contact
 
     def __post_init__(self) -> None:
@@ -157,7 +164,8 @@ class Responses:
         self.centre: Samples = np.log([p.value for p in self.priors.values()])
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
-        self.known: dict[Any, Response] = {}  # predictions by response and what it depends on
+        # predictions by response and by the values on which they depend
+        self.known: dict[Any, Response] = {}
         self.acting: dict[Any, NDArray[np.bool_]] = {}
         self.variance = [
             m.variance + (error * abs(m.response)) ** 2
@@ -165,14 +173,16 @@ class Responses:
         ]
 
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
-        """{parameter: value} of what all responses share, and of what one has as its `own`."""
+        """{parameter: value} of the shared parameters and of those that one response has as its
+        `own`."""
         every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
 
     def predictions(self, x: Samples) -> list[Response]:
-        """What the model gives for each response. Levels of the same modes and lines share it, and
-        it stands while only parameters change on which it does not depend."""
+        """The response of the model for each measured response. Responses with the same modes and
+        lines share one prediction. A prediction is kept until a parameter changes on which it
+        depends."""
         found = []
         for m, modes, own in zip(self.measured, self.modes, self.own, strict=True):
             one = (
@@ -194,7 +204,7 @@ class Responses:
         return found
 
     def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
-        """Which parameters a response depends on."""
+        """For each parameter, whether the response depends on it."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
             measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)
@@ -202,7 +212,8 @@ class Responses:
         return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
     def coarse(self, x: Samples) -> Samples:
-        """By the logarithm of the ratio, which converges from afar."""
+        """Residuals of the logarithm of the ratio of responses; they converge from distant start
+        values."""
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             relative = np.sqrt(v) / np.maximum(abs(m.response), 1e-300)
@@ -210,8 +221,8 @@ class Responses:
         return np.concatenate([*map(_real, parts), (x - self.centre) / self.spread])
 
     def scores(self, x: Samples) -> list[Samples]:
-        """Each response's residuals, real, whose squares' sum is a chi-square, two degrees of
-        freedom a line: see identify.fit.fit."""
+        """The real residuals of each response. The sum of their squares is a chi-square with two
+        degrees of freedom per line; see identify.fit.fit."""
         found = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             error = (m.response - h) / np.sqrt(v)
@@ -220,13 +231,14 @@ class Responses:
         return found
 
     def fine(self, x: Samples) -> Samples:
-        """Residuals of the likelihood: those of all responses, and of the priors."""
-        # The likelihood's own factor is (dof + 1) / dof, here 1 as in the test.
+        """Residuals of the likelihood: those of all responses and those of the priors."""
+        # The factor of the likelihood, (dof + 1) / dof, is set to 1 here and in the chi-square
+        # test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
     def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
-        """Of the logarithms: (the lines', that of lines and priors). scales: how much larger than
-        its variance says each response's error is."""
+        """Information matrices of the logarithms: (from the lines alone, from lines and priors).
+        scales: for each response the factor by which its variance is enlarged."""
         shifted = [
             [self.predictions(x + s * STEP * d) for s in (1, -1)] for d in np.eye(len(self.names))
         ]
@@ -238,11 +250,12 @@ class Responses:
         return lines, lines + np.diag(self.spread**-2.0)
 
     def starts(self) -> list[Samples]:
-        """The best of a grid of the wide parameters, everything else as known: [x].
+        """Start values [x]: the best points of a grid of the wide parameters; all other parameters
+        begin at their prior value.
 
-        A workpiece's mass follows from its antiresonance, which is sought among all frequencies of
-        the lines: a sharp one is not found by steps of stiffness and mass. Dampings begin large,
-        which makes it broad.
+        The mass of a workpiece follows from its antiresonance, which is searched among the
+        frequencies of all lines: steps of stiffness and mass would miss a narrow antiresonance. The
+        damping begins at a large value, which makes the antiresonance wide.
         """
         units = {n: unit for n, (_, unit) in linear.facts(self.model).parameters.items()}
         wide = {
@@ -271,19 +284,20 @@ class Responses:
         return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES]]
 
     def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
-        """(lowest, highest) logarithms that are searched, `inside` standard deviations within."""
+        """(lowest, highest) logarithms of the search; `inside`: margin in standard deviations."""
         reach = (EDGE - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
     def near(self, begin: Samples, evaluations: int) -> Any:
-        """Searched by the logarithm from `begin`: what least_squares gives."""
+        """Search with the coarse residuals from `begin`; the result of scipy's least_squares."""
         return optimize.least_squares(
             self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
             max_nfev=evaluations,
         )  # fmt: skip
 
     def search(self, begin: Samples) -> Any:
-        """First by the logarithm, then by the likelihood: what least_squares gives."""
+        """Search with the coarse residuals, then with the likelihood; the result of
+        least_squares."""
         near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
         return optimize.least_squares(
             self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
@@ -300,15 +314,16 @@ def joint(
     over: Sequence[str] = (), own: Sequence[Mapping[str, Prior]] = (),
     errors: Sequence[float] = (), states: States | None = None,
 ) -> JointFit:  # fmt: skip
-    """Fit all responses of one axis at once: a JointFit.
+    """Fits all responses of one axis at once and returns a JointFit.
 
-    model: a path or stem. priors: {parameter: Prior}, of what is searched. measurements: of the
-    axis, apart or in contact at some force; each in contact is taken in the slope of the amplifier
-    that explains it best. over: texts NAME=PERCENT% or NAME=LOW..HIGH, what may change about the
-    values found. own: for each response {parameter: Prior} of what it alone has, such as the
-    damping that its amplitude makes of dry friction; errors: what no model explains of each,
-    relative, MODEL_ERROR by default. states: {element: state} that all responses were taken in;
-    those of contacts only the responses in contact. Raises InputError.
+    model: a path or stem. priors: {parameter: Prior} of the parameters to fit. measurements:
+    responses of the axis, out of contact or in contact at some force; each response in contact is
+    explained by the linear range of the amplifier that fits best. over: texts NAME=PERCENT% or
+    NAME=LOW..HIGH, the tolerances about the fitted values. own: for each response {parameter:
+    Prior} of parameters that belong to it alone, for example the damping that represents dry
+    friction at its amplitude. errors: relative model error of each response, MODEL_ERROR by
+    default. states: {element: state} in which all responses were measured; states of contacts
+    concern only the responses in contact. Raises InputError.
     """
     model = str(linear.find_model(model))
     measured = [replace(m, model=model) for m in measurements]
@@ -331,8 +346,8 @@ def joint(
 
 
 def _in_modes(problem: Responses) -> Responses:
-    """The problem in the modes of the amplifier whose best start explains the responses best, among
-    those that have its states."""
+    """The problem in those linear ranges of the amplifier whose best start values explain the
+    responses best; given states stay fixed."""
     states = problem.states
     every = sets.slopes(problem.model, fixed=states)
     slopes = [states, *(modes for modes in every if modes != states)]
@@ -352,7 +367,7 @@ def _in_modes(problem: Responses) -> Responses:
 
 
 def _searched(problem: Responses) -> Samples:
-    """The best parameters, x."""
+    """The best parameters x."""
     best: Any = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
@@ -364,8 +379,9 @@ def _searched(problem: Responses) -> Samples:
 
 
 def _by_level(problem: Responses, best: Samples) -> Samples | None:
-    """The best parameters of each level in contact without the others, (levels, p); None where
-    one is not explained so either, or the levels are too far apart to be one plant."""
+    """The best parameters of each force in contact, fitted without the other forces, and p, as
+    (levels, p). None if a response is not explained in this way either, or if the values of the
+    forces differ too much for one plant."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     found = []
     for level in pressed:
@@ -383,7 +399,7 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
 
 
 def _score(residuals: Samples) -> tuple[float, int, float]:
-    """(chi-square, degrees of freedom, probability of a chi-square as large)."""
+    """(chi-square, degrees of freedom, probability of a chi-square at least as large)."""
     chi2, dof = float(np.sum(residuals**2)), len(residuals)
     return chi2, dof, float(stats.chi2.sf(chi2, dof))
 
@@ -391,7 +407,7 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
 def _evaluated(
     problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
 ) -> JointFit:
-    """The JointFit of the best parameters; apart: those of each level, where levels differ."""
+    """The JointFit of the best parameters x; apart: the parameters of each force if they differ."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
         name = "apart" if m.free else "in contact"
@@ -444,8 +460,9 @@ def _evaluated(
 
 
 def _shown(problem: Responses, lines: Samples, ranges: Mapping[str, Any]) -> Samples:
-    """Standard errors of the logarithms as the lines alone show them. What the freedom of all the
-    others adds does not show in a response, so no law meets it."""
+    """Standard errors of the logarithms from the lines alone, for the parameters with a tolerance.
+    The uncertainty that comes from all other parameters does not change a response, so it does not
+    change a force loop."""
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
     varied = [i for i, name in enumerate(problem.names) if name in ranges]
     if varied:
@@ -455,7 +472,8 @@ def _shown(problem: Responses, lines: Samples, ranges: Mapping[str, Any]) -> Sam
 
 
 def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
-    """Says why a fit is rejected, if it is. away: from the priors, in standard deviations."""
+    """Sets the reason and text of a rejected fit. away: distances from the priors in standard
+    deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
     misfits = [level for level in found.levels if level.p < MISFIT / len(found.levels)]
     if (found.p < MISFIT or misfits) and not found.levels_differ:
@@ -489,8 +507,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 def _ratios(
     best: Values, covariance: NDArray[Any], size: float
 ) -> dict[str, tuple[float, float, float]]:
-    """{text: (value, low, high)} of pairs whose quotient or product is known twice as well as
-    either alone."""
+    """{text: (value, low, high)} of pairs whose quotient or product has at most half the
+    uncertainty of each parameter."""
     found = {}
     names = list(best)
     for i, j in itertools.combinations(range(len(names)), 2):

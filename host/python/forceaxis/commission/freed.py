@@ -1,12 +1,14 @@
-"""`identify fit` of a response whose axis rubs: what dry friction takes of it, as dampers.
+"""`identify fit` for an axis with dry friction: dampers represent the friction in the fit.
 
-Where a model is rejected, it is fitted once more with a damper in the place of each friction that
-the measurement has found, or that may be there where it has not looked. A response has the damper
-of its own amplitude, so its size in newtons is told by the speed that was recorded.
+If a model is rejected, it is fitted again with a damper in the place of each friction. These are
+the frictions that the measurement has found, or all possible ones if it did not search for
+friction. The size of a damper depends on the amplitude of the response. The friction in newtons
+follows from the damper and the recorded speed.
 """
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,15 +32,16 @@ from forceaxis.identify.measurement import Measurement
 from forceaxis.results import to_json
 
 TRIES = 2  # other starts
-BEGIN = 0.1  # of the moving mass times the middle frequency: damping to begin with, N s/m
+# damping at the start in N s/m, as a share of the moving mass times the middle frequency
+BEGIN = 0.1
 
 
 @dataclass(frozen=True)
 class Record:
-    """What the file of a response says of friction. looked: it does; newtons of guide and gear and
-    under the workpiece, None: not known; codes that guide and gear take; speed: rms of the axis,
-    m/s, None: not recorded; slides: the workpiece did; least: guide and gear take at least so much.
-    """
+    """Friction as the file of a response records it. looked: the measurement searched for friction;
+    dead_zone: DAC codes that guide and gear need; moving_N, table_N: friction of guide and gear and
+    under the workpiece, None if not known; speed: rms of the axis, m/s, None if not recorded;
+    slides: the workpiece slid; least: the friction of guide and gear is a lower bound."""
 
     looked: bool = False
     dead_zone: float = 0.0
@@ -54,7 +57,8 @@ class Record:
 
 
 def record(path: str | Path, model: str, overrides: linear.Overrides) -> Record:
-    """The Record of a folder of `forceaxis measure --out`; newtons that it lacks by the model."""
+    """The Record of a folder of `forceaxis measure --out`; the model converts codes to newtons if
+    the record contains only codes."""
     try:
         about = json.loads((Path(path) / "result.json").read_text(encoding="utf-8"))
         found = about["friction"]
@@ -78,8 +82,8 @@ def record(path: str | Path, model: str, overrides: linear.Overrides) -> Record:
 
 @dataclass(frozen=True)
 class Freed:
-    """A fit in which dampers stand for friction: of the Measurement with that model; newtons of
-    each, None: the speed is not known."""
+    """A fit with dampers in the place of friction, for the Measurement with that model; newtons of
+    each friction, None if the speed is not known."""
 
     found: fit_response.ParameterFit
     measured: Measurement
@@ -91,8 +95,8 @@ def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
 ) -> tuple[fit_response.ParameterFit, Measurement, dict[str, Any]]:  # fmt: skip
-    """(Fit, the Measurement with the model that was fitted, summary) of the response at `path`.
-    folder: where that model may be written. Raises InputError; Refusal by the name `friction`."""
+    """Fits the response at `path`: (fit, the Measurement with the fitted model, summary). folder:
+    for the file of that model. Raises InputError, and Refusal `friction`."""
     model, held = measured.model, measured.overrides
     found = fit_response.fit(measured, starts)
     about = record(path, model, held)
@@ -130,7 +134,8 @@ def fit(
 def _freed(
     measured: Measurement, starts: dict[str, float], about: Record, folder: Path
 ) -> Freed | None:
-    """The Freed that explains a response, with no more dampers than it needs; None: none does."""
+    """The fit with the smallest number of dampers that explains a response; None if no set of
+    dampers does."""
     every = rubbing.rubs(measured.model, 1.0, 1.0)
     moving = tuple(rub for rub in every if not rubbing.of_workpiece(measured.model, rub))
     table = tuple(rub for rub in every if rubbing.of_workpiece(measured.model, rub))
@@ -139,7 +144,7 @@ def _freed(
     else:
         sets = [moving, *([] if measured.free else [table, moving + table])]
     best = None
-    # Noise that a workpiece slides in by halves makes its mass wrong by a factor.
+    # If a workpiece slides only part of the time, a fitted mass is wrong by a factor.
     shown = about.slides and not starts.keys().isdisjoint(workpiece_names(measured.model))
     for rubs in filter(None, dict.fromkeys(sets)):
         sticks = any(rub in table for rub in rubs)
@@ -152,7 +157,8 @@ def _freed(
         one = _with(tolerant, starts, rubs, table, about, folder)
         if one is None or one.found.rejected:
             continue
-        if not about.looked:  # a damper is to explain more than it costs
+        # a damper has to improve the fit by more than the penalty for its parameter
+        if not about.looked:
             plain = fit_response.fit(tolerant, starts, tries=TRIES)
             cost = (len(one.found.names) - len(starts)) * math.log(2 * one.found.points)
             if one.found.chi_square + cost > plain.chi_square:
@@ -166,7 +172,8 @@ def _with(
     measured: Measurement, starts: dict[str, float], rubs: tuple[rubbing.Rub, ...],
     table: tuple[rubbing.Rub, ...], about: Record, folder: Path,
 ) -> Freed | None:  # fmt: skip
-    """A response fitted with the dampers of `rubs`; None where they are no parameters of it."""
+    """A response fitted with the dampers of `rubs`; None if the response does not depend on a
+    damper."""
     file = folder / f"{'_'.join(rub.name for rub in rubs)}.toml"
     file.write_text(rubbing.damped(measured.model, rubs), encoding="utf-8")
     free, stuck = {}, {}
@@ -177,7 +184,8 @@ def _with(
             whole = about.table_N if rub in table else about.moving_N
             free[rub.damping] = _begin(measured, rub.newton * (whole or 0.0), about.speed)
     model = str(file)
-    left = linear.facts(model).parameters  # those of a friction are gone with it
+    # the parameters of a replaced friction do not exist in this model
+    left = linear.facts(model).parameters
     held = {name: value for name, value in measured.overrides.items() if name in left}
     slides = replace(
         measured, model=model, overrides=held | stuck,
@@ -185,15 +193,16 @@ def _with(
     )  # fmt: skip
     try:
         found = fit_response.fit(slides, starts | free, tries=TRIES)
-    except InputError:  # a damper that acts with another parameter only, or not at all
+    except InputError:  # the damper has no effect, or only together with another parameter
         return None
-    if found.single.max() > fit_response.REACH:  # what does not show where the workpiece sticks
+    # a parameter that has no effect while the workpiece sticks
+    if found.single.max() > fit_response.REACH:
         return None
     values = dict(zip(found.names, found.values.tolist(), strict=True))
     newtons = {}
     for rub in rubs:
         whole = about.table_N if rub in table else (None if about.least else about.moving_N)
-        known_N = rub.newton * (whole or 0.0)  # of several that the model has, its share
+        known_N = rub.newton * (whole or 0.0)  # share of this friction if the model has several
         if not known_N and about.speed and rub.damping in values:
             known_N = values[rub.damping] * about.speed / friction.damping(1.0, 1.0)
         newtons[rub.name] = known_N or None
@@ -201,7 +210,7 @@ def _with(
 
 
 def _begin(measured: Measurement, newton: float | None, speed: float | None) -> float:
-    """N s/m of a damper to begin with."""
+    """Initial damping in N s/m."""
     if newton and speed:
         return friction.damping(newton, speed)
     masses = linear.facts(measured.model, measured.overrides).masses_kg
@@ -238,11 +247,11 @@ def _refused(p: float, model: str, about: Record) -> Refusal:
 
 def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
-    paths_of: list[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
+    paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
-    """commission.fit.joint of the responses at `paths_of`, with dampers for the friction of guide
-    and gear that was measured where the model is rejected. Raises Refusal by the name `friction`
-    where that is under the workpiece, or does not explain the responses either."""
+    """commission.fit.joint of the responses at `paths_of`. If the model is rejected, it is fitted
+    again with dampers for the measured friction of guide and gear. Raises Refusal `friction` if the
+    friction is under the workpiece or if the dampers do not explain the responses either."""
     found = joint_fit.joint(model, priors, measured, over, states=states)
     about = [record(path, str(model), {}) for path in paths_of]
     worst = max(about, key=lambda one: (one.table_N, one.dead_zone))

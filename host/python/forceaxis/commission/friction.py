@@ -1,16 +1,17 @@
-"""Dry friction of a live axis, found before its responses are taken.
+"""Measures the dry friction of an axis before its frequency responses are measured.
 
-`glide` drives the axis apart with constant codes, both ways: the speed is proportional to the code
-less a dead zone, which is what the friction of guide and gear costs. `between` changes the force in
-contact slowly from the smallest to the largest one and back: the way that the axis goes shows what
-is soft between the forces, and a workpiece that sticks on its table by a way that differs between
-rising and falling force. `directions` says by how much the code differs between them at the same
-reading, which is what the friction of guide and gear costs in contact.
+`glide` drives the axis out of contact with constant codes in both directions. The speed is
+proportional to the code minus a dead zone, and the dead zone is the friction of guide and gear in
+codes. `between` changes the force in contact slowly from the smallest to the largest one and back.
+The position shows the compliance between these forces. If the position differs between rising and
+falling force, the workpiece has friction on its table. `directions` computes the difference of the
+codes for rising and falling force at the same measured force, which is the friction of guide and
+gear in contact.
 
-A noise whose speed has the standard deviation s sees Coulomb friction of F newtons as a damper of
-sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input Describing
-Functions, 2.3): large where little moves, nothing where much does. So a response holds for its own
-amplitude.
+For a noise whose speed has the standard deviation s, Coulomb friction of F newtons acts like a
+damper of sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input
+Describing Functions, 2.3). This damping is large at small amplitudes and small at large ones. A
+response is therefore valid for its own amplitude only.
 """
 
 import itertools
@@ -28,38 +29,43 @@ from forceaxis.commission.refusal import Refusal
 
 Samples = NDArray[np.float64]
 
-SHARE_OF_WAY = 0.85  # of the travel to either side, in which a glide runs
+SHARE_OF_WAY = 0.85  # share of the travel in each direction over which glide() moves
 GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
-SLOWER = 0.6  # the smaller code over the larger one
-ENOUGH = 1.2  # a code that would cover so many times the travel is fast enough
-LOOK_S, BEYOND = 0.02, 1.3  # the position is read so often; a glide ends at so many travels
+SLOWER = 0.6  # ratio of the smaller to the larger code
+ENOUGH = 1.2  # a code is large enough if its speed would cover this multiple of the travel
+# period of reading the position; a motion ends at this multiple of the travel
+LOOK_S, BEYOND = 0.02, 1.3
 LEAST_TRAVEL = 20  # counts
-MOVES = 6  # counts; fewer are no motion
-FELT_CODES = 0.12  # a dead zone of fewer codes counts as none
+MOVES = 6  # counts: a smaller change of the position is not a motion
+FELT_CODES = 0.12  # codes: a smaller dead zone counts as no friction
 LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 BLOCK = 20  # samples of a mean
 BINS = 6
-SOFTER = 1.6  # so many times the compliance at the two forces is a soft place between them
-FELT_SHARE = 0.15  # by which less is left of the way's error where it is friction
-LEAST_COUNTS = 0.35  # counts of the way from which on friction under the workpiece shows
-NOISE_SLIDES = 2.5  # dead zones; noise of fewer codes does not slide most of the time
-# A law without an integral ends further than this from the force that was asked for, relative.
+SOFTER = 1.6  # ratio to the compliance at the two forces, from which a place counts as soft
+# friction is accepted if it reduces the error of the position by more than this share
+FELT_SHARE = 0.15
+LEAST_COUNTS = 0.35  # counts of travel from which friction under the workpiece can be measured
+NOISE_SLIDES = 2.5  # dead zones: noise with fewer codes does not slide most of the time
+# Relative difference from the force set-point above which a force law without integral action
+# counts as stopped by friction.
 STANDS_WITHIN = 0.06
-RISES = 0.3  # of the slope of the force; a block that rises faster is one of a motion
-FEWEST_BLOCKS, HELD_S = 8, 1.0  # blocks of a motion; the axis stands so long at the end of a leg
-# Standard errors, codes, and the share of what the speed takes, from which on friction shows.
+RISES = 0.3  # share of the slope of the force; a faster block belongs to a motion
+# fewest blocks of a motion; time for which the axis waits at the end of a motion
+FEWEST_BLOCKS, HELD_S = 8, 1.0
+# Friction counts as found above all three: standard errors, codes, and share of the codes that the
+# speed needs.
 SURE, LEAST_CODES, OF_SPEED = 4.0, 0.3, 0.5
 
 
 @dataclass(frozen=True)
 class Glide:
-    """Of the axis apart: dead zone and difference between directions, codes, and counts a second
-    for each code beyond it."""
+    """Friction of the axis out of contact: dead zone and difference between the directions in
+    codes; rate in counts/s for each code beyond the dead zone."""
 
     dead_zone: float
     difference: float
     rate: float
-    codes: int  #: the largest that were put out
+    codes: int  #: largest code that was output
 
     @property
     def rubs(self) -> bool:
@@ -67,15 +73,15 @@ class Glide:
 
     @property
     def noise_codes(self) -> int:
-        """Codes of a noise that slides most of the time; 0 without friction."""
+        """Codes of a noise with which the axis slides most of the time; 0 without friction."""
         return math.ceil(NOISE_SLIDES * self.dead_zone) if self.rubs else 0
 
 
 @dataclass(frozen=True)
 class Directions:
-    """Of a slow change of the force: half of the codes by which falling and rising force differ at
-    the same reading, less what the speed takes, and its standard error; the codes of the speed;
-    whether it is but the least that it may be."""
+    """Friction from a slow change of the force. dead_zone: half of the difference in codes between
+    falling and rising force at the same measured force, less the codes for the speed; error: its
+    standard error; speed: the codes for the speed; least: dead_zone is a lower bound."""
 
     dead_zone: float
     error: float
@@ -89,10 +95,11 @@ class Directions:
 
 @dataclass(frozen=True)
 class SlowLoading:
-    """Of a slow change between two forces: friction under the workpiece, N (0: none shows; at
-    least this where it `sticks` all the way), compliances in counts a newton of what moves always
-    and of what moves only once the friction is overcome, and the softest place between the forces
-    as a force and its compliance over that at the forces."""
+    """Compliance and friction from a slow change between two forces. friction_N: friction under the
+    workpiece (0: not measurable; a lower bound if the workpiece `sticks` during the whole change).
+    compliance, sliding: counts/N, of the part that always moves and of the part that moves only
+    after the friction is overcome. softest: the largest compliance between the forces, divided by
+    that at the two forces; softest_N: the force at which it occurs."""
 
     friction_N: float
     sticks: bool
@@ -114,11 +121,11 @@ class SlowLoading:
 
 
 class _TooFast(Exception):
-    """A code that takes the axis through its travel too soon to tell its speed."""
+    """A code moves the axis through its travel too fast for a measurement of its speed."""
 
 
 def damping(friction_N: float, speed_rms: float) -> float:
-    """N s/m of a damper that takes as much of a noise of `speed_rms` m/s as the friction."""
+    """Damping in N s/m that reduces a noise of `speed_rms` m/s as much as the friction does."""
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
 
 
@@ -130,13 +137,13 @@ def glide(
     highest: int = 0,
     newton: float = 0.0,
 ) -> Glide:
-    """The Glide of an Analyzer's axis, which is owned, disabled, apart and at rest; disabled and at
-    home again afterwards. most: codes of which the larger motions are to be; first, highest: codes
-    to begin with and never to pass, by default an eighth of `most` and 16 times as many; newton: of
-    a code, 0: not known.
+    """Measures the friction out of contact. The analyzer's axis is owned, disabled and at rest; at
+    the end it is disabled at its start position. most: codes from which those of the larger motions
+    follow; first, highest: first and largest code, by default an eighth of `most` and 16 times the
+    first; newton: N per code, 0 if not known.
 
-    The codes are raised until the axis slides, and lowered where its travel is soon over. Raises
-    Refusal where it does not slide, or touches.
+    The code is increased until the axis slides, and decreased if the travel is covered too soon.
+    Raises Refusal if the axis does not slide or if it comes into contact.
     """
     start = analyzer.axis.read("position")
     own = analyzer.known["position_min"], analyzer.known["position_max"]
@@ -180,7 +187,8 @@ def glide(
         analyzer.go_home()
     finally:
         analyzer.close()
-    if len(rows) < 4:  # the smaller code is in the dead zone: half way between them
+    # the smaller code is within the dead zone, so the dead zone is half way between the codes
+    if len(rows) < 4:
         rate = forward / (code - slower)
         found = Glide(float(slower), 0.0, rate, code)
     else:
@@ -193,8 +201,8 @@ def glide(
 
 
 def _speed(analyzer: Any, code: int, travel: int) -> float | None:
-    """Counts a second with a constant code from one end of the travel toward the other; None where
-    the axis does not move."""
+    """Speed in counts/s with a constant code from one end of the travel to the other; None if the
+    axis does not move."""
     axis = analyzer.axis
     axis.enable("profile position")
     axis.move(analyzer.home - int(math.copysign(SHARE_OF_WAY * travel, code)))
@@ -235,9 +243,9 @@ def _speed(analyzer: Any, code: int, travel: int) -> float | None:
 def between(
     analyzer: Any, low_N: float, high_N: float, reached_N: float
 ) -> tuple[Samples, Samples, Samples]:
-    """(reading in N, position in counts, codes) of an axis that is pressed with `low_N`, where its
-    reading stands at `reached_N`, and goes to `high_N` and back; it is left pressed with `low_N`.
-    Raises Refusal where it moves further than the order's travel."""
+    """Records (measured force in N, position in counts, codes) while an axis in contact changes its
+    force from `low_N` to `high_N` and back; it stays in contact at `low_N`. reached_N: settled
+    force at `low_N`. Raises Refusal if the axis moves farther than the order's travel."""
     axis = analyzer.axis
     start = axis.read("position")
     target = axis.read("target_force") * 1e-3 * analyzer.rated_N / reached_N
@@ -272,9 +280,9 @@ def between(
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """The Directions of a record of between(). rate: counts a second for each code beyond what
-    force and friction take; 0: not known, then it is at least what is left where the axis stands,
-    after it rose and after it fell, which the law's integral and noise make smaller."""
+    """The Directions of a record of between(). rate: counts/s for each code beyond force and
+    friction. With rate 0 (not known) the dead zone is a lower bound from the codes at standstill
+    after the rise and after the fall, because integral action and noise reduce that difference."""
     F, x, c = (means(values) for values in (force, place, codes))
     step_s = BLOCK * DECIMATION / TICKS_PER_S
     takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
@@ -300,14 +308,14 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
 
 
 def means(values: Samples) -> Samples:
-    """(n,) of BLOCK samples each."""
+    """Means of BLOCK samples each, (n,)."""
     whole = len(values) // BLOCK * BLOCK
     return values[:whole].reshape(-1, BLOCK).mean(1)
 
 
 def play(force: Samples, half: float) -> Samples:
-    """What is left of a force, (n,) N, behind Coulomb friction of `half` N, which slid forward
-    before."""
+    """The force in N, (n,), that remains behind Coulomb friction of `half` N (play operator); the
+    friction slid forward before the first sample."""
     left, now = np.empty(len(force)), force[0] - half
     for i, one in enumerate(force):
         now = min(max(now, one - half), one + half)
@@ -316,8 +324,8 @@ def play(force: Samples, half: float) -> Samples:
 
 
 def slow(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
-    """The SlowLoading of a record of between(). rigid: counts a newton of what is between the
-    encoder and the workpiece, by the model; 0: not known."""
+    """The SlowLoading of a record of between(). rigid: counts/N of the parts between encoder and
+    workpiece by the model, 0 if not known."""
     F, x = means(force), means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
@@ -339,7 +347,7 @@ def slow(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
     half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
     plain, (_, c_all) = left(0.0)
     error, (_, c_stuck, c_slide) = left(half)
-    # The way by which rising and falling force differ is what the friction holds.
+    # Friction is accepted only if rising and falling force have measurably different positions.
     shows = 2 * half * c_slide > LEAST_COUNTS and c_slide > 0.05 * c_all
     rubs = bool(shows and np.sum(error**2) < (1 - FELT_SHARE) * np.sum(plain**2))
     sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)
@@ -354,8 +362,8 @@ def slow(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
-    """(force in N, its compliance over the larger one at the two ends) of the softest place between
-    two forces."""
+    """The softest place between two forces: (force in N, its compliance divided by the larger one
+    of the two ends)."""
     edges = np.linspace(low, high, BINS + 1)
     middle = (edges[1:] + edges[:-1]) / 2
     slopes = np.array([

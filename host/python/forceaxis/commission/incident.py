@@ -1,7 +1,7 @@
-"""The incident that an axis' black box keeps: fetched, kept as a file, loaded again.
+"""Reads the incident of an axis from its black box, writes it to a file and reads the file.
 
-A file is one JSON: version, what the axis said about the incident, its parameters, and the samples
-with the CRC-32 that the axis computed over them.
+A file is one JSON document: version, state of the axis, its parameters, and the samples with the
+CRC-32 that the axis computed over them.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Samples = NDArray[np.float64]
 
 VERSION = 1
-#: As firmware/app/incident.c records them, in each tick.
+#: Signals that firmware/app/incident.c records in each tick.
 SIGNALS = (
     "position", "profile_position", "force_raw", "force_demand", "dac_code", "statusword",
     "limit_reason", "digital_inputs",
@@ -36,66 +36,67 @@ SIGNALS = (
 FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 ABOUT = ("incident_fault", "incident_error_code", "incident_tick", "incident_later", "incident_crc")
 STATES = ("incident", "incident_kept")
-COMPLETE_S = 5.0  # an incident's end, and its CRC
-FULL_SCALE_BITS = 8  # counts of the force are those of an 8-bit reading
-NEAR_MS = 100  # on both sides of the error: the second column of the figure
+COMPLETE_S = 5.0  # longest time until the axis has completed an incident and its CRC
+FULL_SCALE_BITS = 8  # ADC bits to which force counts refer
+NEAR_MS = 100  # time before and after the error in the second column of the figure
 
 
 @dataclasses.dataclass(frozen=True)
 class Incident:
-    """One incident. `parameters` are raw values as they were when it was fetched."""
+    """One incident. `parameters` are the raw values at the time of reading."""
 
     recording: Recording
     where: str
-    fetched: str  #: time of day, ISO 8601
+    fetched: str  #: time at which the incident was read, ISO 8601
     fault: str
     error_code: str
     tick: int
     later: int  #: errors since
-    kept: bool  #: from before a restart of the axis
+    kept: bool  #: True if the incident is older than the last restart of the axis
     table: str  #: hash of the object table
     parameters: dict[str, int]
-    archived: bool = False  #: a power cut came between
+    archived: bool = False  #: True if a power cut occurred after the incident
 
     def column(self, name: str) -> NDArray[Any]:
-        """The samples of a signal, (n,), raw."""
+        """The raw samples of a signal, (n,)."""
         return self.recording.values(name)
 
     @property
     def time_ms(self) -> Samples:
-        """(n,) ms from the tick of the error."""
+        """(n,) time in ms from the tick of the error."""
         return self.recording.time_s * 1e3
 
     @property
     def force_N(self) -> Samples:
-        """(n,) N: the reading after zero, sign and tare."""
+        """(n,) measured force in N, with zero, sign and tare applied."""
         p = self.parameters
         scale = 2.0 ** (FULL_SCALE_BITS - p["adc_bits"])
         counts = (self.column("force_raw") - p["force_zero_code"]) * scale * p["force_sign"]
-        return (counts - from_raw("force_tare", p["force_tare"])) * p["force_scale"] * 1e-6
+        return (counts - float(from_raw("force_tare", p["force_tare"]))) * p["force_scale"] * 1e-6
 
     @property
     def travel(self) -> Samples:
-        """(n,) counts from the position at the error; a wrap of the encoder does not show."""
+        """(n,) counts from the position at the error, without the step of an encoder wrap."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
         return way - way[self.recording.trigger_sample]
 
 
 def has_one(axis: Axis) -> bool:
-    """Whether the black box of an axis keeps an incident."""
+    """Whether the black box of an axis contains an incident."""
     return axis.read("blackbox_state") in STATES
 
 
 def wait(axis: Axis, seconds: float) -> None:
-    """Waits for an incident, of the axis' time. Raises NoAnswer."""
+    """Waits up to `seconds` of the axis' time for an incident. Raises NoAnswer."""
     axis.wait_for(
         lambda s: s["blackbox_state"] in STATES, ("blackbox_state", "fault"), "an incident", seconds
     )
 
 
 def _load(axis: Axis) -> bool:
-    """Has the axis load what a power cut has left, if there is something; whether there was."""
+    """Commands the axis to load the incident that it saved before a power cut; returns whether
+    there is one."""
     name = "incident_stored"
     found = axis.wait_for(lambda s: s[name] != "checking", (name, "fault"), "its archive", 5.0)
     if found[name] != "stored":
@@ -105,7 +106,7 @@ def _load(axis: Axis) -> bool:
     return True
 
 
-# What the board said of itself: of the last restart, and of faults of the board.
+# Objects about the last restart of the board and about faults of the board.
 BOARD = (
     *("reset_cause", "board_state", "tick_deviation"),
     *(f"core_fault_{word}" for word in ("pc", "lr", "cfsr", "hfsr", "bfar")),
@@ -113,8 +114,8 @@ BOARD = (
 
 
 def fetch(axis: Axis) -> Incident:
-    """The incident of an axis that is owned: that of its black box, without one that which a power
-    cut has left. Raises Refused where there is none, NoAnswer."""
+    """Reads the incident of an axis that is owned: that of its black box, otherwise the one saved
+    before a power cut. Raises Refused if there is no incident, and NoAnswer."""
     if axis.read("blackbox_state") == "completing":
         wait(axis, COMPLETE_S)
     state = axis.read("blackbox_state")
@@ -152,18 +153,19 @@ def fetch(axis: Axis) -> Incident:
 
 
 def clear(axis: Axis) -> None:
-    """Ends the incident; the black box records again."""
+    """Deletes the incident; the black box then records again."""
     axis.set(incident_command="clear")
 
 
 def packed(recording: Recording) -> bytes:
-    """The samples as the axis keeps them."""
+    """The samples in the byte format of the axis."""
     row = struct.Struct("<" + "".join(FORMATS[BY_NAME[n].type] for n in recording.signals))
     return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
 
 
 def write(incident: Incident, folder: Path, figure: "Figure") -> None:
-    """incident.json and .png into `folder`, which is created; both or none. Raises OSError."""
+    """Writes incident.json and .png to `folder`, which is created; writes both files or neither.
+    Raises OSError."""
     recording = incident.recording
     known = {
         f.name: getattr(incident, f.name)
@@ -183,7 +185,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Whether a file begins as one of write()."""
+    """Whether the beginning of a file is that of an incident file."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')
@@ -192,7 +194,7 @@ def is_incident(path: str | Path) -> bool:
 
 
 def load(path: Path) -> Incident:
-    """The Incident of a file of write(). Raises InputError, OSError."""
+    """Reads an incident file. Raises InputError, OSError."""
     try:
         held = json.loads(path.read_text())
         version = held.pop("forceaxis_incident")
@@ -211,7 +213,7 @@ def load(path: Path) -> Incident:
 
 
 def missing(incident: Incident) -> list[str]:
-    """What a replay of an incident would need beside its samples, by name."""
+    """Names of the quantities that a replay of an incident needs besides its samples."""
     enabled = (incident.column("statusword")[: incident.recording.trigger_sample] & 0x6F) == 0x27
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
     if len(enabled) and enabled[0]:
@@ -223,8 +225,9 @@ def missing(incident: Incident) -> list[str]:
 
 
 def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
-    """Force in N with force_max, way in mm or encoder counts, DAC code, over ms from the error: all
-    that was recorded, and NEAR_MS on both sides."""
+    """Figure over the time in ms from the error: force in N with force_max, travel in mm or encoder
+    counts, DAC code. The first column shows the whole recording, the second NEAR_MS before and
+    after the error."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, THIN, WANTED, legend, style
@@ -234,7 +237,7 @@ def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
     way = incident.travel / scale
     demand = way + (incident.column("profile_position") - incident.column("position")) / scale
     wanted = incident.column("force_demand") * incident.parameters["rated_force"] * 1e-6
-    limit = from_raw("force_max", incident.parameters["force_max"])  # 0: none
+    limit = float(from_raw("force_max", incident.parameters["force_max"]))  # 0: none
     bound = limit * incident.parameters["force_scale"] * 1e-6
     columns = (
         ("force, N", ((incident.force_N, INK), (wanted, WANTED)), bound),
@@ -269,11 +272,11 @@ def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
 
 
 def words(incident: Incident) -> str:
-    """The fault, or the error without one."""
+    """The name of the fault, or the error code if there is no fault."""
     named = incident.fault if incident.fault != "none" else incident.error_code
     return named.replace("_", " ")
 
 
 def seconds_since_power_up(incident: Incident) -> float:
-    """Of the axis' time, at the error."""
+    """Axis time in s from power-up to the error."""
     return incident.tick / TICKS_PER_S

@@ -1,5 +1,5 @@
-"""What a model says of an axis before it is measured: priors of its parameters, and the codes that
-leave its drive linear."""
+"""Prior knowledge from the model of an axis: priors of the parameters, and the largest codes for
+which the drive stays linear."""
 
 import math
 from collections.abc import Sequence
@@ -14,37 +14,38 @@ from forceaxis.design.changes import Design, contact_of, value_of
 from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_set
 
-# Standard deviations of the logarithms of what is known before.
+# Standard deviations of the logarithms of values that are known before the measurement.
 MASS, DRIVE, STIFFNESS, DAMPING, WORKPIECE = 0.05, 0.05, 0.2, math.log(2), math.log(5)
 DRIVEN = ("k_torque", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp")
 LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
-FINE_S, FINE_STEPS = 1e-5, 300  # the peak of a step comes within a few time constants
+# step and number of steps: a step response reaches its peak within a few time constants
+FINE_S, FINE_STEPS = 1e-5, 300
 STEADY_HZ = 0.02
-PEAKY = 2  # times the codes that are linear at their peak, where noise is seldom
-UNSATURATED = 0.7  # of the limit: a step of the noise is up to twice its amplitude
+PEAKY = 2  # ratio to the codes whose peak is still linear; noise reaches its peak rarely
+UNSATURATED = 0.7  # share of the limit: a step of the noise is up to twice its amplitude
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter: its value > 0 and the standard deviation of its logarithm."""
+    """Prior knowledge of a parameter: its value > 0 and the standard deviation of its logarithm."""
 
     value: float
     spread: float
 
     @property
     def wide(self) -> bool:
-        """Whether the parameter is hardly known."""
+        """Whether the standard deviation is so large that the value is nearly unknown."""
         return self.spread > 1.0
 
 
 def priors(
     model: str | Path, over: Sequence[str] = (), given: Sequence[str] = (),
-    overrides: dict[str, float] | None = None,
+    overrides: linear.Overrides | None = None,
 ) -> dict[str, Prior]:  # fmt: skip
-    """{parameter: Prior} of a model by the part that each plays: masses, the drive's and the
-    contact's constants as a data sheet has them; the workpiece and what `over` names hardly known.
+    """{parameter: Prior} of a model. Masses and constants of the drive and of the contact have the
+    accuracy of a data sheet; the workpiece and the parameters in `over` are nearly unknown.
 
-    given: texts NAME=VALUE (as exact as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
+    given: texts NAME=VALUE (as accurate as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
     """
     known = linear.facts(model, overrides).parameters
     table = toml.read(linear.find_model(model))
@@ -86,8 +87,8 @@ def priors(
 
 
 def linear_codes(model: str | Path, overrides: dict[str, float] | None = None) -> int | None:
-    """Codes of noise that leave the drive's voltage and current within their limits, by the model;
-    None without limits. Beyond, the amplifier answers with less than its gain."""
+    """Largest codes of a noise that keep voltage and current of the model's drive within their
+    limits; None without limits. Above these codes the gain of the amplifier decreases."""
     path = linear.find_model(model)
     known, table = linear.facts(path, overrides), toml.read(path).get("drive", {})
     found = []
@@ -106,7 +107,7 @@ def linear_codes(model: str | Path, overrides: dict[str, float] | None = None) -
 
 
 def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """N that the drive gives for a code while it stands; inf: there is an integral in it."""
+    """N per code of the drive at standstill; inf if the drive integrates."""
     facts = linear.facts(model, overrides)
     plant = linear.linearise(
         str(model), outputs=(facts.required_reading.signal,), overrides=overrides
@@ -116,14 +117,14 @@ def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Counts of the encoder a second for a code, apart and once it moves steadily."""
+    """Speed of the encoder in counts/s per code, out of contact after the acceleration."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
     return (s * plant.at(s).item()).real * linear.facts(model, overrides).volts_per_code
 
 
 def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
-    """Counts a newton of the contact's own spring; 0: it has none."""
+    """Counts/N of the spring of the contact itself; 0 without such a spring."""
     with Design(str(model), overrides) as plant:
         contact = contact_of(plant.table)
         stiffness = contact and value_of(plant, contact.get("stiffness"))
@@ -132,7 +133,8 @@ def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -
 
 
 def behind_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
-    """Counts a newton of the one spring that holds the body behind the contact; 0: none does."""
+    """Counts/N of the single spring between the body behind the contact and the ground; 0 without
+    one."""
     with Design(str(model), overrides) as plant:
         contact = contact_of(plant.table)
         body = contact["between"][1] if contact else None
@@ -143,20 +145,21 @@ def behind_counts(model: str | Path, overrides: dict[str, float] | None = None) 
 
 
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """`states`, {element: state}, of what the model has: in one in which dampers stand for dry
-    friction, no friction has any."""
+    """`states`, {element: state}, restricted to the elements of the model: a model in which dampers
+    replace dry friction has no states of friction."""
     switches = linear.facts(model).switches
     return {name: state for name, state in states.items() if name in switches}
 
 
 def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """The entries of `states`, {element: state}, without the model's contacts, which are open."""
+    """The entries of `states`, {element: state}, without those of the model's contacts, because the
+    contacts are open."""
     contacts = {contact.name for contact in linear.facts(model).contacts}
     return {name: state for name, state in states.items() if name not in contacts}
 
 
 def play_counts(model: str | Path, overrides: dict[str, float] | None = None) -> int:
-    """Counts of the encoder of all backlash that a model has; 0: none, or no encoder."""
+    """Total backlash of a model in encoder counts; 0 without backlash or encoder."""
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
     if facts.encoder is None:
@@ -167,13 +170,13 @@ def play_counts(model: str | Path, overrides: dict[str, float] | None = None) ->
 
 
 def _workpiece(table: dict[str, Any]) -> str | None:
-    """The body that the contact presses on."""
+    """Name of the body on which the contact presses."""
     contacts = table.get("contact", ())
     return contacts[0]["between"][1] if len(contacts) == 1 else None
 
 
 class SineBounds:
-    """Codes of a sine that leave the drive within its limits, by the model."""
+    """Largest codes of a sine that keep the model's drive within its limits."""
 
     def __init__(self, model: str | Path) -> None:
         path = linear.find_model(model)
@@ -186,6 +189,6 @@ class SineBounds:
                 self._limits.append((plant, UNSATURATED * limit / facts.volts_per_code))
 
     def codes(self, hz: float) -> int:
-        """The largest amplitude at a frequency, at least 1."""
+        """Largest amplitude in codes at a frequency in Hz, at least 1."""
         found = [limit / abs(plant.response([hz])[0]) for plant, limit in self._limits]
         return max(1, int(min([*found, 2047.0])))

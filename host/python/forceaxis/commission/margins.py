@@ -1,5 +1,4 @@
-"""What an axis' force laws bear: that of before and the one that it gets, on the fitted plant and
-as measured."""
+"""Figures of the previous and of the new force law, on the fitted plant and as measured."""
 
 from collections.abc import Mapping
 
@@ -15,12 +14,13 @@ from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
 
 COEFFICIENTS = 15  # of a bank
-# Logarithm of the frequency over which |S| is averaged, and its relative error at most.
+# Width over which |S| is averaged, as a logarithm of the frequency; largest relative error of |S|.
 AVERAGED_LOG, ERROR_MAX = 0.04, 0.1
 
 
 def law_in_force(axis: Axis) -> Bank:
-    """The Bank that the axis' force modes act by, P as well. Raises Refused, NoAnswer."""
+    """The active Bank of the force modes; the P law is represented as a Bank too. Raises Refused,
+    NoAnswer."""
     number, gain = axis.get("force_bank", "force_gain").values()
     if not number:
         return Bank(gain)
@@ -29,15 +29,15 @@ def law_in_force(axis: Axis) -> Bank:
     names = [f"bank_{part}_{number}" for part in parts]
     names += [f"bank_coefficient_{i}" for i in range(first, first + COEFFICIENTS)]
     bank = of_settings({"force_bank": number, "force_gain": gain} | axis.get(*names))
-    assert bank is not None  # of a number that is not 0
+    assert bank is not None  # the number of the active bank is not 0
     return bank
 
 
 def on_fitted(
     tuning: TuningFolder, fitted: Fitted, banks: Mapping[str, Bank], late: int
 ) -> dict[str, FittedLoop | None]:
-    """{name: figures} of {name: Bank} on the fitted plant; None for a law without a gain. late:
-    ticks of latency."""
+    """{name: figures} of {name: Bank} on the fitted plant; None for a law with gain 0. late:
+    latency in ticks."""
     found: dict[str, FittedLoop | None] = {}
     for name, bank in banks.items():
         found[name] = None
@@ -57,15 +57,16 @@ def _loop(
 
 
 def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
-    """Ms as measured, and as the fitted model has it at the same lines; None where no line is
-    sure."""
+    """Measured Ms, and Ms of the fitted model at the same lines; None if no line is certain."""
     measured, tuning = level.measured, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.read("latency_ticks")
-    # What rubs sticks at some amplitudes and slides at others, so the larger of both is taken.
+    # With dry friction the axis sticks at some amplitudes and slides at others, so the larger Ms
+    # counts.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
     hz = measured.frequency_hz
-    # Over a few percent of the frequency: the peak of many noisy lines is too high.
+    # The average over a few per cent of the frequency; the maximum of many noisy lines would be
+    # too high.
     near = (abs(np.log(hz[:, None] / hz)) < AVERAGED_LOG).astype(float)
     near /= near.sum(1, keepdims=True)
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))

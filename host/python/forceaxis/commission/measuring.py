@@ -1,4 +1,5 @@
-"""`forceaxis measure` on a live axis: responses free and at several forces, and their files."""
+"""The measurement of `forceaxis measure`: responses out of contact and at several forces, with
+files."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -24,11 +25,12 @@ def measure(
     model: str | Path = "", overrides: Mapping[str, Any] | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, result.MeasurementResult]:  # fmt: skip
-    """{name: MeasurementResult} of a response apart, if `free`, and one at each force, N, in
-    contact. The axis is owned, disabled and at rest; so it is afterwards, where it was.
+    """{name: MeasurementResult} of a response out of contact, if `free`, and of one response in
+    contact at each force in N. The axis has to be owned, disabled and at rest. At the end it is
+    disabled at its start position.
 
-    model: a path; the response is compared with its linear model then. Raises InputError before
-    anything moves for what the axis would clip; Refusal, NoAnswer, Refused.
+    model: path of a model with which the response is compared, or "". Raises InputError before the
+    axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.
     """
     done: dict[str, result.MeasurementResult] = {}
     actions.expect_position_gain(axis)
@@ -63,7 +65,7 @@ def measure(
 def _taken(
     axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
 ) -> result.MeasurementResult:
-    """The Result of a Level, with what `looks` found of friction."""
+    """The MeasurementResult of a Level, with the friction that `looks` has found."""
     if looks:
         looks.expect_sliding(level)
     done = result_of(axis, analyzer.order, level, rest)
@@ -72,7 +74,7 @@ def _taken(
 
 
 def hints(level: Level, rest: Rest) -> list[str]:
-    """What makes the response less certain than its band says: [text]."""
+    """Texts about conditions that make the response less certain than its confidence band."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
     if noise is not None and noise < QUIET_LSB:
@@ -92,7 +94,7 @@ def hints(level: Level, rest: Rest) -> list[str]:
 def result_of(
     axis: Axis, order: MeasuringOrder, level: Level, rest: Rest
 ) -> result.MeasurementResult:
-    """The Result of a Level, without friction."""
+    """The MeasurementResult of a Level, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     compared = None if model is None else measured.compare(model)

@@ -1,9 +1,9 @@
-"""Why a step of commissioning ended without a result."""
+"""Refusal: the reason why a step of commissioning ended without a result."""
 
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
 
-# Faults of an axis whose owner is silent.
+# Faults that occur if the owner of the axis does not write in time.
 ORPHANED = ("heartbeat_lost", "source_lost")
 LEFT = (
     "a tool that was killed leaves what it had changed: the same `tune` or `measure` with its "
@@ -12,8 +12,8 @@ LEFT = (
 
 
 class Refusal(Exception):
-    """A step's refusal; `name` is one word for programs, the text says what was found, what was
-    expected and what to do, in one line; lines: what to add to the model, "" for nothing."""
+    """A step ended without a result. `name`: one word for programs. The text states in one line
+    what was found, what was expected and what to do. lines: TOML to add to the model, or ""."""
 
     def __init__(self, name: str, text: str, lines: str = "") -> None:
         super().__init__(f"{name}: {text}")
@@ -21,9 +21,9 @@ class Refusal(Exception):
 
 
 def of_link(axis: Axis, error: Exception) -> Refusal:
-    """The Refusal that an error in a step is, by the state that the axis is in: no_answer,
-    ownership, the name of a fault, or refused. A Refusal of an axis that is owned and has no fault
-    is itself."""
+    """Converts an error of a step to a Refusal by the state of the axis: no_answer, ownership, the
+    name of a fault, or refused. A Refusal is returned unchanged if the axis is owned and has no
+    fault."""
     try:
         owner, fault = axis.get("command_source", "fault").values()
         (source,) = axis.link.read(["command_source"]).values()

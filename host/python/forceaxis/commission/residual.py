@@ -1,9 +1,9 @@
-"""What a model lacks that does not explain an axis' responses: candidates are fitted, and ranked.
+"""Searches for what a rejected model lacks: fits candidates for the missing part and ranks them.
 
-Each candidate multiplies the model's responses by a factor of its own, whose parameters are fitted
-together with all others. They are ranked by chi-square plus a penalty of ln n for each parameter
-(Schwarz, The Annals of Statistics 6, 1978), n the number of real residuals, and each says what to
-write into the model.
+Each candidate multiplies the model's responses by a factor whose parameters are fitted together
+with all others. The rank is the chi-square plus a penalty of ln n for each parameter (Schwarz, The
+Annals of Statistics 6, 1978), where n is the number of real residuals. Each candidate states the
+TOML to add to the model.
 """
 
 import math
@@ -20,11 +20,11 @@ from forceaxis.commission.known import Prior
 from forceaxis.design.changes import contact_of
 from forceaxis.identify.fit import MISFIT
 
-MODES_FROM = 10  # frequencies from which a mode is searched
+MODES_FROM = 10  # number of frequencies at which the search of a mode begins
 SHOWN = 3  # candidates in a text
-LAG_S = 4e-4  # of a lag, where its fit begins
-GAIN = 0.2  # spread of the logarithm of a gain by level
-SPLIT = 1.05  # pole over zero of a mode, where its fit begins
+LAG_S = 4e-4  # initial value of a lag
+GAIN = 0.2  # standard deviation of the logarithm of a gain that differs between forces
+SPLIT = 1.05  # initial ratio of pole to zero of a mode
 EVALUATIONS = 25
 
 Values = dict[str, float]
@@ -32,9 +32,9 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class Shape:
-    """A candidate: factor(values, i, hz) of response i, priors of its parameters, and words(values,
-    best) for people: (what it is, the TOML that would explain it). Of parameters that the model has
-    itself, `freed`, no factor is needed."""
+    """A candidate: factor(values, i, hz) of response i, the priors of its parameters, and
+    words(values, best), which returns (description, TOML). A candidate with `freed` parameters of
+    the model itself has no factor."""
 
     name: str
     priors: dict[str, Prior]
@@ -43,13 +43,14 @@ class Shape:
     freed: bool = False
 
     def key(self, name: str) -> str:
-        """A parameter's name among those of a fit."""
+        """Name of a candidate's parameter in the fit."""
         return name if self.freed else f"{name}@shape"
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A fitted candidate. gain: of chi-square, less the penalty; p: of the responses with it."""
+    """A fitted candidate. gain: decrease of the chi-square less the penalty; p: probability of the
+    chi-square with the candidate."""
 
     name: str
     text: str
@@ -60,7 +61,7 @@ class Tried:
 
 
 def tried(problem: Responses, x: Samples) -> list[Tried]:
-    """The candidates that explain more than they cost, best first.
+    """The candidates that decrease the chi-square by more than their penalty, best first.
 
     problem, x: the Responses of fit.joint and the parameters at which it was rejected.
     """
@@ -76,7 +77,7 @@ def tried(problem: Responses, x: Samples) -> list[Tried]:
 
 
 def lines_of(found: list[Tried]) -> str:
-    """The TOML of the likeliest candidates, each below a comment that says what it is."""
+    """The TOML of the best candidates, each below a comment that describes the candidate."""
     lines = []
     for number, one in enumerate(found[:SHOWN], 1):
         fits = f"then p = {one.p:.2g}" if one.p >= MISFIT else f"which is not all, p = {one.p:.2g}"
@@ -85,8 +86,8 @@ def lines_of(found: list[Tried]) -> str:
 
 
 def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
-    """(shape, problem with its parameters, cost, their logarithms) of a Shape while all other
-    parameters stay at x."""
+    """Fits the parameters of a Shape while all other parameters stay at x: (shape, problem with its
+    parameters, cost, logarithms of its parameters)."""
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
 
     class Shaped(Responses):
@@ -113,7 +114,7 @@ def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Respons
 def _fitted(
     x: Samples, shape: Shape, wider: Responses, _: float, y: Samples, before: float, size: int
 ) -> Tried:
-    """The Tried of a Shape from where _begun ended, all parameters free."""
+    """Fits a Shape again, with all parameters free, from the result of _begun."""
     begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
     best = optimize.least_squares(
         wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS
@@ -128,7 +129,7 @@ def _fitted(
 
 
 def _shapes(problem: Responses) -> list[list[Shape]]:
-    """Kinds of candidates, each with the Shapes to begin from."""
+    """Kinds of candidates; for each kind the Shapes from which a fit begins."""
     return [
         [_sensor_lag(problem)],
         [_drive_lag(problem)],
@@ -156,8 +157,8 @@ def _sensor_lag(problem: Responses) -> Shape:
 
 
 def _drive_lag(problem: Responses) -> Shape:
-    """The time constant of the drive's own lag, where it is a parameter: the winding's inductance,
-    or the corner of the force. Else a lag behind it."""
+    """Candidate: the time constant of the drive's own lag (inductance of the winding or corner
+    frequency of the force) if it is a parameter of the model, otherwise an additional lag."""
     table = toml.read(linear.find_model(problem.model)).get("drive", {})
     facts = linear.facts(problem.model)
     name = table.get({"dc_motor": "L", "first_order": "a_act"}.get(table.get("type"), ""))
@@ -184,7 +185,7 @@ def _drive_lag(problem: Responses) -> Shape:
 
 
 def _modes(problem: Responses) -> list[Shape]:
-    """A mass on a spring, on the drive's body: a zero, and a pole above it."""
+    """Candidates: a mass on a spring on the drive's body, which adds a zero and a pole above it."""
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
     body = facts.required_drive.body
@@ -221,7 +222,7 @@ def _modes(problem: Responses) -> list[Shape]:
 
 
 def _gains(problem: Responses) -> Shape:
-    """A gain of each response in contact after the first."""
+    """Candidate: a separate gain for each response in contact after the first."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     table = toml.read(linear.find_model(problem.model))
     work = (contact_of(table) or {}).get("between", ("", ""))[1]
@@ -247,5 +248,5 @@ def _gains(problem: Responses) -> Shape:
 
 
 def of(found: JointFit) -> list[Tried]:
-    """The candidates of a rejected fit.Found."""
+    """The candidates for a rejected JointFit."""
     return tried(replace(found.problem), found.at)

@@ -1,8 +1,8 @@
-"""Models of an axis with the dry friction that was found on it.
+"""Models of an axis with the dry friction that was measured on the axis.
 
-In a model's file friction is a [[friction]]. For responses, which are linear, a damper stands in
-its place whose size each response finds for itself (see friction): `damped`. `lines` are what a
-model lacks, to be added to it.
+In a model file, friction is a [[friction]] element. Frequency responses are linear, so a damper
+replaces the friction, and its size is fitted for each response (see friction): `damped`. `lines`
+are the elements to add to a model.
 """
 
 import re
@@ -21,8 +21,8 @@ WORDS = re.compile(r"[A-Za-z_]\w*")
 
 @dataclass(frozen=True)
 class Rub:
-    """Dry friction of so many newtons between two bodies. name: of its [[friction]]; declared:
-    whether the model has it."""
+    """Dry friction of `newton` N between two bodies. name: of its [[friction]] element; declared:
+    whether the model contains this element."""
 
     name: str
     between: tuple[str, str]
@@ -31,14 +31,14 @@ class Rub:
 
     @property
     def damping(self) -> str:
-        """The parameter of its damper in a `damped` model."""
+        """Name of the damper's parameter in a `damped` model."""
         return f"b_{self.name}"
 
 
 def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, ...]:
-    """The Rubs of a model: between the drive's body and what it pushes against with `moving_N` in
-    all, between workpiece and ground with `workpiece_N`; those that the model has keep their
-    places, and share what is found as they are declared."""
+    """The frictions of a model: in all `moving_N` between the drive's body and its counterpart, and
+    `workpiece_N` between workpiece and ground. Frictions of the model keep their places and share
+    the measured newtons in proportion to their declared values."""
     path = linear.find_model(model)
     table, facts = toml.read(path), linear.facts(path)
     contact = contact_of(table)
@@ -62,15 +62,15 @@ def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, .
 
 
 def of_workpiece(model: str | Path, rub: Rub) -> bool:
-    """Whether a Rub is under the workpiece."""
+    """Whether a friction acts under the workpiece."""
     contact = contact_of(toml.read(linear.find_model(model)))
     return contact is not None and contact["between"][1] in rub.between
 
 
 def at_both_ends(model: str | Path, found: tuple[Rub, ...]) -> tuple[Rub, ...]:
-    """The Rubs for `damped`: a transmission between the drive's body and the one that presses lets
-    nobody see at which of the two a friction is, so a half of it is at either, unless the model
-    has friction at both."""
+    """The frictions for `damped`. With a transmission between the drive's body and the body in
+    contact, the measurement cannot assign the friction to one side. Each side then receives one
+    half, unless the model has friction on both sides."""
     contact = contact_of(toml.read(linear.find_model(model)))
     near = contact["between"][0] if contact else None
     drive = linear.facts(model).required_drive
@@ -93,7 +93,7 @@ def _size(facts: linear.PlantFacts, friction: dict[str, Any]) -> float:
 
 
 def lines(found: tuple[Rub, ...]) -> str:
-    """The [[friction]] of those that the model lacks, "" where it has all of them."""
+    """The [[friction]] elements that the model lacks as TOML; "" if it has all of them."""
     return "\n".join(
         f'[[friction]]\nname = "{rub.name}"\nbetween = ["{rub.between[0]}", "{rub.between[1]}"]\n'
         f"coulomb = {rub.newton:.4g}\n"
@@ -103,7 +103,7 @@ def lines(found: tuple[Rub, ...]) -> str:
 
 
 def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
-    """The text of the model with the friction that was found, for a file anywhere."""
+    """The text of the model with the measured friction; its paths are valid from any folder."""
     document = _document(model)
     for rub in found:
         if rub.declared:
@@ -118,7 +118,8 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
 
 
 def damped(model: str | Path, found: tuple[Rub, ...]) -> str:
-    """The text of the model with dampers of no damping in place of all friction: it slides."""
+    """The text of the model with a damper in the place of each friction; the damping is 0, as for a
+    sliding axis."""
     document = _document(model)
     document.pop("friction", None)
     for rub in found:
@@ -132,8 +133,8 @@ def damped(model: str | Path, found: tuple[Rub, ...]) -> str:
 
 
 def _drop_unused(document: tomlkit.TOMLDocument, model: str | Path) -> None:
-    """Takes out the parameters that only the frictions of `model` used: a model refuses those that
-    nothing refers to."""
+    """Removes the parameters that only the frictions of `model` used, because a model with an
+    unused parameter is invalid."""
     own = document["parameters"]
     before = toml.read(linear.find_model(model)).get("friction", ())
     texts = [value for f in before for key, value in f.items() if key not in ("name", "between")]
@@ -152,7 +153,7 @@ def _drop_unused(document: tomlkit.TOMLDocument, model: str | Path) -> None:
 
 
 def _texts(part: object) -> list[str]:
-    """The texts in a part of a model that may name parameters."""
+    """The texts in a part of a model that can be names of parameters."""
     if isinstance(part, dict):
         kept = [value for key, value in part.items() if key not in ("name", "between", "title")]
         return [text for value in kept for text in _texts(value)]

@@ -1,8 +1,9 @@
-"""A workpiece that rubs on its table, shaken by sines under force: its stiffness and mass.
+"""Stiffness and mass of a workpiece with dry friction, measured with sines of the force.
 
-The workpiece's way is that of the encoder less the deflection of the sensor, so force over way is
-known at each frequency. While it slides all the time, Coulomb friction is in phase with the speed:
-it shows in the imaginary part alone, and the real part is k - m w^2 whatever the friction is.
+The displacement of the workpiece is that of the encoder minus the deflection of the sensor, so the
+ratio of force to displacement is known at each frequency. While the workpiece slides, Coulomb
+friction is in phase with the speed. It then changes only the imaginary part of the ratio; the real
+part is k - m w^2 for any friction.
 """
 
 import math
@@ -21,16 +22,18 @@ SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
 FREQUENCIES = 11
-SLIDES = 3.0  # so many times the way at which the spring overcomes the friction is enough
-LEAST = 1.25  # so many times that way is the least that is taken
-TRIES, MORE = 7, 1.6  # the amplitude is raised so often at most, by this factor
+# multiple of the displacement at which the spring overcomes the friction; enough for a result
+SLIDES = 3.0
+LEAST = 1.25  # smallest accepted multiple of that displacement
+TRIES, MORE = 7, 1.6  # largest number of increases of the amplitude, and the factor of each
 FEWEST = 3  # frequencies at least
 
 
 @dataclass(frozen=True)
 class Shaken:
-    """Stiffness in N/m, mass in kg, damping in N s/m and friction in N of a workpiece, with the
-    relative standard errors of the first two; the sines: Hz, and amplitudes of code and N."""
+    """Stiffness in N/m, mass in kg, damping in N s/m and friction in N of a workpiece; relative
+    standard errors of stiffness and mass; frequencies in Hz and amplitudes in codes and N of the
+    sines."""
 
     stiffness: float
     mass: float
@@ -41,15 +44,15 @@ class Shaken:
     hz: tuple[float, ...]
     codes: tuple[float, ...]
     newton: tuple[float, ...]
-    #: (Hz, force re and im in N, way of the axis re and im in m, codes) of each sine
+    #: for each sine (Hz, force re and im in N, displacement of the axis re and im in m, codes)
     rows: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class Shaking:
-    """What is known before an axis is shaken: friction in N, stiffnesses of sensor and workpiece in
-    N/m, the frequencies; rate: encoder counts a second for each code, scale: encoder counts a
-    metre, newton: N of a count of the reading."""
+    """Knowledge before the sines are measured: friction in N, stiffnesses of sensor and workpiece
+    in N/m, frequencies in Hz; rate: encoder counts/s per code; scale: encoder counts per m; newton:
+    N per force count."""
 
     friction_N: float
     sensor: float
@@ -64,10 +67,11 @@ def shake(
     analyzer: Any, force_N: float, known: Shaking, most: Callable[[float], int],
     ended: type[Exception],
 ) -> Shaken | None:  # fmt: skip
-    """Presses an Analyzer's axis with `force_N` and shakes it; None where too little slides.
+    """Presses an Analyzer's axis with `force_N` and excites it with sines; None if too few sines
+    make the workpiece slide.
 
-    most(hz): codes that the drive bears; ended: what the analyzer raises when the axis ends an
-    excitation.
+    most(hz): largest code that the drive tolerates; ended: exception of the analyzer if the axis
+    ends an excitation.
     """
     sensor = known.sensor
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
@@ -109,12 +113,13 @@ def shake(
 
 
 def _way(force: Any, place: Any, sensor: Any) -> Any:
-    """The workpiece's way, m, of the axis' way and the force on the sensor, N/m, between them."""
+    """Displacement of the workpiece in m from the displacement of the axis and the force on the
+    sensor between them; sensor: N/m."""
     return place - force / sensor
 
 
 def _sine(analyzer: Any, hz: float, amplitude: int, known: Shaking) -> tuple[complex, complex]:
-    """(force in N, way of the axis in m), complex, of a sine."""
+    """(force in N, displacement of the axis in m), both complex, of one sine."""
     axis = analyzer.axis
     analyzer.set(excitation_code=amplitude, excitation_frequency=hz)
     axis.set(excitation_run="start")
@@ -133,13 +138,14 @@ def _sine(analyzer: Any, hz: float, amplitude: int, known: Shaking) -> tuple[com
 
 
 def of_sines(rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0) -> Shaken:
-    """The Shaken of `rows` as it has them; sensor, damping: N/m and N s/m of what is between axis
-    and workpiece."""
+    """The Shaken of `rows`. sensor, damping: stiffness in N/m and damping in N s/m of the sensor
+    between axis and workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
     way = _way(force, x_re + 1j * x_im, sensor + 1j * w * damping)
     quotient = force / way
-    # Relative to the size of the force over the way: an error of either is one of the quotient.
+    # Residuals are relative to the ratio of force to displacement, because an error of force or
+    # displacement is a relative error of the ratio.
     weight = 1 / abs(quotient)
     table = np.column_stack([np.ones(len(w)), -(w**2)])
     solved, covariance = _solved(table, quotient.real, weight)
@@ -158,7 +164,8 @@ def of_sines(rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.
 
 
 def _solved(table: Samples, values: Samples, weight: Samples) -> Any:
-    """(solution, covariance) of weighted least squares, the errors' size from what is left."""
+    """(solution, covariance) of weighted least squares; the size of the errors follows from the
+    residuals."""
     A, b = table * weight[:, None], values * weight
     solved = np.linalg.lstsq(A, b, rcond=None)[0]
     left = float(np.sum((A @ solved - b) ** 2)) / max(1, len(b) - A.shape[1])

@@ -1,8 +1,9 @@
-"""Dry friction that `forceaxis measure` looks for beside its responses, and what it says of it.
+"""Search for dry friction in `forceaxis measure`, in addition to the responses.
 
-As in a tuning, constant codes both ways say what guide and gear take while the axis is apart, and a
-slow change of the force what a workpiece does on its table. Where the axis is not measured apart,
-the codes that differ between rising and falling force at the same reading say the first.
+As in a tuning, constant codes in both directions measure the friction of guide and gear out of
+contact, and a slow change of the force measures the friction of a workpiece on its table. If the
+axis is not measured out of contact, the friction of guide and gear follows from the difference of
+the codes for rising and falling force at the same measured force.
 """
 
 import math
@@ -17,25 +18,27 @@ from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-LOWER = LOWEST + MARGIN  # of the smallest force: from where it is changed slowly
-RUBS_WITHIN = 0.2  # of a force: where friction holds an axis without an integral in its law
+LOWER = LOWEST + MARGIN  # share of the smallest force at which the slow change of the force begins
+# relative force error within which friction may stop an axis without integral action
+RUBS_WITHIN = 0.2
 LEFT_SAMPLES = 750  # half a second
-FIRST = 2  # codes of the first motion apart
+FIRST = 2  # codes of the first motion out of contact
 NOT_LOOKED = (
     "bias",
     "travel",
     "contact",
 )  # refusals of the slow change that do not end the measurement
-GIVES = 0.3  # of the contact's own compliance: that of a workpiece that does not stick
-WHOLE = 1.2  # times the friction under a workpiece: half a swing in which it slides
+# share of the compliance of the contact from which the workpiece counts as not sticking
+GIVES = 0.3
+WHOLE = 1.2  # ratio to the friction under a workpiece: half of a force swing with which it slides
 
 
 @dataclass(frozen=True)
 class FoundFriction:
-    """What is known of dry friction at a response. moving_N, table_N: of guide and gear, by the
-    model, and under the workpiece, None: not known; the motion apart, the slow change, what the
-    codes differ by between rising and falling force, None where there was none; left_N: reading
-    with a target of 0 N. lines: the [[friction]] that the model lacks."""
+    """Knowledge of dry friction at a response. moving_N, table_N: of guide and gear, and under the
+    workpiece; None if not known. glide, slow, directions: results of the motion out of contact, of
+    the slow change and of the difference of the codes; None if not measured. left_N: measured force
+    with a target of 0 N. lines: the [[friction]] elements that the model lacks."""
 
     moving_N: float | None = None
     table_N: float | None = None
@@ -44,11 +47,11 @@ class FoundFriction:
     directions: friction.Directions | None = None
     left_N: float | None = None
     lines: str = ""
-    why: str = ""  #: the slow change was not made
+    why: str = ""  #: reason why the slow change was not made
 
     @property
     def dead_zone(self) -> float:
-        """Codes that guide and gear take, 0: none show."""
+        """Dead zone in codes of guide and gear; 0 if no friction was found."""
         if self.glide is not None:
             return self.glide.dead_zone if self.glide.rubs else 0.0
         found = self.directions
@@ -60,7 +63,8 @@ class FoundFriction:
 
 
 class Look:
-    """Looks for friction with an Analyzer. model: a path or "", which knows newtons of a code."""
+    """Searches for friction with an Analyzer. model: a path, or ""; the model converts codes to
+    newtons."""
 
     def __init__(
         self, analyzer: Analyzer, model: str = "", overrides: dict[str, float] | None = None
@@ -70,13 +74,14 @@ class Look:
         self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
-            self.model = ""  # it says nothing of codes and counts
+            self.model = ""  # the model has no conversion of codes and counts
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):
             self.newton = 0.0
 
     def apart(self) -> FoundFriction:
-        """Before the response apart, whose amplitude is to slide. Raises Refusal."""
+        """Search before the response out of contact, which needs an amplitude that slides. Raises
+        Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.known["output_limit"])
         try:
@@ -90,12 +95,12 @@ class Look:
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
-        """Before the responses in contact: what is between the forces and about them."""
+        """Search before the responses in contact: a slow change of the force between the forces."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
         low, most = LOWER * min(forces), self.order.force_max_N - MARGIN * max(forces)
         if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
-            return self.found  # the response is refused
+            return self.found  # measuring the response then raises the refusal
         try:
             high = min(high, most)
             analyzer.order = replace(analyzer.order, within=RUBS_WITHIN)  # it may stick below
@@ -117,8 +122,8 @@ class Look:
         return self._found(found)
 
     def _rigid(self) -> float:
-        """Counts a newton of the contact's spring, by which a workpiece shows that sticks all the
-        way; 0 where the model has none that gives enough to tell."""
+        """Counts/N of the contact's spring, by which a workpiece that always sticks is detected; 0
+        if the spring of the model is too stiff for this."""
         if not self.model:
             return 0.0
         rigid = known.rigid_counts(self.model, self.overrides)
@@ -138,7 +143,7 @@ class Look:
         self.found = replace(found, moving_N=moving, table_N=table, lines=lines)
         codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
         most = self.order.most
-        if found.rubs and self.model:  # what saturates the drive distorts as friction does
+        if found.rubs and self.model:  # a saturated drive distorts a response like friction
             most = min(most, known.PEAKY * (known.linear_codes(self.model, self.overrides) or most))
         self.analyzer.order = replace(
             self.order,
@@ -150,7 +155,8 @@ class Look:
         return self.found
 
     def expect_sliding(self, level: Level) -> None:
-        """Refuses a response whose noise never overcame the friction of guide and gear."""
+        """Raises Refusal if the noise never overcame the friction of guide and gear during a
+        response."""
         dead_zone = self.found.dead_zone
         if level.amplitude > dead_zone:
             return
@@ -167,7 +173,7 @@ class Look:
 
 
 def summary(found: FoundFriction, level: Level) -> dict[str, Any]:
-    """What the file of a response says of friction."""
+    """The entry about friction in the file of a response."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
     table = (found.table_N or 0.0) if not apart else 0.0

@@ -1,4 +1,4 @@
-"""What led to an incident, in words: rules on its recorded signals, the decisive ones first."""
+"""Explains an incident in text: rules on the recorded signals, with the decisive findings first."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,13 +12,13 @@ from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import Incident, words
 from forceaxis.words import counted
 
-ENABLED = 0x27  # of statusword & 0x6F: operation enabled
+ENABLED = 0x27  # statusword & 0x6F in the state operation enabled
 MS = 1e3 / TICKS_PER_S
 SWING_TICKS = 450  # 0.3 s
 NEAR_TICKS = 75  # 50 ms
 CLOSE_TICKS = 10
 
-# What a reader should know about a fault, whatever was recorded.
+# {fault: general explanation}, independent of the recording.
 MEANS = {
     "enable_lost": "the enable chain opened while the axis was enabled",
     "limit_switches": "both limit switches were active at once",
@@ -39,7 +39,7 @@ MEANS = {
     "clock_wrong": "the tick had not its length beside a second clock",
     "output_wrong": "DAC or amp_enable, read back, was not what was put out",
 }
-# Bits of board_state (2431h) that are faults.
+# Bits of board_state (2431h) that report faults.
 FOUND = {
     2: "brown-out reset not at its level",
     4: "image damaged",
@@ -55,8 +55,9 @@ CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 @dataclass(frozen=True)
 class IncidentStory:
-    """An incident in words; tick: of the error; later: errors since; kept: from before a restart;
-    story: what led to it, the decisive lines first."""
+    """An incident in text. tick: tick of the error; later: number of later errors; kept: the
+    incident is older than the last restart; story: lines about its causes, the decisive ones first.
+    """
 
     fault: str
     error_code: str
@@ -73,7 +74,7 @@ class IncidentStory:
 
 
 def tell(incident: Incident, counts_per_mm: float | None = None) -> list[str]:
-    """Lines of text: the fault, then what led to it."""
+    """Lines of text: the fault, then the events before the fault."""
     return [_headline(incident), *_Story(incident, counts_per_mm).lines()]
 
 
@@ -99,7 +100,9 @@ class _Story:
         self.reason = incident.column("limit_reason")[until]
         self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED
         p = incident.parameters
-        self.threshold = from_raw("contact_force", p["contact_force"]) * p["force_scale"] * 1e-6
+        self.threshold = (
+            float(from_raw("contact_force", p["contact_force"])) * p["force_scale"] * 1e-6
+        )
         self.contact = np.abs(self.force) > self.threshold
 
     def lines(self) -> list[str]:
@@ -112,7 +115,7 @@ class _Story:
         return [line for line in rules if line]
 
     def meaning(self, fault: str) -> str | None:
-        """What the fault is, with what the board said of it."""
+        """Explanation of the fault, with the state of the board; None if there is none."""
         text, said = MEANS.get(fault), self.incident.parameters
         if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
             words = (
@@ -125,7 +128,7 @@ class _Story:
         return text
 
     def motion(self) -> str:
-        """Since when the axis was enabled, and how fast it moved."""
+        """The time from enabling to the error, and the speed of the axis."""
         on = self.enabled[:-1]
         if not on.any():
             return "the axis was not enabled in the recorded second"
@@ -135,7 +138,7 @@ class _Story:
         return f"enabled {since}; at the error it moved at {self.rate(speed)}"
 
     def mean_speed(self, at: int) -> float:
-        """Counts a tick, of the last 4 ticks."""
+        """Mean speed over the 4 ticks before `at`, in counts per tick."""
         return float(np.mean(self.speed[max(1, at - 3) : at + 1])) if at else 0.0
 
     def rate(self, speed: float) -> str:
@@ -158,7 +161,7 @@ class _Story:
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
     def onset(self) -> str | None:
-        """The last contact before the error: when, and how fast."""
+        """Time and speed of the last contact before the error."""
         begins = np.flatnonzero(~self.contact[:-1] & self.contact[1:]) + 1
         if not len(begins):
             return None if self.contact.any() else "no contact in the recorded second"
@@ -201,7 +204,7 @@ class _Story:
         return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
 
     def still(self) -> str | None:
-        """A reading that stays, although the axis moves in contact or presses."""
+        """A measured force that does not change although the axis moves in contact or presses."""
         ticks = _last_run(self.raw == self.raw[-1])
         is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
         if ticks < 5 or not (is_sign or self.contact[-1]):
@@ -236,7 +239,7 @@ class _Story:
         return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
 
     def error(self) -> str | None:
-        """Distance to the set-point, where one is followed."""
+        """Difference between set-point and actual value, in a mode with a set-point."""
         lag = (self.incident.column("profile_position") - self.incident.column("position"))[
             : self.at
         ]
@@ -245,7 +248,7 @@ class _Story:
         return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
 
     def standing(self) -> str | None:
-        """An axis that does not follow its code."""
+        """A finding if the axis does not move although a DAC code is output."""
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None
@@ -265,6 +268,6 @@ class _Story:
 
 
 def _last_run(flags: NDArray[Any]) -> int:
-    """How many of the last entries are true without a gap."""
+    """Number of entries at the end that are all true."""
     off = np.flatnonzero(~flags[::-1])
     return int(off[0]) if len(off) else len(flags)

@@ -1,9 +1,10 @@
-"""A force law for a live axis: measured, identified, designed, simulated, written, verified, kept.
+"""Tunes the force law of an axis: measures, fits, designs, simulates, writes, verifies and stores
+it.
 
-`Tuning(axis, order, folder).run()` does the steps of STEP_TABLE one after the other. Each is a
-function from the folder and the results of earlier steps to its own result, or to a Refusal. Its
-result is kept in a JSON file of the folder. A step whose file is there is not done again, so a
-tuning goes on where it was interrupted.
+`Tuning(axis, order, folder).run()` runs the steps of STEP_TABLE in order. Each step is a function
+whose arguments are the folder and the results of earlier steps. It returns its own result or raises
+a Refusal. The result is written to a JSON file of the folder. A step with such a file is not run
+again, so an interrupted tuning continues with the next step.
 """
 
 import hashlib
@@ -41,8 +42,8 @@ from forceaxis.results import from_json, to_json
 
 @dataclass(frozen=True)
 class TuningStep:
-    """A step of a tuning. function(folder, *results of the steps in `takes`) gives a `result`;
-    line(folder, result): what is said of it."""
+    """One step of a tuning. function(folder, *results of the steps in `takes`) returns an instance
+    of `result`; line(folder, result): the text that reports the result."""
 
     name: str
     function: Callable[..., Any]
@@ -70,25 +71,26 @@ STEP_TABLE = {
 }  # fmt: skip
 STEPS = tuple(STEP_TABLE)
 FILE = tune_files.TUNE
-# The first step that is done again where a field of the order has changed; `check` always is.
+# {field of the order: first step that has to run again after a change}. The step `check` always
+# runs.
 AGAIN_FROM = {
     "model": "fit", "forces": "measure", "over": "fit", "priors": "fit", "states": "fit",
     "ms": "design",
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
-# What the files of the steps hold; `measure` has two more.
+# {step: type of its result}; the step `measure` has two more files.
 FILE_TYPES: dict[str, Any] = {name: step.result for name, step in STEP_TABLE.items()}
 FILE_TYPES["measure"] = dict[str, PressedResponse]
 
 
 def _text(value: Any) -> str:
-    """A field of an order for people."""
+    """A field of an order as text."""
     return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
-    """{field: what it was and is, in words} of the fields that differ but `model`."""
+    """{field: its old and new value as text} of all changed fields except `model`."""
     pairs = {f.name: (getattr(before, f.name), getattr(after, f.name)) for f in fields(after)}
     return {
         name: f"{name} {_text(old)} to {_text(new)}"
@@ -97,11 +99,12 @@ def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
 
 
 class Tuning(TuningFolder):
-    """The steps on an Axis that is owned and disabled, in `folder`, which need not exist.
+    """Runs the steps on an Axis that is owned and disabled. The folder `folder` may be new.
 
-    say(text): a line for each step and for what it does. A folder of another order or model goes on
-    with what that does not touch, and says what. Raises InputError where the folder holds a tuning
-    of another axis or a damaged file, or the order names what the model has not.
+    say(text): reports each step and its actions. If the folder contains a tuning with another order
+    or model, the results that do not depend on the change are kept and reported. Raises InputError
+    if the folder belongs to another axis, contains a damaged file, or if the order names something
+    that the model lacks.
     """
 
     def __init__(
@@ -110,17 +113,17 @@ class Tuning(TuningFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, order, folder, say)
         self.step = STEPS[0]
-        # Steps that are done, and stay done when a step before them is done again.
+        # Steps that are done and remain valid when an earlier step runs again.
         self.kept: frozenset[str] = frozenset()
         self.refused: StepRefusal | None = None
         self.check_files(FILE_TYPES)
         self._claim()
 
     def _claim(self) -> None:
-        """Takes the folder for this order: steps that a change does not touch stay done. Refuses a
-        folder of another axis."""
+        """Writes the order into the folder and keeps the steps that the change of order does not
+        affect. Raises InputError for a folder of another axis."""
         known = self.axis.get("object_table_hash", "serial_number")
-        # As the file has it: a force of 30 is 30.0, a list is a tuple.
+        # The order as it reads from the file: 30 becomes 30.0 and a list becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
         identity = TuningIdentity(order, digest, **known)
@@ -136,14 +139,14 @@ class Tuning(TuningFolder):
         self.write(FILE, identity)
 
     def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
-        """Deletes the results of the steps that a change of the order or the model touches, and
-        says so."""
+        """Deletes the results of the steps that depend on a change of order or model, and reports
+        it."""
         changes = _changes(held.order, identity.order)
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
         if held.model_sha256 != identity.model_sha256:
             changes["model"] = "the model"
             first.append(STEPS.index(AGAIN_FROM["model"]))
-        if not first:  # the same model by another name
+        if not first:  # only the name of the model has changed
             return
         done = [step for step in STEPS if self._file(step).exists()]
         kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
@@ -161,7 +164,7 @@ class Tuning(TuningFolder):
         return self.folder / f"{step}.json"
 
     def done(self, step: str) -> StepFile | None:
-        """The file of a step, its result of the type in STEP_TABLE; None where it is not done."""
+        """The file of a step, with its result; None if the step is not done."""
         held = tune_files.read_step(self._file(step), FILE_TYPES[step])
         if held is None or step != "measure":
             return held
@@ -172,27 +175,26 @@ class Tuning(TuningFolder):
         return held._replace(result=MeasuredResponses(held.result, between, shaken))
 
     def result(self, step: str) -> Any:
-        """The result of a step that is done, of its type in STEP_TABLE. Raises Refusal for a step
-        that is not done."""
+        """The result of a step that is done. Raises Refusal if the step is not done."""
         held = self.done(step)
         if held is None:
             raise Refusal(step, "expected that step to be done before; do it alone first")
         return held.result
 
     def _keep(self, step: str, done: StepFile) -> None:
-        """Writes the files of a step, the one that says that it is done as the last."""
+        """Writes the files of a step; the file that marks the step as done is written last."""
         if isinstance(done.result, MeasuredResponses):
             self.write(tune_files.BETWEEN, done.result.between)
             if done.result.between.friction_N > 0:
                 self.write(tune_files.SHAKEN, done.result.shaken)
-            else:  # of a measurement that is replaced
+            else:  # a file of the replaced measurement
                 (self.folder / tune_files.SHAKEN).unlink(missing_ok=True)
             done = done._replace(result=done.result.levels)
         tune_files.write_step(self.folder, step, done)
 
     def run(self, only: str | None = None) -> TuningSummary:
-        """Does the steps that are not done, or `only` that one, done or not; the summary. After a
-        Refusal, or whatever else ends it early, the axis has what it had before."""
+        """Runs the steps that are not done, or only the step `only`, done or not; returns the
+        summary. After a Refusal or another exception, the axis has its previous parameters."""
         self.step = only or STEPS[0]
         try:
             if len(self.order.forces) < 2:
@@ -219,7 +221,7 @@ class Tuning(TuningFolder):
         if not again and self.done(step.name) is not None:
             self.say(f"{place}: done before")
             return
-        for later in STEPS[index:]:  # they follow from what is replaced
+        for later in STEPS[index:]:  # later steps depend on the replaced result
             if later == step.name or later not in self.kept:
                 self._file(later).unlink(missing_ok=True)
         began, tick = time.monotonic(), self.axis.read("tick_count")
@@ -236,7 +238,7 @@ class Tuning(TuningFolder):
         self.say(f"{place}: {step.line(self, result)} ({took:.1f} s)")
 
     def summary(self) -> TuningSummary:
-        """What is known so far."""
+        """The results that are known so far."""
         files = {step: held for step in STEPS if (held := self.done(step)) is not None}
         known = TuningSummary(
             axis=self.axis.link.where,
@@ -253,7 +255,7 @@ class Tuning(TuningFolder):
         return known
 
     def _with(self, known: TuningSummary, result: Any) -> TuningSummary:
-        """A summary with what the result of one more step adds."""
+        """A summary to which the result of one more step is added."""
         if isinstance(result, Fitted):
             return replace(
                 known, parameters=result.parameters, friction=result.friction,

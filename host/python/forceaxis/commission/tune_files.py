@@ -1,8 +1,8 @@
-"""The files of a tuning's folder as typed results: a damaged file is refused in one line.
+"""Reads and writes the files of a tuning's folder as typed results; reports a damaged file in one
+line.
 
-This is the boundary of those files. The dataclasses say what a file has to contain: a field with a
-default may be absent, as it is in the folders of earlier versions; keys without a field are left
-out.
+The dataclasses define the content of each file. A field with a default may be absent, as in the
+folders of earlier versions; keys without a field are ignored.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 FOUND, BEFORE, TUNE = "found.json", "before.json", "tune.json"
 BETWEEN, SHAKEN = "between.json", "shaken.json"
-# Files that a step writes and a later one reads: each has to be there where the step is done.
+# Files that one step writes and a later step reads; they have to exist if the step is done.
 FILES_OF_STEP = {"measure": (BETWEEN,), "write": (BEFORE,)}
 TOUCH_DOWN_COLUMNS = ("time_s", "force_N", "predicted_N")
 NEW_FOLDER = "delete the folder or give another one"
@@ -45,7 +45,7 @@ TYPE_WORDS = {
 
 @dataclasses.dataclass(frozen=True)
 class AxisState:
-    """What a run found on an axis. axis: raw identity; values: raw values of the objects."""
+    """State of an axis before a run. axis: raw identity; values: raw values of the objects."""
 
     axis: dict[str, int]
     values: dict[str, int]
@@ -53,7 +53,7 @@ class AxisState:
 
 @dataclasses.dataclass(frozen=True)
 class StepTimes:
-    """How long a step took, s of wall time and of the axis' time."""
+    """Duration of a step in s, as wall time and as time of the axis."""
 
     seconds: float
     axis_seconds: float
@@ -68,11 +68,11 @@ class StepFile(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class TuningOrder:
-    """What `tune` is asked for. model: path or stem of the axis' model, whose values are what is
-    known of it; forces: N; over: texts NAME=PERCENT% or NAME=LOW..HIGH; priors: NAME=VALUE or
-    NAME=VALUE+-PERCENT% of what is known better or worse; states: ELEMENT=STATE, in which the model
-    is linearised; ms: largest permitted Ms; averages: of a response; travel_mm: bound of the
-    excitation; seed: of its noise."""
+    """The options of `tune`. model: path or stem of the axis' model, which gives the prior values;
+    forces: N; over: texts NAME=PERCENT% or NAME=LOW..HIGH; priors: NAME=VALUE or
+    NAME=VALUE+-PERCENT%, which replace prior values of the model; states: ELEMENT=STATE, in which
+    the model is linearised; ms: largest permitted Ms; averages: number per response; travel_mm:
+    limit of the motion by the excitation; seed: of the noise."""
 
     model: str
     forces: tuple[float, ...]
@@ -89,7 +89,7 @@ class TuningOrder:
 
 @dataclasses.dataclass(frozen=True)
 class TuningIdentity:
-    """Which tuning a folder holds: the order, the model's contents, the axis."""
+    """Identity of the tuning in a folder: the order, the content of the model, the axis."""
 
     order: TuningOrder
     model_sha256: str
@@ -98,7 +98,8 @@ class TuningIdentity:
 
 
 def write(folder: Path, name: str, value: Any) -> None:
-    """Replaces a JSON file of a folder as a whole. value: a result or what JSON can hold."""
+    """Replaces a complete JSON file of a folder. value: a result or a value that JSON can
+    represent."""
     with paths.replacing(folder, name) as (file,):
         text = json.dumps(to_json(value), indent=2, allow_nan=False)
         file.write_text(text + "\n", encoding="utf-8")
@@ -110,14 +111,14 @@ def write_step(folder: Path, step: str, done: StepFile) -> None:
 
 
 def read(file: Path, kind: type[T]) -> T | None:
-    """The value of a JSON file, an instance of `kind`; None where there is no such file. Raises
-    InputError for a damaged file: it names what was expected where, and what to do."""
+    """Reads a JSON file as an instance of `kind`; returns None if the file does not exist. Raises
+    InputError for a damaged file; the text states the place, the expected value and the remedy."""
     value = _json(file)
     return None if value is None else _typed(value, kind, file)
 
 
 def read_step(file: Path, kind: Any) -> StepFile | None:
-    """The file of a step whose result is an instance of `kind`, as read()."""
+    """Reads the file of a step, whose result is an instance of `kind`; otherwise as read()."""
     value = _json(file)
     if value is None:
         return None
@@ -155,9 +156,9 @@ def _typed(value: Any, kind: Any, file: Path, where: str = "") -> Any:
 def check(
     folder: Path, results: Mapping[str, Any], read_response: Callable[[Path], object]
 ) -> None:
-    """Reads every file of a folder that later steps read. results: {step: type of its result};
+    """Reads all files of a folder that later steps need. results: {step: type of its result};
     read_response: reads the folder of a response and raises InputError. Raises InputError for the
-    first file that is damaged or missing."""
+    first damaged or missing file."""
     done = {step: read_step(folder / f"{step}.json", kind) for step, kind in results.items()}
     kinds: dict[str, Any] = {
         TUNE: TuningIdentity, FOUND: AxisState, BEFORE: dict[str, int], BETWEEN: SlowChange,
@@ -182,7 +183,7 @@ def check(
 
 
 def _responses(done: Mapping[str, StepFile | None]) -> list[tuple[str, str]]:
-    """(step, folder) of each response that a step has measured."""
+    """(step, folder) of each measured response of a step."""
     found = [("free", "free")] if done["free"] else []
     if measured := done["measure"]:
         for name, level in measured.result.items():
@@ -192,7 +193,7 @@ def _responses(done: Mapping[str, StepFile | None]) -> list[tuple[str, str]]:
 
 
 def small_of(name: str) -> str:
-    """Folder of the response with the smaller amplitude beside that of `name`."""
+    """Folder of the response with the smaller amplitude that belongs to the response `name`."""
     return f"{name}-small"
 
 
@@ -211,7 +212,7 @@ def _check_touch_down(file: Path) -> None:
 
 
 class _UnexpectedValue(Exception):
-    """A value of another type than expected; the text says where."""
+    """A value does not have the expected type; the text states the place."""
 
     def __init__(self, where: str, expected: str, value: Any) -> None:
         text = json.dumps(value)
@@ -220,8 +221,8 @@ class _UnexpectedValue(Exception):
 
 
 def _pruned(value: Any, kind: Any, where: str) -> Any:
-    """A JSON value without the keys that the dataclasses in `kind` lack. where: the keys that lead
-    to the value, with dots. Raises _UnexpectedValue."""
+    """A JSON value without the keys that the dataclasses in `kind` do not define. where: the path
+    of keys to the value, with dots. Raises _UnexpectedValue."""
     origin, arguments = get_origin(kind), get_args(kind)
     if dataclasses.is_dataclass(kind):
         return _pruned_object(value, kind, where)
@@ -283,7 +284,7 @@ def _instance(value: Any, kind: Any, where: str) -> Any:
 
 
 def _is(value: Any, kind: type) -> bool:
-    """Whether a JSON value is of a type; a number is finite, an integer is a number too."""
+    """Whether a JSON value has a type. A number has to be finite; an integer counts as a number."""
     if kind is float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         return is_number and math.isfinite(value)

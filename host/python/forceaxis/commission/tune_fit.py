@@ -1,4 +1,4 @@
-"""The step of a tuning that finds the model's parameters, and its dry friction."""
+"""The step `fit` of a tuning: parameters of the model and dry friction."""
 
 import math
 from dataclasses import asdict, replace
@@ -30,23 +30,24 @@ from forceaxis.linear.plant_set import PlantSet
 
 Rubs = tuple[rubbing.Rub, ...]
 
-# Spreads of the logarithm of a damper for friction, where it slides and where it sticks and slips;
-# N s/m of one that sticks.
+# Standard deviations of the logarithm of a damper in the place of friction, for a sliding axis and
+# for an axis that alternates between sticking and sliding; N s/m of a sticking friction.
 DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
-SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15  # relative, of a response with a damper for friction
+# relative error of a response that is fitted with a damper in the place of friction
+SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 RATE_HZ, RATE_ERROR = 0.2, 0.015
-BETWEEN_ERROR = 0.1  # of stiffnesses by the way between two forces
-UNSURE = 0.2  # relative standard error of a mass that sines do not show
-SHAKEN_ERROR = 0.04  # at least, of what sines say of a workpiece
-REFIT_CHANGE = 0.02  # relative change of what sines say, from which the fit is made again
-# What a design relies on of an axis that rubs: dampings within so many standard deviations of what
-# was known before, and the mass of a workpiece that does not slide within times and over so much.
+BETWEEN_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
+UNSURE = 0.2  # relative standard error of the mass from which the sines do not determine the mass
+SHAKEN_ERROR = 0.04  # smallest relative error of a workpiece's values from sines
+REFIT_CHANGE = 0.02  # relative change of the values from sines after which the fit is repeated
+# Tolerances of a design for an axis with dry friction: standard deviations of the prior for the
+# dampings; factor for the mass of a workpiece that does not slide, up and down.
 RELIED, UNWEIGHED = 1.0, 3.0
-DIFFER = 1e-4  # probability below which two amplitudes have two responses
+DIFFER = 1e-4  # probability below which the responses of two amplitudes count as different
 
 
 def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
-    """The model's parameters from all responses and what was known before."""
+    """Fits the model's parameters to all responses and to the prior values."""
     order, given = tuning.order, tuning.given
     every = ["free", *(f"{force:g}N" for force in order.forces)]
     rubs = _rubs(tuning, free, measured)
@@ -76,7 +77,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     found = joint_fit.joint(model, before, responses, order.over, **asked)
     again = _workpiece(tuning, rubs, measured, found.best)
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
-        before |= again  # sines tell more once the sensor's stiffness is known
+        # the values from sines become more accurate with the fitted stiffness of the sensor
+        before |= again
         found = joint_fit.joint(model, before, responses, order.over, **asked)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
@@ -104,7 +106,7 @@ def fit_line(tuning: TuningFolder, done: Fitted) -> str:
 
 
 def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, str]:
-    """(why a fit was rejected, what would explain it as TOML)."""
+    """(reason for rejecting a fit, TOML of the candidates that would explain the responses)."""
     if found.rejected != "chi2":
         return found.text, ""
     tuning.say("the model does not explain the responses: trying what it may lack")
@@ -118,13 +120,14 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
 
 
 def _rubs(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Rubs:
-    """The friction that was found, and that the model has."""
+    """The frictions of the model, with the newtons that were measured."""
     moving_N = tune_measure.moving_N(tuning, free)
     return rubbing.rubs(tuning.given, moving_N, measured.between.friction_N)
 
 
 def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
-    """The friction that the model lacks, as TOML. Says it, and writes the model that has it."""
+    """The friction elements that the model lacks, as TOML. Reports them and writes the completed
+    model."""
     if not rubs:
         return ""
     text = rubbing.with_friction(tuning.given, rubs)
@@ -142,9 +145,9 @@ def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
 def _closed(
     tuning: TuningFolder, names: list[str], rubs: Rubs, measured: MeasuredResponses
 ) -> list[str]:
-    """The responses in which the play of the gear stays taken up: where what moves the load back
-    is less than its friction the motor goes to and fro in the play, and no linear model is its.
-    Raises Refusal where none in contact is left."""
+    """The responses during which the backlash of the gear stays closed. If the force that moves the
+    load back is smaller than its friction, the motor moves within the backlash, and no linear model
+    describes the response. Raises Refusal if no response in contact remains."""
     if not known.play_counts(tuning.given):
         return names
     newton = sum(rub.newton for rub in rubs if not rubbing.of_workpiece(tuning.given, rub))
@@ -165,7 +168,7 @@ def _closed(
 def _own(
     tuning: TuningFolder, name: str, rubs: Rubs, free: FreeResponse, measured: MeasuredResponses
 ) -> dict[str, Prior]:
-    """{parameter: Prior} of the dampers that stand for friction in a response."""
+    """{parameter: Prior} of the dampers that replace the frictions in a response."""
     facts = linear.facts(tuning.given)
     scale = abs(facts.required_encoder.scale)
     about: ResponseFigures = free if name == "free" else measured.levels[name]
@@ -186,14 +189,14 @@ def _own(
 
 
 def _error(name: str, rubs: Rubs) -> float:
-    """What no model explains of a response, relative."""
+    """Relative error of a response that no parameter can explain."""
     sticks = any(rub.name == rubbing.TABLE for rub in rubs) and name != "free"
     return STICKING_ERROR if sticks else SLIDING_ERROR
 
 
 def _rate(free: FreeResponse, apart: Measurement) -> Measurement:
-    """The speed for each code while the axis slides, as a response of one line: no friction is in
-    it, since it slides one way."""
+    """The speed per code of the sliding axis, as a response with one line. Friction does not change
+    it, because the axis slides in one direction."""
     exact = complex(free.glide.rate / (2j * np.pi * RATE_HZ))
     one = np.ones(1)
     return replace(
@@ -205,8 +208,8 @@ def _rate(free: FreeResponse, apart: Measurement) -> Measurement:
 def _workpiece(
     tuning: TuningFolder, rubs: Rubs, measured: MeasuredResponses, best: Values | None = None
 ) -> dict[str, Prior]:
-    """Priors of a workpiece that rubs on its table, by the way between the forces and by sines;
-    best: {parameter: value} of a fit, if there was one."""
+    """Priors of a workpiece with dry friction, from the travel between the forces and from sines.
+    best: {parameter: value} of an earlier fit, or empty."""
     if not any(rubbing.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
         return {}
     sliding, shaken = measured.between.sliding, measured.shaken
@@ -243,7 +246,7 @@ def _workpiece(
 
 
 def _mass_shows(shaken: shake.Shaken | None) -> bool:
-    """Whether sines have made a workpiece slide so much that its mass shows."""
+    """Whether the workpiece slid so much under the sines that they determine its mass."""
     return shaken is not None and shaken.mass_error < UNSURE
 
 
@@ -254,13 +257,14 @@ def _relied(
     rubs: Rubs,
     measured: MeasuredResponses,
 ) -> tuple[dict[str, float], PlantSet, list[str]]:
-    """What a design may rely on of an axis that rubs: (values, PlantSet, a line for each parameter
-    that is not as fitted). plants: about the fitted values; sheet: what was known before.
+    """Values and tolerances of a design for an axis with dry friction: (values, PlantSet, a text
+    for each parameter whose value differs from the fit). plants: about the fitted values; sheet:
+    the prior values.
 
-    Each response has a damper for the dry friction, which the design's plant has not, since it
-    slides. How much of what a response loses is friction, and how much damping, does not show. So
-    all dampings together are at the low and at the high end of what was known before, RELIED
-    standard deviations from it, or at what was fitted where that is less than the low end.
+    The fit represents dry friction by dampers, one set for each response. The plant of the design
+    has no such dampers, because it slides. The fit cannot distinguish friction from damping. All
+    dampings of the design are therefore together at the low or at the high end of the prior, RELIED
+    standard deviations from its value; a fitted value below the low end replaces the low end.
     """
     facts = linear.facts(plants.model).parameters
     values, ranges, lines = plants.overrides, dict(plants.ranges), []
@@ -296,13 +300,14 @@ def _name(value: Any) -> str | None:
 
 
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
-    """(parameter of the contact's stiffness, of its damping), None for what is a number."""
+    """(parameter of the contact's stiffness, parameter of its damping); None for a constant
+    number."""
     contact = contact_of(toml.read(linear.find_model(model))) or {}
     return _name(contact.get("stiffness")), _name(contact.get("damping"))
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
-    """(parameter of the stiffness that holds the workpiece, of its mass); None: there is none."""
+    """(parameter of the stiffness between workpiece and ground, parameter of its mass), or None."""
     table = toml.read(linear.find_model(model))
     contact = contact_of(table)
     body = contact["between"][1] if contact else None
@@ -316,8 +321,8 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
 def _differing(
     tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
 ) -> list[str]:
-    """Folders of the smaller amplitude whose response is another than that of the larger one; the
-    result of `measure` says so from then on."""
+    """Folders of the smaller amplitude whose response differs from that of the larger amplitude;
+    the result of `measure` is updated with this finding."""
     found, levels = [], dict(measured.levels)
     for name in names:
         small = small_of(name)
@@ -334,7 +339,7 @@ def _differing(
 
 
 def _probability(one: Measurement, other: Measurement) -> float:
-    """That two responses at the same lines differ by chance by as much as they do."""
+    """Probability that noise alone makes two responses at the same lines differ this much."""
     from scipy import stats
 
     variance = one.variance + other.variance + (joint_fit.MODEL_ERROR * abs(one.response)) ** 2
@@ -345,8 +350,8 @@ def _probability(one: Measurement, other: Measurement) -> float:
 
 
 def holds(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
-    """Over which forces and amplitudes what is promised was seen to hold, and what was not visited;
-    a line each. fitted: None before the fit."""
+    """Lines of text: the forces and amplitudes for which the predictions were verified, and those
+    that were not measured. fitted: None before the fit."""
     between, rubs = measured.between, fitted.friction if fitted else ()
     lines = [
         f"between {between.low_N:.3g} and {between.high_N:.3g} N the axis was moved slowly: "

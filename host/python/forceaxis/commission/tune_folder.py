@@ -1,4 +1,4 @@
-"""The folder of a tuning, its order and its axis: what every step takes besides results."""
+"""The folder of a tuning with its order and its axis: the common argument of all steps."""
 
 from pathlib import Path
 
@@ -14,10 +14,10 @@ RESPONSES_MODEL, FITTED_MODEL = "responses.toml", "model.toml"  # files of the f
 
 
 class TuningFolder(as_found.AxisFolder):
-    """An Axis that is owned and disabled, an order, and `folder`, which need not exist.
+    """An Axis that is owned and disabled, an order, and `folder`, which may be new.
 
-    say(text): a line for each step and for what it does. Raises InputError where the order names
-    what the model has not.
+    say(text): reports each step and its actions. Raises InputError if the order names something
+    that the model lacks.
     """
 
     def __init__(
@@ -26,23 +26,27 @@ class TuningFolder(as_found.AxisFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, folder, say)
         self.order, self.given = order, linear.find_model(order.model)
-        known.priors(str(self.given), order.over, order.priors)  # before anything is written
-        self.states: dict[str, str] = linear.states(order.states)  #: that loops are taken in
+        # raises InputError before a file is written
+        known.priors(str(self.given), order.over, order.priors)
+        #: states in which the loops are linearised
+        self.states: dict[str, str] = linear.states(order.states)
         if self.states:
-            sets.slopes(self.given, fixed=self.states)  # refuses what the model has not
+            # raises InputError for a state that the model lacks
+            sets.slopes(self.given, fixed=self.states)
 
     @property
     def model(self) -> Path:
-        """Path of the model: the given one, with the friction that `fit` found and it lacks."""
+        """Path of the model: the given file, or the file to which `fit` has added measured
+        friction."""
         own = self.folder / FITTED_MODEL
         return own if own.exists() else self.given
 
     def replace_levels(self, levels: dict[str, PressedResponse]) -> None:
-        """Writes other levels of the result of `measure`, which is done."""
+        """Replaces the levels in the result of `measure`, which has to be done."""
         held = tune_files.read_step(self.folder / "measure.json", dict[str, PressedResponse])
         if held is not None:
             tune_files.write_step(self.folder, "measure", held._replace(result=levels))
 
     def check_files(self, results: dict[str, object]) -> None:
-        """Raises InputError for a damaged file; results: {step: type of its result}."""
+        """Raises InputError for a damaged file. results: {step: type of its result}."""
         tune_files.check(self.folder, results, lambda path: read_response(path, self.given))

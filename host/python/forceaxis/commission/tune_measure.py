@@ -1,4 +1,4 @@
-"""The steps of a tuning that measure, and what sets an axis up for them."""
+"""The measuring steps of a tuning, and the settings of the axis for them."""
 
 import contextlib
 import datetime
@@ -35,13 +35,14 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
 AVERAGES_MIN = 5
-SMALLER_FACTOR = 3  # the second amplitude that is measured is so many times smaller
-LOWEST_FORCE_FACTOR = 0.6  # of the smallest force: from there the force is changed slowly
-COASTED_TRAVELS = 5  # an axis that a killed run has moved farther does not return
+SMALLER_FACTOR = 3  # ratio of the first to the second amplitude
+# share of the smallest force at which the slow change of the force begins
+LOWEST_FORCE_FACTOR = 0.6
+COASTED_TRAVELS = 5  # travels: an axis that has coasted farther than this is not moved back
 
 
 def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
-    """The response of codes to the encoder, after the friction of what moves."""
+    """Measures the friction out of contact, then the response from the code to the encoder."""
     off(tuning.axis)
     settings = checked.settings
     with temporary(tuning.axis, settings), analyzer_of(tuning) as measures:
@@ -58,7 +59,7 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
 
 
 def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
-    """What `free` says when it ends."""
+    """The text that reports the result of `free`."""
     line = line_of("codes to the encoder", done)
     if done.glide.rubs:
         line += (
@@ -69,9 +70,9 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 
 def _back_to_start(tuning: TuningFolder, measures: analyzer.Analyzer, start: int) -> None:
-    """Moves an axis that a killed run has left moving back to its position at `check`, counts, and
-    disables it. Farther than COASTED_TRAVELS the axis does not return. The fault of the killed run
-    was still latched, so the encoder has counted on since."""
+    """Moves an axis back to its position at `check` (counts) after a killed run has left it moving,
+    and disables it. If the distance exceeds COASTED_TRAVELS, the axis is not moved. The encoder has
+    counted all the time, because the fault of the killed run was still latched."""
     if abs(tuning.axis.read("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
         measures.home = start
@@ -80,18 +81,18 @@ def _back_to_start(tuning: TuningFolder, measures: analyzer.Analyzer, start: int
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
-    """N of dry friction of what moves, by the model; 0: none."""
+    """Dry friction of the moving parts in N, by the model; 0 without friction."""
     return free.glide.dead_zone * newton_per_code(tuning) if free.glide.rubs else 0.0
 
 
 def newton_per_code(tuning: TuningFolder) -> float:
-    """N that the drive of the model gives for a code at standstill; inf: the drive integrates."""
+    """N per code of the model's drive at standstill; inf if the drive integrates."""
     return known.newton_per_code(tuning.model)
 
 
 def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
-    """What is between the forces, then the responses of codes to the reading at each of them, with
-    two amplitudes."""
+    """Measures the compliance between the forces, then the responses from the code to the measured
+    force at each force, with two amplitudes."""
     levels: dict[str, PressedResponse] = {}
     first = 1
     order = replace(tuning.order, band_hz=checked.band_hz)
@@ -111,7 +112,8 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             return level
 
         if rubs:
-            first = MOST_CODES  # up to what the drive bears: the most of it slides
+            # up to the largest code for the drive, so that the axis slides most of the time
+            first = MOST_CODES
         taking = Taking(name, take, law, order, first, rubs=rubs)
         _, figures = taking.run(tuning)
         small = max(1, figures.amplitude // SMALLER_FACTOR)
@@ -126,12 +128,13 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
 
 
 def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
-    """What `measure` says when it ends."""
+    """The text that reports the result of `measure`."""
     return "; ".join(line_of(name, level) for name, level in done.levels.items())
 
 
 def _go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to where check() found it: what rubs stays in contact when it is disabled."""
+    """Moves the axis to its position at check(), because an axis with friction stays in contact
+    when it is disabled."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position
         measures.go_home()
@@ -140,8 +143,8 @@ def _go_home(tuning: TuningFolder, checked: Checked) -> None:
 def _between(
     tuning: TuningFolder, law: Settings, order: TuningOrder
 ) -> tuple[SlowChange, Settings]:
-    """(the slow change between the smallest and the largest force, and what they swing by; `law`
-    with the contact_loss_cap that the axis has then)."""
+    """(the slow change between the smallest and the largest force including the range of the noise,
+    the settings `law` with the current contact_loss_cap of the axis)."""
     off(tuning.axis)
     low, high = (
         LOWEST_FORCE_FACTOR * min(order.forces),
@@ -149,7 +152,8 @@ def _between(
     )
     with temporary(tuning.axis, law), analyzer_of(tuning, order) as measures:
         force, place, _ = measures.between(low, high)
-        # An axis that still touches does not approach again, so it keeps the cap of the first.
+        # An axis that is still in contact does not approach again, so the cap of the first contact
+        # stays.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
         force *= reading_N(tuning) / measures.newton
     found = friction.slow(force, place, _rigid(tuning))
@@ -175,19 +179,20 @@ def _between(
 
 
 def reading_N(tuning: TuningFolder) -> float:
-    """N of a count of the reading by the model, in which all friction is stated."""
+    """N per force count by the model; the model states all friction in N."""
     return abs(linear.facts(tuning.model).required_reading.per_count)
 
 
 def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
 ) -> shake.Shaken | None:
-    """What sines of the largest force say of the workpiece; None where it does not slide within the
-    bounds. rate: encoder counts a second for each code."""
+    """Measures the workpiece with sines at the largest force; None if it does not slide within the
+    limits. rate: encoder counts/s per code."""
     scale = abs(linear.facts(tuning.model).required_encoder.scale)
     sensor, workpiece = scale / slow.compliance, scale / slow.sliding
     drive = known.SineBounds(str(tuning.model))
-    # From where the spring rules to where the mass does; the mass is not known.
+    # From frequencies at which the stiffness dominates to frequencies at which the mass does, for
+    # the whole range of the unknown mass.
     mass = _mass(tuning)
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
@@ -211,19 +216,19 @@ def _shaken(
 
 
 def _mass(tuning: TuningFolder) -> float | None:
-    """Kg of the workpiece by the model."""
+    """Mass of the workpiece in kg by the model."""
     with Design(str(tuning.model)) as plant:
         contact = contact_of(plant.table)
         return plant.facts.masses_kg.get(contact["between"][1]) if contact else None
 
 
 def _rigid(tuning: TuningFolder) -> float:
-    """Counts a newton of the contact by the model."""
+    """Counts/N of the contact by the model."""
     return known.rigid_counts(tuning.model)
 
 
 def reach(tuning: TuningFolder) -> Settings:
-    """Rated force and slope of the force, for the largest of the forces and what it swings by."""
+    """Rated force and slope of the force for the largest force plus the range of the noise."""
     return {
         "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
         "force_slope": 2000,
@@ -234,7 +239,7 @@ def analyzer_of(
     tuning: TuningFolder, order: TuningOrder | None = None, first: int = 1,
     kind: type[analyzer.Analyzer] = analyzer.Analyzer, amplitude: int = 0, rubs: bool = False,
 ) -> Any:  # fmt: skip
-    """An analyzer of type `kind`; first, amplitude, rubs: as level.MeasuringOrder has them."""
+    """An analyzer of type `kind`; first, amplitude, rubs: fields of level.MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model).required_encoder.scale)
     low, high = order.band_hz
@@ -249,9 +254,9 @@ def analyzer_of(
 
 @dataclass(frozen=True)
 class Taking:
-    """A response that is taken under `settings` and written to the folder `name`. take: measures
-    with the analyzer of type `kind`; order: the tuning's by default; first, amplitude, rubs: as
-    level.MeasuringOrder has them."""
+    """A response to be measured with `settings` and written to the folder `name`. take: measures
+    with the analyzer of type `kind`; order: by default that of the tuning; first, amplitude, rubs:
+    fields of level.MeasuringOrder."""
 
     name: str
     take: Callable[[Any], Level]
@@ -263,7 +268,7 @@ class Taking:
     rubs: bool = False
 
     def run(self, tuning: TuningFolder) -> tuple[Level, ResponseFigures]:
-        """Takes the response."""
+        """Measures and writes the response."""
         off(tuning.axis)
         with (
             temporary(tuning.axis, self.settings),
@@ -274,7 +279,8 @@ class Taking:
             rest = measures.rest() if self.name == "free" else Rest(0.0, None, 0)
             level = self.take(measures)
         done = measuring.result_of(tuning.axis, measures.order, level, rest)
-        results.write(done, tuning.folder / self.name, draw=False)  # the page shows it
+        # without figures: the page of the tuning shows the response
+        results.write(done, tuning.folder / self.name, draw=False)
         return level, ResponseFigures(
             coherence_median=done.summary["coherence_median"],
             random_error_median=done.summary["random_error_median"],
@@ -286,38 +292,40 @@ class Taking:
 
 
 def next_amplitude(amplitude: int, force: float, forces: tuple[float, ...]) -> int:
-    """Codes to begin with at the force after `force`: of a smaller one the swing is smaller."""
+    """First codes of the search at the next force. If this force is smaller, the permitted force
+    range is smaller too."""
     after = forces[min(forces.index(force) + 1, len(forces) - 1)]
     return max(1, int(amplitude * min(1.0, after / force)))
 
 
 def line_of(name: str, figures: ResponseFigures) -> str:
-    """A response in words."""
+    """A response as text."""
     error = 100 * (figures.random_error_median or 0.0)
     return f"{name} with {figures.amplitude} codes, error {error:.2g} %"
 
 
 @contextlib.contextmanager
 def temporary(axis: Axis, values: Settings) -> Iterator[None]:
-    """Writes objects to a disabled axis, and puts back at the end what it had."""
+    """Writes objects to a disabled axis and restores their previous values at the end."""
     before = axis.get(*values) if values else {}
     _write(values, axis.set)
     try:
         yield
     finally:
-        with contextlib.suppress(NoAnswer, Refused):  # another's, or lost; nothing is stored
+        # the axis has another owner or does not answer; no value is stored
+        with contextlib.suppress(NoAnswer, Refused):
             off(axis)
             _write(before, axis.put_back)
 
 
 def _write(values: Settings, write: Callable[..., None]) -> None:
-    if "force_bank" in values:  # a selected bank is not written
+    if "force_bank" in values:  # the firmware does not permit writing to a selected bank
         write(force_bank=0)
     write(**values)
 
 
 def off(axis: Axis) -> None:
-    """Disables the axis, and waits for the link to show it."""
+    """Disables the axis and waits until the connection shows the disabled state."""
     axis.disable()
     axis.link.wait(0.05)
 
@@ -326,9 +334,9 @@ def objects_of(
     tuning: TuningFolder, checked: Checked, bank: Bank, loss: Mapping[str, Any], ms: float = 2.0,
     plants: PlantSet | None = None,
 ) -> Settings:  # fmt: skip
-    """{object: engineering value} of a bank, in order, with its certificate for this axis, and of
-    what check() found never to have been set. ms: the largest of the set; plants: the set, None:
-    no tolerances are certified."""
+    """{object: engineering value} in the order of writing: a bank with its certificate for this
+    axis, and the settings that check() has added. ms: largest Ms of the set; plants: the set, None
+    if the certificate contains no tolerances."""
     own = checked.settings
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
     units = {n: unit for n, (_, unit) in linear.facts(tuning.model).parameters.items()}

@@ -1,4 +1,4 @@
-"""The page of a tuning: responses, margins, contact as predicted and as measured."""
+"""Writes the page of a tuning: responses, margins, and contacts as predicted and measured."""
 
 import html
 from collections.abc import Sequence
@@ -60,12 +60,13 @@ FIGURES = (
     ("Ms", "Ms"),
     ("gain margin", "gain_margin"),
 )
-SETTLED_SHARE = 0.02  # of the set-point: a touch-down is drawn until it stays so near
-SIZE_IN = 4.2  # width of a figure; three stand side by side, one on a telephone
+# share of the set-point: the figure ends after the force has settled within this band
+SETTLED_SHARE = 0.02
+SIZE_IN = 4.2  # width of a figure; a row has three figures on a screen and one on a telephone
 
 
 def write(tuning: Tuning, summary: TuningSummary) -> None:
-    """Writes FILE into the tuning's folder, of what is done so far."""
+    """Writes FILE to the folder of the tuning, with the results so far."""
     order, folder = tuning.order, tuning.folder
     names = [*(["free"] if (folder / "free").exists() else [])]
     names += [n for f in order.forces if (folder / (n := f"{f:g}N")).exists()]
@@ -84,7 +85,7 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
         parts.append(_images(figures, "Force over time, measured and predicted"))
     parts += [_simulated(summary), _verified(summary)]
     if names:
-        slides = folder / RESPONSES_MODEL  # where friction is a damper
+        slides = folder / RESPONSES_MODEL  # the model with dampers in the place of friction
         model = slides if slides.exists() else tuning.given
         figures = [
             _response(name, _read(tuning, name, model), _values(fitted, name)) for name in names
@@ -96,19 +97,19 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
 
 
 def _values(fitted: Fitted | None, name: str) -> Values:
-    """The fitted values with what one response has of its own; {} before the fit."""
+    """The fitted values, with those that belong to one response alone; {} before the fit."""
     return (fitted.own.get(name) or fitted.best) if fitted else {}
 
 
 def _read(tuning: Tuning, name: str, model: Path) -> Measurement:
-    """The Measurement of a folder of responses, in the states of the order."""
+    """The Measurement in a folder of a response, linearised in the states of the order."""
     states = known.states_of(model, tuning.states)
     modes = known.states_apart(model, states) if name == "free" else states
     return fit.read_response(tuning.folder / name, model, modes=modes)
 
 
 def _verdict(tuning: Tuning, summary: TuningSummary) -> str:
-    """The result of the tuning, and what limits the law."""
+    """The result of the tuning, and the bound that limits the force law."""
     text, refused = "", summary.refused
     if refused:
         why = f"Refused in step {refused.step}, {refused.name}: {refused.text}."
@@ -137,7 +138,8 @@ def _verdict(tuning: Tuning, summary: TuningSummary) -> str:
 
 
 def _margins(summary: TuningSummary) -> str:
-    """The law of before, P and the designed one, on the fitted plant and over the set."""
+    """A table of the previous law, the P law and the designed law, on the fitted plant and over the
+    set."""
     rows = []
     for name, loop in (summary.on_fitted or {}).items():
         label = f"{name}, on the fitted plant"
@@ -162,7 +164,7 @@ def _figures(label: str, figures: SetFigures | NoProportional | Figures) -> list
 
 
 def _simulated(summary: TuningSummary) -> str:
-    """What each simulated case came to, and what was cut for it."""
+    """A table of the simulated cases, and the gains that were reduced for them."""
     rows = read_contacts([to_json(row) for row in summary.simulated])
     if not (rows or summary.cuts):
         return ""
@@ -180,7 +182,7 @@ def _simulated(summary: TuningSummary) -> str:
 
 
 def _verified(summary: TuningSummary) -> str:
-    """The measured peaks of |S|."""
+    """A table of the measured peaks of |S|."""
     if not summary.levels:
         return ""
     rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
@@ -191,7 +193,7 @@ def _verified(summary: TuningSummary) -> str:
 
 
 def _fitted(summary: TuningSummary) -> str:
-    """The parameters with their intervals."""
+    """A table of the parameters with their confidence intervals."""
     if not summary.parameters:
         return ""
     rows = [["parameter", "value", "95 % interval", "unit"]]
@@ -202,7 +204,7 @@ def _fitted(summary: TuningSummary) -> str:
 
 
 def _steps(summary: TuningSummary) -> str:
-    """How long each step took."""
+    """A table of the duration of each step."""
     if not summary.seconds:
         return ""
     rows = [["step", "s"], *([step, f"{took:.1f}"] for step, took in summary.seconds.items())]
@@ -225,7 +227,7 @@ def _number(value: float | None) -> str:
 
 
 def _touch_down(folder: Path, force_N: float) -> Figure:
-    """Figure: the recorded reading and the predicted one."""
+    """Figure of the measured force and the predicted force over time."""
     held = np.genfromtxt(folder / f"{contact.name(force_N)}.csv", delimiter=",", names=True)
     figure, ax = plt.subplots(figsize=(SIZE_IN, 2.8))
     ax.axhline(force_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
@@ -245,7 +247,8 @@ def _touch_down(folder: Path, force_N: float) -> Figure:
 
 
 def _response(name: str, one: Measurement, values: Values) -> Figure:
-    """Figure: a response with its band and the fitted model's, coherence below."""
+    """Figure of a response with its confidence band and the response of the fitted model; coherence
+    below."""
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, figsize=(SIZE_IN, 5.6), sharex=True, height_ratios=(3, 2, 1)
     )
@@ -267,7 +270,7 @@ def _response(name: str, one: Measurement, values: Values) -> Figure:
         style(axis)
         axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
         axis.set_ylabel(text)
-    size.set_ylim(bottom=magnitude.min() / 2)  # the band may reach far down
+    size.set_ylim(bottom=magnitude.min() / 2)  # the confidence band may reach almost to zero
     plain_ticks(coherence.xaxis)
     plain_ticks(size.yaxis)
     legend(size)

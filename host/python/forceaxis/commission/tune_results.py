@@ -1,9 +1,9 @@
-"""Results of the steps of a tuning, as the files of its folder keep them.
+"""Results of the steps of a tuning, in the form of the files in its folder.
 
-Each step has one frozen dataclass. `forceaxis.results` makes JSON of it and the dataclass of the
-JSON, so the names of the fields are the keys of the files. A field with a default may be absent in
-the folder of an earlier version. Forces are in N, frequencies in Hz, stiffnesses in N/m, masses in
-kg, positions in encoder counts, amplitudes in DAC codes.
+Each step has one frozen dataclass. `forceaxis.results` converts the dataclass to JSON and back, so
+the names of the fields are the keys of the files. A field with a default may be absent in the
+folder of an earlier version. Forces are in N, frequencies in Hz, stiffnesses in N/m, masses in kg,
+positions in encoder counts, amplitudes in DAC codes.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from forceaxis.linear import over
 from forceaxis.linear.bank import Bank
 from forceaxis.results import json_field
 
-Setting = int | float | str  # engineering value of an object, or the text of an enumeration
+Setting = int | float | str  # engineering value of an object, or the name of an enumeration value
 Settings = dict[str, Setting]  # {object: Setting}
 Values = dict[str, float]  # {parameter of the model: SI value}
 Range = tuple[float, float]  # low, high
@@ -27,7 +27,7 @@ Sections = tuple[tuple[float, ...], ...]  # of a bank: (b0, b1, b2, a1, a2) each
 
 @dataclass(frozen=True, kw_only=True)
 class LawKeys:
-    """A bank in the keys of an experiment; a key of a value 0 is absent."""
+    """A bank with the keys of an experiment; a key with the value 0 is omitted."""
 
     gain: float
     integral_rad_per_s: float | None = json_field(omit_none=True)
@@ -53,8 +53,9 @@ class LawKeys:
 
 @dataclass(frozen=True)
 class Checked:
-    """Result of `check`. settings: what the axis lacks and the model says; law: measured with;
-    band_hz: of the responses; before: the law that the axis has; latency_ticks: of its output."""
+    """Result of `check`. settings: values from the model for objects that the axis has not set;
+    law: the force law for the measurement; band_hz: of the responses; before: the previous force
+    law of the axis; latency_ticks: of its output."""
 
     rest: Rest
     settings: Settings
@@ -66,8 +67,9 @@ class Checked:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseFigures:
-    """A measured response. swing: from peak to peak, N in contact, counts apart; speed_rms: of the
-    output by the waveform alone, N/s in contact, counts/s apart; see level.Level."""
+    """A measured response. swing: peak to peak, N in contact, counts out of contact; speed_rms:
+    rate of the output that the waveform alone causes, N/s in contact, counts/s out of contact; see
+    level.Level."""
 
     amplitude: int
     swing: float
@@ -85,8 +87,8 @@ class ResponseFigures:
 
 @dataclass(frozen=True)
 class GlideFigures:
-    """friction.Glide, and whether the axis rubs apart. Dead zone and difference in codes; rate:
-    counts/s a code."""
+    """A friction.Glide, and whether the axis has friction out of contact. Dead zone and difference
+    in codes; rate in counts/s per code."""
 
     dead_zone: float
     rate: float
@@ -101,15 +103,16 @@ class GlideFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeResponse(ResponseFigures):
-    """Result of `free`: the response out of contact, after the friction of what moves."""
+    """Result of `free`: the response out of contact and the friction that was measured before
+    it."""
 
     glide: GlideFigures
 
 
 @dataclass(frozen=True, kw_only=True)
 class PressedResponse(ResponseFigures):
-    """The response at one force. small: with the smaller amplitude; differs: `fit` found that it is
-    another response."""
+    """The response at one force. small: the response with the smaller amplitude; differs: `fit` has
+    found that the two responses differ."""
 
     bias_N: float = field()
     small: ResponseFigures | None = json_field(omit_none=True)
@@ -118,8 +121,8 @@ class PressedResponse(ResponseFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowChange:
-    """friction.Slow between the smallest and the largest force, in the keys of its file: force_N
-    and way are the means of the record, (n,) N and counts."""
+    """friction.SlowLoading between the smallest and the largest force, with the keys of its file.
+    force_N and way: means of the record, (n,), in N and counts."""
 
     friction_N: float
     sticks: bool
@@ -135,8 +138,8 @@ class SlowChange:
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Result of `measure`. levels: {folder of the response: figures}; shaken: None where no sine
-    made the workpiece slide. It has three files."""
+    """Result of `measure`. levels: {folder of the response: figures}; shaken: None if the workpiece
+    did not slide with any sine. The step writes three files."""
 
     levels: dict[str, PressedResponse]
     between: SlowChange
@@ -154,10 +157,10 @@ class ParameterRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Fitted(JointSummary):
-    """Result of `fit`. values: what a design relies on; own: {response: values with what it alone
-    has}; friction, lines: found dry friction, and the TOML that the model lacks; left_out:
-    responses in which the play of the gear opens; relied: parameters that are not as fitted, in
-    words; together: values that change together."""
+    """Result of `fit`. values: values for the design; own: {response: values of the parameters that
+    belong to it alone}; friction, lines: the measured dry friction, and the TOML that the model
+    lacks; left_out: responses during which the backlash of the gear opens; relied: texts about
+    parameters whose design value differs from the fit; together: values that change together."""
 
     values: Values = field()
     over: tuple[str, ...] = field()
@@ -172,7 +175,7 @@ class Fitted(JointSummary):
 
 @dataclass(frozen=True)
 class LawFigures:
-    """A bank as `forceaxis design --json` has it. hf_gain: codes per 8-bit count at high
+    """A bank with the keys of `forceaxis design --json`. hf_gain: codes per 8-bit count at high
     frequency."""
 
     force_gain: float
@@ -188,7 +191,8 @@ class LawFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class SetFigures:
-    """The worst figures of a law over a set; member: the slowest one."""
+    """The worst figures of a law over a set of plants; member: the plant with the lowest
+    bandwidth."""
 
     fS_Hz: float | None
     fT_Hz: float | None
@@ -202,14 +206,14 @@ class SetFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class ProportionalFigures(SetFigures):
-    """SetFigures of the proportional law with its gain."""
+    """SetFigures of the proportional law, with its gain."""
 
     force_gain: float
 
 
 @dataclass(frozen=True)
 class NoProportional:
-    """No gain of the proportional law keeps the margins."""
+    """The proportional law keeps the margins at no gain."""
 
     force_gain: float = 0.0
     fS_Hz = None
@@ -217,7 +221,7 @@ class NoProportional:
 
 @dataclass(frozen=True)
 class StructureFigures:
-    """A structure of the search; worst: None where no gain of it keeps the margins."""
+    """A structure of the search; worst: None if no gain keeps the margins with it."""
 
     name: str
     bank: LawFigures | None = json_field(omit_none=True)
@@ -226,15 +230,15 @@ class StructureFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FittedLoop(over.Figures):
-    """Figures of a law on the fitted plant."""
+    """Figures of a force law on the fitted plant."""
 
     law: LawKeys
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRow:
-    """A simulated contact as design.cases.SimulatedContact has it. kind: "contact", "strike" or
-    "set"; missed: rows of limits; None: there is no such value."""
+    """A simulated contact, with the keys of design.cases.SimulatedContact. kind: "contact",
+    "strike" or "set"; missed: limits that the run did not keep; None: the run has no such value."""
 
     case: str
     law: str
@@ -255,10 +259,10 @@ class ContactRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Designed:
-    """Result of `design`: what `forceaxis design --json` prints, and on_fitted, {"before",
-    "designed": figures on the fitted plant, None without a law}; objects: to be written, in order;
-    cut: what simulated contacts took of the gain; times_p: bandwidth over that of the proportional
-    law; limited_by: why no more."""
+    """Result of `design`: the content of `forceaxis design --json` and more. on_fitted: {"before",
+    "designed": figures on the fitted plant, None without a law}; objects: values in the order of
+    writing; cut: text about the gain reduction by simulated contacts; times_p: bandwidth divided by
+    that of the proportional law; limited_by: the bound that limits the bandwidth."""
 
     bank: LawFigures
     worst: SetFigures
@@ -305,8 +309,8 @@ class Written:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopPeak:
-    """The largest |S| as measured, its standard error, where it is, and that of the fitted model at
-    the same lines; lines: how many of them are certain."""
+    """The largest measured |S|, its standard error and frequency, and the largest |S| of the fitted
+    model at the same lines; lines: number of lines with a certain value."""
 
     Ms: float
     Ms_error: float
@@ -317,8 +321,8 @@ class LoopPeak:
 
 @dataclass(frozen=True)
 class TouchDownPeaks:
-    """Largest force of a touch-down, N, as recorded and of the fitted plant; None where that does
-    not settle."""
+    """Largest force of a first contact in N, as recorded and as simulated on the fitted plant; None
+    if the simulated force does not settle."""
 
     peak_N: float
     peak_predicted_N: float | None
@@ -326,8 +330,8 @@ class TouchDownPeaks:
 
 @dataclass(frozen=True, kw_only=True)
 class VerifiedResponse(ResponseFigures):
-    """The response with the new law; the fields of LoopPeak; peak_N: of the recorded touch-down,
-    and of the fitted plant's, None where that does not settle."""
+    """The response with the new law, with the fields of LoopPeak; peak_N: largest force of the
+    recorded first contact and of the simulated one, None if the simulated force does not settle."""
 
     amplitude: int = 0
     swing: float = 0.0
@@ -351,7 +355,7 @@ class Verified:
 
 @dataclass(frozen=True)
 class Stored:
-    """Result of `store`; why: the reason of the axis where it has no memory for parameters."""
+    """Result of `store`; why: the reason from the axis if it has no memory for parameters."""
 
     stored: bool
     why: str | None = json_field(omit_none=True)
@@ -359,8 +363,8 @@ class Stored:
 
 @dataclass(frozen=True)
 class StepRefusal:
-    """A step that refused: its name, the name and text of the Refusal; lines: to be added to the
-    model."""
+    """A step that ended with a Refusal: name of the step, name and text of the Refusal; lines: TOML
+    to add to the model."""
 
     step: str
     name: str
@@ -370,9 +374,9 @@ class StepRefusal:
 
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
-    """What a tuning knows, as `forceaxis tune --json` prints it; None: not known yet. levels: of
-    Verified; cuts: gain_cuts in words; holds: see tune_fit.holds; seconds: {step: s of wall
-    time}; axis_seconds: {step: s of the axis' time}."""
+    """Results of a tuning as `forceaxis tune --json` prints them; None: not known yet. levels: of
+    Verified; cuts: texts of the gain_cuts; holds: see tune_fit.holds; seconds: {step: wall time in
+    s}; axis_seconds: {step: time of the axis in s}."""
 
     axis: str
     folder: str

@@ -1,6 +1,7 @@
-"""The steps of a tuning but those that measure and fit.
+"""The steps of a tuning, except those that measure and fit.
 
-Each takes the folder and the results of earlier steps, and gives its own result.
+Each step is a function whose arguments are the folder and the results of earlier steps; it returns
+its own result.
 """
 
 import math
@@ -48,18 +49,22 @@ from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
 from forceaxis.results import from_json, to_json
 
-LIMIT_FACTOR = 1 / 6  # of the linear limit: the gain to measure with
-SPREAD_FACTORS = (0.3, 1.0, 3.0)  # of the set's stiffnesses and masses, for that limit
-RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)  # of the integral to measure with
-CROSSOVER_RAD_PER_S = 3.0  # of the slowest member, at which a force settles within seconds
-MS_TOLERANCE = 0.3  # of a measured Ms above its prediction
-AVERAGES_FACTOR = 4  # times as many averages where no line is certain
-# How far responses are taken, over the limiting frequency, and |S| is verified, over fT.
+LIMIT_FACTOR = 1 / 6  # share of the linear limit that gives the gain for the measurement
+SPREAD_FACTORS = (0.3, 1.0, 3.0)  # factors of the stiffnesses and masses in the set for that limit
+# integral rates among which the law for the measurement is chosen
+RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
+CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set, with which a force settles within seconds
+MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over its prediction
+AVERAGES_FACTOR = 4  # factor of the averages if no line is certain
+# Highest frequency of the responses, relative to the limiting frequency; that of the verified |S|,
+# relative to fT; largest value of both.
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
-# A reading above so many times the noise, and above so many force counts, is a contact.
+# The contact threshold is at least this multiple of the noise and at least this number of force
+# counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
-IMPACT_PEAK_N = 10.0  # peak of the force that a touch-down makes by the axis' momentum alone
-BANDWIDTH_FACTOR = 1.7  # times P's bandwidth, below which it is said what limits
+IMPACT_PEAK_N = 10.0  # peak force of a first contact from the momentum of the axis alone
+# ratio to the bandwidth of P, below which the text names the limiting bound
+BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # of REASONS
 
 
@@ -81,7 +86,7 @@ class AxisSettings:
 
 
 def check(tuning: TuningFolder) -> Checked:
-    """The axis at rest, and its converters those of the model."""
+    """Checks that the axis is at rest and that its converters agree with the model."""
     axis, model = tuning.axis, tuning.model
     held = AxisSettings(**axis.get(*AxisSettings.__dataclass_fields__))
     facts = linear.facts(model)
@@ -103,7 +108,7 @@ def check(tuning: TuningFolder) -> Checked:
 
 
 def check_line(tuning: TuningFolder, done: Checked) -> str:
-    """What `check` says when it ends."""
+    """The text that reports the result of `check`."""
     rest, law = done.rest, done.law.bank
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     text = (
@@ -114,7 +119,8 @@ def check_line(tuning: TuningFolder, done: Checked) -> str:
 
 
 def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> None:
-    """Refuses an axis with a fault, another ADC than the model's, or forces beyond its bounds."""
+    """Raises Refusal for a fault, for an ADC that differs from the model, or for forces beyond the
+    limits of the axis."""
     if held.fault != "none":
         left = f"; {LEFT}" if held.fault in ORPHANED else ""
         raise Refusal(
@@ -141,8 +147,8 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
 
 
 def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
-    """force_scale of an axis that was never calibrated; another scale than the model's is
-    refused."""
+    """The model's force_scale for an axis without calibration. Raises Refusal if a calibrated scale
+    differs from the model."""
     scale = 1e6 * abs(facts.required_reading.per_count)
     if abs(held.force_scale / scale - 1) <= SCALE_WITHIN:
         return {}
@@ -155,7 +161,7 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
 
 
 def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
-    """position_gain of an axis that has none, by the limit of the model."""
+    """A position_gain from the limit of the model, for an axis without one."""
     if held.position_gain:
         return {}
     moves = known.states_apart(str(tuning.model), tuning.states)
@@ -166,7 +172,8 @@ def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 
 def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
-    """approach_velocity_max of an axis whose momentum would strike too hard, or as delivered."""
+    """An approach_velocity_max from the model, for an axis with the default value or with too much
+    momentum."""
     slow, own = _approach_velocity(tuning.model, facts), held.approach_velocity_max
     delivered = objects.default("approach_velocity_max")
     if own <= slow and own != delivered:
@@ -180,7 +187,8 @@ def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 
 def _expect_noise(rest: Rest) -> None:
-    """Refuses readings whose rounding hides the response."""
+    """Raises Refusal if the measured force has so little noise that its rounding hides the
+    response."""
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
             "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
@@ -191,8 +199,9 @@ def _expect_noise(rest: Rest) -> None:
 
 
 def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
-    """contact_force as low as the noise permits, where nobody has set it: a weak law presses with
-    less than a coarse threshold, and its integral waits there."""
+    """The lowest contact_force that the noise permits, if the object has its default value. With a
+    higher threshold, the force of a weak law may stay below the threshold, where the integral
+    action waits."""
     if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
         return {}
     counts = CONTACT_NOISE_FACTOR * rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
@@ -201,7 +210,8 @@ def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
 
 
 def _approach_velocity(model: Path, facts: PlantFacts) -> int:
-    """Count/s of an approach whose momentum makes IMPACT_PEAK_N in the contact's spring."""
+    """Approach speed in counts/s whose momentum causes the peak force IMPACT_PEAK_N in the
+    contact's spring."""
     with Design(str(model)) as plant:
         contact = contact_of(plant.table)
         stiffness = contact and value_of(plant, contact.get("stiffness"))
@@ -214,8 +224,8 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
 
 
 def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
-    """(bank with which the axis is stable by what is known of it, with a margin; highest frequency,
-    Hz, at which it may lose stability). Its integral brings the reading to its target."""
+    """(bank that is stable with a margin on all plants of the prior knowledge; highest frequency in
+    Hz at which it may become unstable). Its integral action brings the force to the set-point."""
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
     factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
@@ -245,7 +255,7 @@ def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
 
 
 def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
-    """A bank for the set about what was fitted."""
+    """Designs a bank for the set of plants about the fitted values."""
     order = tuning.order
     asked = outcome.DesignOrder(
         str(tuning.model), over=fitted.over, overrides=fitted.values,
@@ -259,7 +269,7 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
         raise Refusal("design", str(error)) from None
     laws = {"before": checked.before.bank, "designed": found.bank}
     ms = found.worst.largest_ms
-    # The design as `forceaxis design --json` has it, and what a tuning adds.
+    # The content of `forceaxis design --json`, and the additions of a tuning.
     table: dict[str, Any] = to_json(found.result())
     table |= {
         "on_fitted": {}, "cut": "", "times_p": None,
@@ -283,14 +293,15 @@ def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
 
 
 def design_line(tuning: TuningFolder, done: Designed) -> str:
-    """What `design` says when it ends."""
+    """The text that reports the result of `design`."""
     line = f"{done.chosen}, fS {done.worst.fS_Hz:.3g} Hz, Ms {done.worst.Ms:.3g}"
     times = done.times_p
     return line + ("" if times is None else f", {times:.3g} times P's bandwidth")
 
 
 def _cut(designed: Designed) -> str:
-    """What simulated contacts took of the gain that the search had found, why; "": nothing."""
+    """Text about the gain reduction by simulated contacts and its reason; "" without a
+    reduction."""
     times, chosen = designed.gain_reductions, designed.chosen
     if not times:
         return ""
@@ -307,14 +318,15 @@ def _cut(designed: Designed) -> str:
 
 
 def _times_p(designed: Designed) -> float | None:
-    """Bandwidth of the bank over that of P, None where P has none."""
+    """Bandwidth of the bank divided by that of the P law; None if P keeps the margins at no
+    gain."""
     p, bank = designed.p.fS_Hz, designed.worst.fS_Hz
     return bank / p if p and bank is not None else None
 
 
 def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
-    """Codes per 8-bit count at high frequency: the firmware's bound is for a noise of one code, and
-    what a law makes of the noise is to leave the drive linear."""
+    """Largest gain at high frequency in codes per 8-bit count. The firmware's bound assumes a noise
+    of one code. In addition, the output noise of the law has to keep the drive linear."""
     noise = checked.rest.noise_lsb
     if noise is None:
         return None
@@ -322,7 +334,8 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
     most = hf_most(bits)
     linear_codes = known.linear_codes(tuning.model)
     linear_gain = math.inf
-    if linear_codes is not None:  # as large as the excitation's noise, evenly drawn, may be
+    # rms limit of a uniform noise whose amplitude keeps the drive linear
+    if linear_codes is not None:
         linear_gain = known.PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
     return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
 
@@ -330,12 +343,13 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
 def simulate(
     tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
 ) -> Simulated:
-    """Contact, strikes and random members of the set, with the fitted plant and the firmware."""
+    """Simulates contacts, impacts and random members of the set, with the fitted plant and the
+    firmware."""
     return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
 
 
 def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
-    """What `simulate` says when it ends."""
+    """The text that reports the result of `simulate`."""
     kinds = [row.kind for row in done.contacts]
     errors = ", ".join(
         f"{row.static_error_percent:.2g} %" for row in done.contacts if row.kind == "contact"
@@ -345,7 +359,7 @@ def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
 
 
 def write(tuning: TuningFolder, designed: Designed) -> Written:
-    """The bank into the axis; what was there before is kept in a file first."""
+    """Writes the bank to the axis, after its previous values have been written to a file."""
     axis, values = tuning.axis, designed.objects
     off(axis)
     if tuning.read(BEFORE, as_found.RawValues) is None:
@@ -369,12 +383,12 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
 
 
 def write_line(tuning: TuningFolder, done: Written) -> str:
-    """What `write` says when it ends."""
+    """The text that reports the result of `write`."""
     return f"{done.objects} objects, certificate {done.certificate_state}"
 
 
 def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
-    """Writes the bank again into an axis that lost it, by a power cut or a reset."""
+    """Writes the bank again if the axis has lost it in a power cut or a reset."""
     names = ("force_bank", f"bank_crc_{files.BANK}")
     if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
         tuning.say("the axis has lost the bank since; it is written again")
@@ -382,13 +396,13 @@ def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
 
 
 def put_back(tuning: TuningFolder) -> None:
-    """The objects as they were before write(), which is to be done again."""
+    """Restores the objects to their values before write(); the step is then no longer done."""
     before = tuning.read(BEFORE, as_found.RawValues)
     if before is None:
         raise InputError(f"{tuning.folder / BEFORE}: expected that file, it is missing")
     as_found.expect(tuning, before)
     as_found.put_back(tuning)
-    for name in ("write.json", BEFORE):  # another write() may find another law
+    for name in ("write.json", BEFORE):  # a repeated write() may find a different previous law
         (tuning.folder / name).unlink(missing_ok=True)
 
 
@@ -396,7 +410,7 @@ def verify(
     tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
     checked: Checked, fitted: Fitted,
 ) -> Verified:  # fmt: skip
-    """The responses once more, with the bank in force, and Ms of its loop as measured."""
+    """Measures the responses again with the active bank, and Ms of its loop."""
     _ensure_written(tuning, designed)
     fT_Hz = designed.worst.fT_Hz
     high = HIGHEST_HZ if fT_Hz is None else min(BAND_OF_FT * fT_Hz, HIGHEST_HZ)
@@ -426,7 +440,8 @@ def verify(
 def _verified(
     fitted_axis: contact.FittedAxis, force: float, first: int, order: TuningOrder
 ) -> tuple[VerifiedResponse, TuningOrder]:
-    """(the response at a force with its Ms, the order with the averages that it took)."""
+    """(the response at a force with its Ms, the order with the number of averages that was
+    used)."""
     tuning, touched = fitted_axis.tuning, []
 
     def take(measures: contact.Touching) -> Any:
@@ -450,7 +465,7 @@ def _verified(
 
 
 def verify_line(tuning: TuningFolder, done: Verified) -> str:
-    """What `verify` says when it ends."""
+    """The text that reports the result of `verify`."""
     pairs = zip(tuning.order.forces, done.levels.values(), strict=True)
     return "; ".join(
         f"{force:g} N Ms {level.Ms:.3g}, predicted {level.Ms_predicted:.3g}"
@@ -459,7 +474,7 @@ def verify_line(tuning: TuningFolder, done: Verified) -> str:
 
 
 def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Stored:
-    """Parameters and certificate over a power cut."""
+    """Stores the parameters and the certificate in the memory that survives a power cut."""
     _ensure_written(tuning, designed)
     axis = tuning.axis
     off(axis)
@@ -476,5 +491,5 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
 
 
 def store_line(tuning: TuningFolder, done: Stored) -> str:
-    """What `store` says when it ends."""
+    """The text that reports the result of `store`."""
     return "parameters and certificate are stored" if done.stored else f"not stored: {done.why}"

@@ -1,4 +1,4 @@
-"""Figure of what each change of an axis buys."""
+"""Figure of the effect of each change of an axis."""
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure

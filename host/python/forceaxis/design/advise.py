@@ -195,16 +195,17 @@ class Advice:
 
 @dataclass(frozen=True)
 class AdviceOrder:
-    """What `advise` is asked for; a field for each option of the verb.
+    """The options of `advise`, a field for each option of the verb.
 
     timing: one of loops.TIMINGS, None: that of the experiment's firmware, else zoh. runs: what is
     simulated with the firmware: "none", "present" (the present design and the finer ADC, which
     linear analysis does not see) or "all" that the firmware can run. over: texts NAME=PERCENT% or
     NAME=LOW..HIGH, the set; empty: none; modes: "visited", "all" or "nominal", of the set; states:
-    {element: state} of all plants."""
+    {element: state} of all plants.
+    """
 
     text: str | Path  # MODEL or EXPERIMENT
-    overrides: Mapping[str, float] | None = None
+    overrides: Mapping[str, float | str] | None = None
     timing: str | None = None
     factor: float = FACTOR
     runs: str = "present"
@@ -215,8 +216,8 @@ class AdviceOrder:
 
 
 def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
-    """The figures of a loop; loop_gain_at is that at reference_hz, by default the loop's own
-    crossover."""
+    """The figures of a loop at its critical gain; loop_gain_at is the loop gain at reference_hz, by
+    default the loop's own crossover frequency."""
     limit = loop.limit()
     zero = abs(loop.open.at(0.0 if loop.dt is None else 1.0))
     found = Performance(
@@ -340,7 +341,7 @@ def rank(
 
 
 class _Over:
-    """The set of plants over which each row has figures."""
+    """Computes the figures of each row over a set of plants."""
 
     def __init__(self, design: Design, over: Sequence[str], modes_: str) -> None:
         if design.timing == "continuous":
@@ -361,7 +362,7 @@ class _Over:
     def problem(
         self, change: Change | None = None, goal: Goal | None = None, random: int = reduced.RANDOM
     ) -> ShortSearch:
-        """The search of a change."""
+        """The search for the plant set of a change."""
         change = change or Change("", "")
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | change.overrides
@@ -370,7 +371,7 @@ class _Over:
         return ShortSearch(plants, goal or self.goal, random)
 
     def figures(self, change: Change | None = None) -> FiguresOverSet | None:
-        """The worst figures of a change at the margins, or None."""
+        """The worst figures of a change at the margins; None if no gain keeps them."""
         change = change or Change("", "")
         shape = change.loop.get("bank", Bank(1.0))
         goal = replace(self.goal, timings=(change.loop.get("timing", self.design.timing),))
@@ -443,7 +444,7 @@ Rows = list[tuple[AdviceRow, Change]]
 def _simulated(
     design: Design, present: PresentDesign, rows: Rows, order: AdviceOrder
 ) -> tuple[PresentDesign, Rows]:
-    """The present design and the rows with the limits that the runs with the firmware show."""
+    """(present design, rows) with the limits that runs with the firmware have found."""
     own = simulated_limit(design, None, present, order.threads)
     quiet = (own.stable_gain or 0) / GAIN_MARGIN
     done: Rows = []

@@ -112,7 +112,7 @@ def simulated_contact(
     law: str, case: str, member: dict[str, float], latency_ticks: int, run: ContactRun,
     losses_max: int | None = None,
 ) -> SimulatedContact:  # fmt: skip
-    """The row of a run; losses_max: losses of contact that its verdict permits."""
+    """The row of a run; losses_max: contact losses that its verdict permits."""
     return SimulatedContact(
         law=law,
         case=case,

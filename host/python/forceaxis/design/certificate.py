@@ -18,7 +18,8 @@ from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
 ATTEMPTS = 12
-FIRST_GAIN_FACTOR = 0.995  # the worst member is seldom among those of the grid
+# the grid seldom contains the worst member, so the first gain is slightly lower
+FIRST_GAIN_FACTOR = 0.995
 REACHED_SHARE = 0.97  # share of a bound from which the bound counts as reached
 MODE_FACTOR = 1.35  # frequencies within this factor of a mode belong to the mode
 
@@ -77,7 +78,7 @@ def p_figures(worst: WorstFigures, bank: Bank) -> PFigures:
 
 
 def lowered(bank: Bank, factor: float) -> Bank:
-    """The bank with a gain that the firmware can store, at most `factor` times its own."""
+    """The bank with a gain that the firmware can store, at most `factor` times its present gain."""
     return replace(bank, force_gain=math.floor(bank.force_gain * factor / GAIN_STEP) * GAIN_STEP)
 
 
@@ -137,12 +138,14 @@ def exact(
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grids, bank)
-        bank = lowered(bank, (0.999 * factor) ** (1 + attempt))  # a peak may hardly fall with it
+        # a peak may decrease little with the gain, so each attempt lowers the gain more
+        bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return replace(bank, force_gain=0.0), None
 
 
 def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
-    """The factor by which the gain is to be multiplied; 1 where the margins are kept."""
+    """The factor by which the gain has to be multiplied to keep the margins; 1 if the margins are
+    kept."""
     if not worst.stable:
         return 0.8
     factor = 1.0
@@ -189,8 +192,7 @@ def _static_error(grid: Grid, bank: Bank) -> float:
 
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
-    """The bound that limits the gain of a bank, as a sentence; steep: gain of the law at high
-    frequency for force_gain 1; finer: text of Goal.hf_cure()."""
+    """Largest static error of the members, as a share of the set-point."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(law, steep, free)

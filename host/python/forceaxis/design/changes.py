@@ -19,7 +19,7 @@ from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
 FACTOR = 2.0
 
 
-# The thesis's two improvements (5.1.2, 5.2) and its sensor (Fig 4.26), SI.
+# The two improvements of the thesis (5.1.2, 5.2) and its sensor (Fig 4.26), in SI units.
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
 
 
@@ -29,7 +29,7 @@ WORKPIECE_ZETA = 0.11
 NO_PAD = 1e7  # Fig 4.24
 
 
-# The criterion of stability of an experiment without [verdict]: that of contact.toml.
+# The [verdict] for an experiment without one: that of contact.toml.
 VERDICT = {"window_s": 1.0, "contact_held": True, "force_ripple_max_count": 10.0}
 
 
@@ -38,7 +38,7 @@ KINDS = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad": "dam
 
 @dataclass(frozen=True)
 class Change:
-    """One change of the design; empty fields change nothing."""
+    """One change of the design; an empty field changes nothing."""
 
     name: str
     kind: str  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
@@ -73,9 +73,9 @@ class Design:
     """A model under its parameter values, with the experiment that simulates it.
 
     text: MODEL or EXPERIMENT as on the command line; `overrides` take precedence over an
-    experiment's [set]. states: {element: state} that the plant is linearised in, all others as
-    `linear.working` has them.
-    Use as a context: changed models are files in a temporary folder.
+    experiment's [set]. states: {element: state} in which the plant is linearised; all other
+    elements have the states of `linear.working`. Use as a context: changed models are files in a
+    temporary folder.
     """
 
     def __init__(self, text, overrides=None, timing=None, states=None):
@@ -116,7 +116,7 @@ class Design:
         self._stack.close()
 
     def file(self, name, text):
-        """A file with this text, for as long as the design is open."""
+        """Writes a file with this text, which exists until the design is closed."""
         if self._folder is None:
             self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         path = self._folder / name
@@ -124,7 +124,7 @@ class Design:
         return path
 
     def changed_model(self, change):
-        """The model's path under a change."""
+        """The path of the changed model."""
         if change.edit is None:
             return self.model
         if change.name not in self._files:
@@ -139,7 +139,7 @@ class Design:
         return self._files[change.name]
 
     def loop(self, change=None):
-        """The force loop, changed or not."""
+        """The force loop, with a change or without one."""
         change = change or Change("", "")
         spec = loops.LoopSpec(**{"timing": self.timing} | change.loop)
         overrides = self.overrides | change.overrides
@@ -162,7 +162,8 @@ class Design:
         return str(experiment), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
 
     def run_file(self, model):
-        """The experiment's file for a model: as it is, or with that model and a verdict."""
+        """The path of an experiment for a model: the given file, or a file with that model and a
+        verdict."""
         if self.experiment is None:
             text = self.generated()
         else:
@@ -176,7 +177,7 @@ class Design:
         return self.file(f"run_{len(self._runs)}.toml", tomlkit.dumps(text))
 
     def generated(self):
-        """A first contact for a model without an experiment: that of contact.toml."""
+        """The text of a first contact for a model without an experiment, as in contact.toml."""
         reading = next(a for a in self.table["adc"] if a["channel"] == 0)
         return {
             "title": f"Contact of {self.model.stem}",
@@ -208,7 +209,7 @@ def roles(table):
 
 
 def scaled(design, factor):
-    """Every stiffness, mass and damping that the model uses, times and over `factor`."""
+    """Changes: each stiffness, mass and damping of the model multiplied and divided by `factor`."""
     known = roles(design.table)
     changes = []
     for name, (value, unit) in design.facts.parameters.items():
@@ -221,13 +222,14 @@ def scaled(design, factor):
 
 
 def contact_of(table):
-    """The one contact that a force loop presses, or None."""
+    """The only contact of a model, on which the force loop presses; None if there is not exactly
+    one."""
     contacts = table.get("contact", [])
     return contacts[0] if len(contacts) == 1 else None
 
 
 def value_of(design, given):
-    """A number of the model file: itself, or its parameter's value. None if it is neither."""
+    """The value of a number or parameter in the model file; None for another type."""
     if isinstance(given, str) and given[:1].isidentifier():
         return design.facts.parameters.get(given, (None,))[0]
     if isinstance(given, str):
@@ -236,7 +238,7 @@ def value_of(design, given):
 
 
 def pads(design):
-    """Grip pads between sensor and workpiece (5.1): inserted, exchanged, removed."""
+    """Changes: grip pads between sensor and workpiece (5.1) inserted, exchanged or removed."""
     contact = contact_of(design.table)
     reading = design.facts.reading
     if contact is None or value_of(design, contact.get("stiffness")) is None:
@@ -247,7 +249,8 @@ def pads(design):
     def pad(stiffness):
         def edit(document):
             (old,) = document["contact"]
-            if sensor == old["name"]:  # the contact itself is the sensor: a body takes its mass
+            # the contact itself is the sensor, so an additional body gets its mass
+            if sensor == old["name"]:
                 near, far = old["between"]
                 body = next(b for b in document["body"] if b["name"] == near)
                 mass = {"name": "sensor_mass", "mass": SENSOR_MASS}
@@ -287,7 +290,8 @@ def pads(design):
 
 
 def workpiece_damping(design):
-    """The damper of 5.2: the workpiece's support at a damping ratio of WORKPIECE_ZETA."""
+    """Change: the damper of 5.2, which gives the workpiece's support the damping ratio
+    WORKPIECE_ZETA."""
     contact = contact_of(design.table)
     if contact is None:
         return []
@@ -315,7 +319,7 @@ def workpiece_damping(design):
 
 
 def together(one, other):
-    """Both changes at once: each edits other places of the model."""
+    """A change that contains two changes; they edit different places of the model."""
 
     def edit(document):
         for change in (one, other):
@@ -329,7 +333,7 @@ def together(one, other):
 
 
 def sampling(design):
-    """Sample rate, hold and delay."""
+    """Changes of sample rate, hold and delay."""
     rate = _core.TICKS_PER_SECOND
     rows = []
     if design.timing != "continuous":
@@ -359,12 +363,13 @@ def sampling(design):
 
 
 def converter(design, bits=12):
-    """A finer ADC with the same range (6.2.1). The linear limit does not see it."""
+    """Change: an ADC with more bits and the same range (6.2.1). The linear limit does not depend on
+    it."""
     return [resolution(design, bits)] if design.facts.required_reading.bits < bits else []
 
 
 def resolution(design, bits):
-    """The design with an ADC of so many bits and the same range."""
+    """The design with an ADC of `bits` bits and the same range."""
     shift = 2 ** (bits - design.facts.required_reading.bits)
     overrides, literal, zero = {}, {}, 0
     for adc in design.table["adc"]:
@@ -392,7 +397,7 @@ def resolution(design, bits):
 
 
 def amplifier(design):
-    """The other slope of the amplifier (Fig 4.3)."""
+    """Change: the other linear range of the amplifier (Fig 4.3)."""
     drive = design.table.get("drive", {})
     gain = value_of(design, drive.get("k_amp_outer"))
     if drive.get("type") != "dc_motor" or gain is None:
@@ -407,8 +412,9 @@ def amplifier(design):
 
 
 def control(frequency_hz, sensor_rate):
-    """Other laws (6.2.1), placed at the frequency at which the present loop turns unstable: what a
-    bank of the firmware can hold, and the derivative of a sensor that it has no input for."""
+    """Changes to other laws (6.2.1), placed at the frequency at which the present loop becomes
+    unstable: laws of a firmware bank, and the derivative of a sensor for which the firmware has no
+    input."""
     if not frequency_hz:
         return []
     span = 4.0
@@ -441,7 +447,8 @@ def control(frequency_hz, sensor_rate):
 
 
 def lead_section(zero_hz, pole_hz):
-    """(1 + s / w_z) / (1 + s / w_p), transformed bilinearly, as a section of a bank."""
+    """(1 + s / w_z) / (1 + s / w_p), transformed bilinearly, as a second-order section of a
+    bank."""
     (az, bz), (ap, bp) = (
         (1 + 1 / (math.pi * hz * linear.TICK_S), 1 - 1 / (math.pi * hz * linear.TICK_S))
         for hz in (zero_hz, pole_hz)
@@ -450,14 +457,14 @@ def lead_section(zero_hz, pole_hz):
 
 
 def banked(text, bank, thesis=""):
-    """The change of the present law for a bank of the firmware."""
+    """The change from the present law to a bank of the firmware."""
     return Change(
         text, "control", loop={"law": "bank", "bank": bank}, simulated=False, thesis=thesis
     )
 
 
 def changes(design, frequency_hz, factor=FACTOR):
-    """All changes that the design allows."""
+    """All changes that are possible for the design."""
     rate = design.facts.required_reading.signal.rpartition(".")[0] + ".spring_force_rate"
     pad, damping = pads(design), workpiece_damping(design)
     return [

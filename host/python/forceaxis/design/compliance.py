@@ -1,9 +1,11 @@
-"""Soft contact or low gain (6.2.1): what the stiffness of one element is worth.
+"""Trade-off between a soft contact and a low gain (6.2.1): the effect of the stiffness of one
+element.
 
-A softer pad, sensor or workpiece lets the gain rise and takes the loop gain, and the axis has to
-move further for its force. For each stiffness: the bandwidth over the set of P and of a bank
-designed for it (`reduced`), at the same margins; the static error of P; the way from touch to the
-set-point; the hardest strike on the contact that either law survives with the firmware.
+A softer pad, sensor or workpiece permits a higher gain but lowers the loop gain, and the axis moves
+farther for its force. For each stiffness, the result contains the bandwidth over the set for P and
+for a bank that is designed for it (`reduced`), at the same margins; the static error of P; the
+travel from first contact to the set-point; the largest impact that either law tolerates with the
+firmware.
 """
 
 import os
@@ -31,16 +33,16 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.results import json_field
 
-SPAN = (1 / 20, 4.0)  # of the model's own stiffness
+SPAN = (1 / 20, 4.0)  # relative to the stiffness of the model
 POINTS_MAX = 40
-STRIKES = np.geomspace(0.25, 64.0, 9)  # times the strike of simulate's cases
-SLOW_HZ = 0.01  # static, also where the axis integrates
+STRIKES = np.geomspace(0.25, 64.0, 9)  # factors of the impact in the cases of simulate
+SLOW_HZ = 0.01  # frequency that counts as static, also for an axis that integrates
 
 
 @dataclass(frozen=True)
 class CompliancePoint:
-    """The figures at one stiffness in N/m; None: no gain keeps the margins. p_: of the P law, the
-    others of the bank that was designed for the stiffness."""
+    """The figures at one stiffness in N/m; None if no gain keeps the margins. Fields with p_ belong
+    to the P law, the others to the bank that was designed for the stiffness."""
 
     stiffness: float
     p_fS_Hz: float | None
@@ -79,7 +81,7 @@ class ComplianceOrder:
 
     text: str  # MODEL or EXPERIMENT
     element: str | None = None  # a parameter in N/m; None: the stiffness of the contact
-    overrides: Mapping[str, float] | None = None
+    overrides: Mapping[str, float | str] | None = None
     over: Sequence[str] | None = None  # texts NAME=PERCENT%; None: `sets.workpiece`
     span: tuple[float, float] | None = None  # (lowest, highest) N/m; None: SPAN
     points: int = 9
@@ -89,7 +91,7 @@ class ComplianceOrder:
 
 
 def element_of(model: str | Path, overrides: Mapping[str, float]) -> str:
-    """The parameter that is the stiffness of the contact. Raises InputError where it is none."""
+    """The parameter that is the stiffness of the contact. Raises InputError if no parameter is."""
     contact = contact_of(toml.read(linear.find_model(model)))
     name = contact.get("stiffness") if contact else None
     if name not in linear.facts(model, overrides).parameters:
@@ -155,7 +157,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
         bits = order.bits or design.facts.required_reading.bits
         try:
             problem = ShortSearch(plants, Goal(adc_bits=bits), random=0)
-        except InputError as error:  # no small gain keeps a member stable
+        except InputError as error:  # a member is unstable at every gain
             nothing = None, None, None, None
             return CompliancePoint(value, *nothing, motion_m, *nothing, refused=str(error))
         p, found = problem.worst(Bank(1.0)), problem.designed()
@@ -178,7 +180,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
 
 
 def motion(design: Design) -> float:
-    """Travel of the body of the drive for a newton of measured force, m/N, at standstill."""
+    """Travel of the drive's body per newton of measured force, m/N, at standstill."""
     body = design.facts.required_drive.body
     plants = (
         linear.linearise(
@@ -191,7 +193,8 @@ def motion(design: Design) -> float:
 
 
 def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float:
-    """The largest impact in N s of a ladder up to which all are stable; 0: not even the first."""
+    """The largest impact in N s up to which all impacts of a series are stable; 0 if the first is
+    unstable."""
     bench = ContactBench(design, bits)
     bench.wait_for(bank)
     case, strikes = _strikes(bench)

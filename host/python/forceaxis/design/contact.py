@@ -1,7 +1,7 @@
-"""A linear contact: what a law does with a set-point that rises as a ramp.
+"""Response of a linear contact to a force set-point that rises as a ramp.
 
-An integral that is slower than the loop leaves a tail, a faster one an overshoot; neither shows in
-the bandwidth. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
+An integral action slower than the loop settles slowly, and a faster one overshoots; the bandwidth
+shows neither. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
 """
 
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ PERIOD_RAMPS = 30.0
 HARMONICS = 256
 POINTS = 2048
 OVERSHOOT_MAX = 0.055  # of the set-point
-# Below the set-point: (from, share of it), from so many ramps on. What is left of the impact's
-# vibration comes on top at first.
+# Lower band of the force as (ramp times after the start, share of the set-point). At first the
+# vibration after the impact adds to the force.
 SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 
 
 class Ramp:
-    """loops: around the plants, law p; delays: ticks; ramp_s: how long the set-point rises."""
+    """A set-point ramp. loops: around the plants, law p; delays: ticks; ramp_s: rise time in s."""
 
     def __init__(self, loops: Sequence[Loop], delays: Sequence[int], ramp_s: float) -> None:
         period = PERIOD_RAMPS * ramp_s
@@ -47,7 +47,8 @@ class Ramp:
 
     def excess(self, law: Response) -> float:
         """Largest distance of the response from its band about the set-point, as a share of the
-        set-point; 0 within the band. law: its response with the gain, at z."""
+        set-point; 0 within the band. law: frequency response of the law including its gain, at z.
+        """
         worst = 0.0
         for lag in self._lag:
             L = self.plant * law * lag

@@ -1,4 +1,4 @@
-"""What `forceaxis new` asks for: the values of data sheets, their defaults and what follows."""
+"""Data sheet of `forceaxis new`: its fields, their defaults and derived values."""
 
 import math
 from collections.abc import Callable
@@ -20,9 +20,10 @@ class Field:
     high: float
     default: float | Callable | None  # None: the word
     why: str  # the origin of the default
-    ask: str  # the question: the quantity and its place in data sheets
+    ask: str  # the question: name of the quantity and its place in data sheets
     word: str | None = None  # accepted instead of a number
-    needs: str | None = None  # asked for only if this field is a number ...
+    # name of another field; this field is asked for only if the other one is a number ...
+    needs: str | None = None
     instead_of: str | None = None  # ... or is not
 
     @property
@@ -30,7 +31,7 @@ class Field:
         return "--" + self.name.lower().replace("_", "-")
 
     def parse(self, text):
-        """The number, or None for the field's word."""
+        """The number in a text; None for the field's word."""
         if self.word and text.strip() == self.word:
             return None
         span = f"a plain number from {self.low:g} to {self.high:g} {self.unit}"
@@ -70,13 +71,14 @@ def total_mass(v):
 
 
 def default_filter(v):
-    """Velocity filter: well above what the loop reaches with the motor-side mass, Hz."""
+    """Velocity filter in Hz, well above the bandwidth that the velocity loop reaches with the
+    motor-side mass."""
     return max(6.0, 4.0 * total_mass(v) / motor_side_mass(v)) * v["velocity_loop_hz"]
 
 
 def default_current_loop(v):
-    """Current loop: above the motor's electrical pole and the velocity filter, and high enough for
-    the back EMF to damp the axis by a third of the velocity loop at most, Hz."""
+    """Current loop in Hz: above the motor's electrical pole and the velocity filter, and so fast
+    that the back EMF adds at most a third of the velocity loop's damping."""
     pole = v["resistance_ohm"] / (2 * math.pi * v["inductance_h"])
     emf = v["torque_constant_n_m_per_a"] * v["back_emf_v_s_per_rad"] / v["inductance_h"]
     emf /= total_mass(v) * radius_m(v) ** 2 * (2 * math.pi) ** 2 * v["velocity_loop_hz"]
@@ -84,7 +86,7 @@ def default_current_loop(v):
 
 
 def weight_n(v):
-    """What gravity pulls along the axis, N, toward the workpiece where positive."""
+    """Component of the weight along the axis in N, positive toward the workpiece."""
     rise = math.radians(v["inclination_deg"] or 0.0)
     return -GRAVITY * v["moving_mass_kg"] * math.sin(rise)
 
@@ -201,7 +203,7 @@ FIELDS = (
 BY_NAME = {f.name: f for f in FIELDS}
 
 
-BACK = "<"  # an answer: to the question before
+BACK = "<"  # answer that returns to the previous question
 
 
 def collect(given, ask=None):
@@ -211,7 +213,7 @@ def collect(given, ask=None):
     Returns (values, sources). Raises InputError for a value that is out of range or without effect.
     """
     texts = {name: text for name, text in given.items() if text is not None}
-    for field in FIELDS:  # giving the one alternative answers "none" to the other
+    for field in FIELDS:  # a given alternative answers the other field with "none"
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
     values, sources, answers, asked, i = {}, {}, {}, [], 0
@@ -222,7 +224,7 @@ def collect(given, ask=None):
             if text not in (None, field.word):
                 raise InputError(f"{field.option}: {refusal}")
             values[field.name] = None
-            sources.pop(field.name, None)  # of an answer before one went back
+            sources.pop(field.name, None)  # the origin belongs to an answer from before the return
             i += 1
             continue
         default = field.default(values) if callable(field.default) else field.default
@@ -247,7 +249,8 @@ def collect(given, ask=None):
 
 
 def without_effect(field, values):
-    """Why a field may have no value beside those before it; None if it may."""
+    """Reason why a field has no effect beside the fields before it; None if the field has an
+    effect."""
     needs, other = BY_NAME.get(field.needs), BY_NAME.get(field.instead_of)
     if needs and values[needs.name] is None:
         return f"expected no value while {needs.option} is {needs.word}; give that one too"
@@ -257,5 +260,5 @@ def without_effect(field, values):
 
 
 def shown(field, default):
-    """A default in the form in which it is typed."""
+    """A default in the form in which a user types it."""
     return field.word if default is None else f"{default:.6g}"

@@ -1,8 +1,8 @@
-"""What a design is written as: an experiment with the bank in it, and the bank's objects.
+"""Writes a design: experiments with the bank, and the objects of the bank.
 
-bank.toml holds objects and engineering values in the order in which an axis takes them, as the
-[firmware] table of an experiment: it can be pasted into one, and `write_all` of a gateway's client
-writes it to an axis.
+bank.toml contains objects with engineering values in the order in which an axis accepts them, as
+the [firmware] table of an experiment. The table can be copied into an experiment, and `write_all`
+of a gateway's client writes it to an axis.
 """
 
 import datetime
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class WritableBench(Protocol):
-    """The parts of a simulate.ContactBench that its files contain."""
+    """The parts of a simulate.ContactBench that the files of a design contain."""
 
     design: Design
     change: Change
@@ -46,13 +46,13 @@ class WritableBench(Protocol):
     def approach_count_per_s(self, case: ContactCase) -> int: ...
 
 
-BANK = 1  # the bank that a design is written to
+BANK = 1  # number of the bank to which a design is written
 EPOCH = datetime.date(1984, 1, 1)  # of certificate_date
 LOSS = ("contact_loss_cap", "contact_loss_dwell")
 
 
 def signed(name: str, value: float) -> float:
-    """The engineering value of an object, as _core.inputs gives it, with its sign."""
+    """The engineering value of an object with its sign, as _core.inputs gives it."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
@@ -61,8 +61,8 @@ def signed(name: str, value: float) -> float:
 def tolerance_per_mille(
     ranges: Mapping[str, tuple[float, float, float]], units: Mapping[str, str], unit: str
 ) -> int:
-    """The smallest tolerance of the parameters with a unit, to either side; 0 where the set has no
-    such parameter."""
+    """The smallest tolerance of the parameters with the unit `unit`, up or down, in per mille; 0 if
+    the set has no such parameter."""
     shares = [
         min(nominal - low, high - nominal) / nominal
         for name, (nominal, low, high) in ranges.items()
@@ -75,8 +75,8 @@ def bank_objects(
     experiment: str | Path, worst_ms: float, ranges: Mapping[str, tuple[float, float, float]],
     units: Mapping[str, str], date: datetime.date,
 ) -> dict[str, float]:  # fmt: skip
-    """{object: engineering value} of the bank in an experiment's file: sensor, bank, certificate,
-    contact loss, and at the end its selection."""
+    """{object: engineering value} for the bank of an experiment's file: sensor, bank, certificate,
+    contact loss, and last the selection of the bank."""
     settings = _core.inputs(str(experiment))["firmware"]
     first = 15 * (BANK - 1) + 1
     names = [
@@ -117,8 +117,8 @@ def with_bank(
     bench: WritableBench, experiment: Path, bank: Bank, loss: Mapping[str, int],
     model: str | Path | None = None,
 ) -> str:  # fmt: skip
-    """The text of an experiment with a bank; its comments stay. model: path of its model from
-    there; by default the model of the bench."""
+    """The text of an experiment with a bank; comments of the experiment are kept. model: path of
+    its model from the folder of the text; by default the model of the bench."""
     text: dict[str, Any] = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
     text["model"] = str(model or bench.model)
     if bench.overrides and "set" not in text:
@@ -134,8 +134,8 @@ def with_bank(
 
 
 class NewFolder:
-    """A new folder that appears complete: its files are written to another folder beside it, which
-    gets its name at the end of the context, unless an exception ends the context."""
+    """A new folder that appears complete. Files are written to a temporary folder beside it, which
+    is renamed at the end of the context, unless an exception ends the context."""
 
     def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
@@ -191,13 +191,14 @@ def write(
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
-    # Read where the files of the bench are: a relative path of this folder holds once it is named.
+    # The files are read from the folder of the bench, because a relative path of the new folder is
+    # valid only after the folder has its name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),
         outcome.worst.largest_ms, outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
-    if outcome.slowed:  # what its contacts were simulated with
+    if outcome.slowed:  # the speed with which its contacts were simulated
         values = {"approach_velocity_max": bench.approach_count_per_s(case)} | values
     contact = bench.text(case, outcome.bank, outcome.loss_objects, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}

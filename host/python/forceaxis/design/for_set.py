@@ -1,8 +1,8 @@
-"""A force law for a set of plants: searched, simulated with the firmware, written.
+"""Designs a force law for a set of plants: search, simulation with the firmware, files.
 
-The search (`search`) knows the linear set; the simulation (`simulate`) has the last word: the gain
-that it takes away is said, and another structure is taken that is left with more bandwidth. What is
-written is `files` and `page`.
+The search (`search`) uses the linear set of plants. The simulation (`simulate`) may then reduce the
+gain; the reduction is reported, and if another structure has more bandwidth after its own
+reduction, that structure is chosen. `files` and `page` write the design.
 """
 
 import contextlib
@@ -36,14 +36,14 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
-PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # of P's limit; integral of the first law
+PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0  # share of P's limit; integral rate of the first law
 
 Say = Callable[[str], None]
 Instead = Callable[[str], DesignOutcome | None]  # the design with the named structure, if any
 
 
 def check(order: DesignOrder) -> None:
-    """Raise InputError for a value that is out of range whatever the model."""
+    """Raises InputError for a value that is out of range for every model."""
     for name, value, low in (
         ("ms", order.ms, 1.0),
         ("ms_late", order.ms_late, 1.0),
@@ -65,8 +65,8 @@ def check(order: DesignOrder) -> None:
 
 
 def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
-    """The set of plants of an order, in all modes or in those that occur in a contact with a small
-    gain and integral action, which reaches the static commands of the set-points."""
+    """The set of plants of an order. Its modes are all modes, or those that occur in a contact with
+    a small gain and integral action, with which the force reaches the set-points."""
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
@@ -82,7 +82,8 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
 def visited(
     bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
 ) -> tuple[dict[str, str], ...]:
-    """`modes` and the modes that occur at the largest force and in an impact, each once."""
+    """`modes` and the modes that occur at the largest force and in an impact, without
+    duplicates."""
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bench.own, bank, 0))
@@ -95,7 +96,8 @@ def visited(
 def design(
     order: DesignOrder, out: str | Path | None = None, progress: Say | None = None
 ) -> DesignOutcome:
-    """The design of an order, written into folder `out` if one is given, all of it or nothing.
+    """Designs for an order, and writes the design to the folder `out` if one is given. The folder
+    is written completely or not at all.
 
     progress(text) is called at every step. Raises InputError, SimulationError.
     """
@@ -121,7 +123,7 @@ def design(
         if order.simulate:
             outcome, bench = simulated(bench, outcome, instead, say)
         if out is not None:
-            from forceaxis.design import page  # Matplotlib, only where something is drawn
+            from forceaxis.design import page  # imports Matplotlib, which only figures need
 
             with files.NewFolder(out) as folder:
                 outcome.written = files.write(folder, bench, outcome, own)
@@ -133,7 +135,7 @@ def design(
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
-    """The firmware settings of an order, with the speed of its approach."""
+    """The firmware settings of an order, with the speed of the approach."""
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
@@ -226,8 +228,8 @@ def simulated(
 def calmer(
     bench: ContactBench, bank: Bank, latencies: Sequence[int], threads: int
 ) -> tuple[float, ContactBench]:
-    """(share, bench): of the slower SPEEDS the fastest at which an impact by itself loses contact
-    the fewest times."""
+    """(share, bench): the fastest of the slower SPEEDS with the smallest number of contact losses
+    caused by the impact alone."""
     fewest: dict[float, int] = {}  # share -> losses
     for share in simulate.SPEEDS[1:]:
         slow = bench.at(share)
@@ -244,8 +246,8 @@ def settled(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, members: Sequence[Plant],
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
-    """The design with most bandwidth of those whose contacts settle on a bench, the given one or
-    one of another structure. Raises InputError where there is none."""
+    """The design with the most bandwidth whose contacts settle, with the chosen structure or with
+    another one. Raises InputError if no structure gives such a design."""
     latencies = LATENCIES[outcome.order.latency]
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
@@ -259,7 +261,8 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # First each with about as much gain as the next one promises; then, if all fail, with any.
+    # First, each structure is tried down to the gain at which the next structure has more
+    # bandwidth; if all fail, each structure is tried with any gain.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -272,7 +275,7 @@ def settled(
             try:
                 one = one and left(one, least)
             except InputError as error:
-                refused = error  # the last one has tried the least gain
+                refused = error  # the last try includes the smallest gain
                 passed[name] = str(error)
                 continue
             if one and (best is None or one.worst.bandwidth_Hz > best.worst.bandwidth_Hz):
@@ -288,9 +291,9 @@ def settled(
 def contact_members(
     bench: ContactBench, plants: PlantSet, count: int, seed: int = 1988
 ) -> list[Plant]:
-    """[{parameter: value}] that contacts are simulated on: the nominal plant, without friction and
-    with the most of it, and random ones of the set, each with a friction of its own. A friction
-    whose parameter the set names has that range instead."""
+    """[{parameter: value}] of the plants on which contacts are simulated: the nominal plant, the
+    plants without friction and with the most friction, and random plants of the set with random
+    friction. If the set names a parameter of friction, its range in the set is used."""
     own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
     rubbing = friction.drawn(tuple(own), count, seed)
     drawn = random_members(plants, count, seed)
@@ -301,7 +304,8 @@ def contact_members(
 
 
 def random_members(plants: PlantSet, count: int, seed: int = 1988) -> list[Plant]:
-    """[{parameter: value}], without regard to modes; `together` in turn."""
+    """[{parameter: value}] of random members, without regard to modes; the choices of `together`
+    alternate."""
     turns = len(plants.together)
     drawn = replace(plants, modes=({},)).random(count, seed)
     return [drawn[turns * i + i % turns].values for i in range(count)]
@@ -331,6 +335,6 @@ def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
 def _smallest(
     found: Mapping[str, sets.Worst], name: str
 ) -> tuple[float | None, tuple[Member, str] | None]:
-    """The smallest value of a figure and its (member, timing); None where no member has it."""
+    """The smallest value of a figure and its (member, timing); None if no member has the figure."""
     known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
     return min(known, key=lambda one: one[0], default=(None, None))

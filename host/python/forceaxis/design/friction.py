@@ -1,8 +1,10 @@
-"""Dry friction as a range: what simulated contacts are judged over.
+"""Range of dry friction over which simulated contacts are evaluated.
 
-A declared friction is a guess: grease, wear and load change it. A law that is tuned to its help
-bounces without it, and one that does without it may hunt where it sticks. So contacts are simulated
-with none of it, as declared, and with twice as much, each friction by itself in random members.
+The dry friction of a model is uncertain, because it depends on grease, wear and load. A law that
+depends on the damping effect of friction may oscillate without friction, and a law for an axis
+without friction may have a limit cycle where the axis sticks. Contacts are therefore simulated
+without friction, with the declared friction and with twice that friction; in random members, each
+friction varies independently.
 """
 
 import random
@@ -13,13 +15,13 @@ import tomlkit
 
 from forceaxis.linear import working
 
-MOST = 2.0  # times the declared friction
+MOST = 2.0  # multiple of the declared friction
 
 
 @dataclass(frozen=True)
 class FrictionRange:
-    """A friction of a model: its two ends, the parameters of its sliding force and stiction (one
-    or two) with their declared values in N, and the most of it, a multiple of them."""
+    """A friction of a model: its two ends; the one or two parameters of its sliding force and
+    breakaway force, with their declared values in N; the largest multiple of these values."""
 
     name: str
     between: tuple[str, str]
@@ -28,19 +30,20 @@ class FrictionRange:
 
     @property
     def most_N(self) -> float:
-        """The largest force that may be needed to break it loose."""
+        """The largest breakaway force in N."""
         return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
-        """{parameter: N} at a multiple of what is declared."""
+        """{parameter: N} at a multiple of the declared values."""
         return {name: share * value for name, value in self.declared_N}
 
 
 def ranges(
     model: str | Path, overrides: dict[str, float] | None = None
 ) -> tuple[FrictionRange, ...]:
-    """The frictions of a model whose forces are parameters (`named`), but those that the drive
-    never breaks loose. The most is twice the declared, or half-way to what the drive brings."""
+    """The frictions of a model whose forces are parameters (see `named`), without those that the
+    drive cannot overcome. The largest multiple is 2, or the mean of 1 and the ratio of the drive's
+    force to the breakaway force if that is less."""
     arriving = working.arriving_N(model, overrides)
     found = []
     for one in working.frictions(model, overrides):
@@ -62,7 +65,7 @@ def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
 
 
 def drawn(found: tuple[FrictionRange, ...], count: int, seed: int) -> list[dict[str, float]]:
-    """Overrides of `count` random members: each friction uniform from none to its most."""
+    """Overrides of `count` random members: each friction is uniform from 0 to its largest value."""
     rng = random.Random(seed)
     return [_at(found, [rng.uniform(0.0, one.most) for one in found]) for _ in range(count)]
 
@@ -73,8 +76,8 @@ def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, floa
 
 
 def named(model: Path) -> str | None:
-    """The text of a model, to be written elsewhere, with a parameter for each force of a friction
-    that is a number in it; None: there is none."""
+    """The text of a model in which each friction force that was a number is a parameter, to be
+    written to another file; None if no friction force is a number."""
     document = tomlkit.parse(model.read_text(encoding="utf-8-sig"))
     changed = False
     for row in document.get("friction", ()):

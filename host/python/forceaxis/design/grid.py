@@ -1,10 +1,11 @@
-"""The responses of a set of plants on a grid of frequencies, on which a law is judged at once.
+"""Frequency responses of a set of plants on a grid, on which laws are evaluated quickly.
 
-Everything is vectorised over members and frequencies: a law costs less than a millisecond. Each
-member has its own grid, dense about its own poles and zeros, because a resonance is narrower than
-any common grid can follow. That |1 + g L| stays above a bound, or |T| below one, is quadratic in
-the gain g at each frequency, so the largest gain that margins allow needs no iteration; a loop that
-is stable at small gains is stable up to there, as no gain on the way touches -1.
+All operations are vectorised over members and frequencies, so a law takes less than a millisecond.
+Each member has its own grid, which is dense about its poles and zeros, because a resonance is
+narrower than the steps of a common grid. The conditions |1 + g L| above a bound and |T| below a
+bound are quadratic in the gain g at each frequency. The largest gain that keeps the margins
+therefore needs no iteration. A loop that is stable at small gains is stable up to this gain,
+because the curve does not pass through -1 at any smaller gain.
 """
 
 import math
@@ -25,23 +26,24 @@ Response = NDArray[np.complex128]
 
 LOWEST_HZ = 0.02
 HALF_RATE_HZ = 0.5 / TICK_S
-SLOW_HZ = 1.0  # below there is little to follow
+SLOW_HZ = 1.0  # below this frequency the grid has fewer points per decade
 PER_DECADE = (60, 270)
-PER_SIDE = 42  # of a resonance, up to WIDEST of its half-widths
+PER_SIDE = 42  # points on each side of a resonance, up to WIDEST half-widths
 THIN = 1 / 3
 WIDEST = 25.0
 DELAYS = {"zoh": 0, "zoh+1": 1}
 HALF_POWER = 0.5
-BLOCK_MEMBERS = 16  # members of one Grid of `blocks`
-# Codes per 8-bit count: the noise in N of the measured force does not shrink with the ADC's code.
+BLOCK_MEMBERS = 16  # members of each Grid that blocks() returns
+# Largest gain at high frequency in codes per 8-bit count. It does not grow with the ADC's
+# resolution, because the noise in N of the measured force does not decrease.
 HF_DEFAULT = 80.0
-HF_SHARE = 0.99  # of a bound, for the rounding of the coefficients
+HF_SHARE = 0.99  # share of a bound, because the coefficients are rounded
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a loop must keep. ms: peak of |S| for each timing; mt: peak of |T|; gain_margin: factor;
-    phase_margin_deg: perhaps None; hf_gain: DAC codes per 8-bit count."""
+    """Bounds of a loop. ms: peak of |S| for each timing; mt: peak of |T|; gain_margin: factor;
+    phase_margin_deg: degrees or None; hf_gain: DAC codes per 8-bit count."""
 
     ms: tuple[float, ...]
     mt: float | None
@@ -52,10 +54,11 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Goal:
-    """ms, ms_late: peak of |S| without and with a tick of delay; mt: peak of |T|, None: free;
-    gain_margin: factor; phase_margin_deg: None: as ms gives; adc_bits: of the force ADC; hf_gain:
-    DAC codes per 8-bit count at most, None: chosen; timings: of loops.TIMINGS; ramp_s: rise time of
-    the set-point that the force has to follow, None: chosen."""
+    """Margins that a design has to keep. ms, ms_late: peak of |S| without and with a tick of delay;
+    mt: peak of |T|, None: no bound; gain_margin: factor; phase_margin_deg: None: follows from ms;
+    adc_bits: of the force ADC; hf_gain: largest gain at high frequency in DAC codes per 8-bit
+    count, None: chosen; timings: of loops.TIMINGS; ramp_s: rise time in s of the set-point that the
+    force has to follow, None: chosen."""
 
     ms: float = 2.0
     ms_late: float = 2.2
@@ -83,7 +86,7 @@ class Goal:
         )
 
     def hf_cure(self) -> str:
-        """The change that raises the bound of the gain at high frequency."""
+        """The change of the axis that raises the bound of the gain at high frequency."""
         if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
             return "an ADC of more bits would let it rise"
         if self.hf_gain:
@@ -100,8 +103,8 @@ class GridPlace(NamedTuple):
 
 
 class GainLimit(NamedTuple):
-    """The largest gain that the bounds permit: the bound that ends it ("hf", "ms", "mt", "gm" or
-    "pm") and where it does; place is None for "hf"."""
+    """The largest gain that the bounds permit, the bound that limits it ("hf", "ms", "mt", "gm" or
+    "pm") and its place on the grid; place is None for "hf"."""
 
     gain: float
     name: str
@@ -117,7 +120,7 @@ def hf_most(adc_bits: int) -> float:
 
 
 def _frequencies(loop: Loop, density: float) -> Samples:
-    """The grid of a member in Hz, rising, up to half the tick rate."""
+    """The grid of a member in Hz, ascending, up to half the tick rate."""
     ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
     parts = [
         np.geomspace(low, high, round(density * dense * math.log10(high / low)))
@@ -139,10 +142,11 @@ def _damping(roots: Response) -> Samples:
 
 
 class Grid:
-    """members: those that have a path, in the order given; frequency_hz and plant (m, n): measured
-    force in 8-bit counts per DAC code, without a delay; timings: names of loops.TIMINGS.
-    Figures are right to some thousandth, at the density THIN to a percent or two. At that density a
-    search finds laws whose peaks are between two points."""
+    """Frequency responses of those members that have a path, in the given order. frequency_hz and
+    plant (m, n): measured force in 8-bit counts per DAC code, without a delay; timings: names of
+    loops.TIMINGS. Figures have a relative error of about 0.001, and of one or two per cent at the
+    density THIN. With the density THIN, a search can find laws whose peaks lie between two points
+    of the grid."""
 
     def __init__(
         self, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
@@ -159,7 +163,7 @@ class Grid:
             except _core.InputError as error:
                 if "expected a path" not in str(error):
                     raise
-                refused = error  # no loop in this mode, so that every law is stable
+                refused = error  # the mode has no loop, so every law is stable in it
                 continue
             if loop.codes_per_gain is None:
                 raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
@@ -169,7 +173,7 @@ class Grid:
         if not self.members:
             raise refused or _core.InputError("members: expected at least one plant, got none")
         longest = max(map(len, grids))
-        # Padding repeats the last frequency.
+        # Shorter rows are padded with their last frequency.
         self.frequency_hz = np.array([np.pad(g, (0, longest - len(g)), "edge") for g in grids])
         self.plant = np.array(
             [
@@ -193,7 +197,7 @@ class Grid:
         return [((whole * lag), squared) for lag in self.lag]
 
     def largest_gain(self, law: Response, hf_gain: float, bounds: Bounds) -> GainLimit:
-        """The largest gain g at which all bounds are kept, and the bound that ends it; hf_gain:
+        """The largest gain g at which all bounds are kept, and the bound that limits it. hf_gain:
         gain of the law at high frequency for g = 1."""
         best = GainLimit(bounds.hf_gain / hf_gain, "hf", None)
         for t, (L, q) in enumerate(self.loops(law)):
@@ -214,7 +218,7 @@ class Grid:
         if bounds.mt is not None:
             share = 1 - 1 / bounds.mt**2
             yield "mt", _first_root(ahead, share * q, 1.0)
-        # Crossings of the negative real axis, Re L there between its neighbours'.
+        # Crossings of the negative real axis; the real part there is interpolated.
         im = L.imag
         left, right = im[:, :-1], im[:, 1:]
         rows, columns = np.nonzero((left * right < 0) & (a[:, :-1] < 0) & (a[:, 1:] < 0))
@@ -236,8 +240,9 @@ class Grid:
                 yield "pm", (1 / close[at], at)
 
     def bandwidths(self, law: Response, gain: float) -> tuple[Samples, Samples]:
-        """(fS, first fT) in Hz of each timing and member, (t, m): where |S| first reaches -3 dB and
-        |T| first falls through it; 0 where it starts there."""
+        """(fS, first fT) in Hz of each timing and member, (t, m): the first frequencies at which
+        |S| rises to -3 dB and |T| falls through -3 dB; 0 if this is already so at the lowest
+        frequency."""
         first, falls = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2
@@ -246,7 +251,7 @@ class Grid:
         return np.array(first), np.array(falls)
 
     def last_falls(self, law: Response, gain: float) -> Samples:
-        """Where |T| falls through -3 dB for the last time, as `bandwidths`."""
+        """The last frequencies at which |T| falls through -3 dB, in the form of `bandwidths`."""
         found = []
         for L, q in self.loops(law):
             level = gain**2 * q / (HALF_POWER * (1 + 2 * gain * L.real + gain**2 * q))
@@ -279,8 +284,8 @@ class Grid:
         return np.array(s), np.array(t)
 
     def margins(self, law: Response, gain: float) -> tuple[float | None, float | None]:
-        """(gain margin, phase margin in degrees), the smallest of all members and timings; None
-        where no member has that margin."""
+        """(gain margin, phase margin in degrees), the smallest of all members and timings; None for
+        a margin that no member has."""
         factor, phase = math.inf, math.inf
         for L, q in self.loops(law):
             value = gain * L
@@ -295,7 +300,7 @@ class Grid:
             rows, columns = np.nonzero(size[:, :-1] * size[:, 1:] < 0)
             i, j = size[rows, columns], size[rows, columns + 1]
             share = i / (i - j)
-            turned = -value  # its angle is the phase margin
+            turned = -value  # the angle of this value is the phase margin
             near = turned[rows, columns] * (1 - share) + turned[rows, columns + 1] * share
             phase = min(phase, np.min(np.abs(np.angle(near)), initial=math.inf))
         return (
@@ -305,7 +310,8 @@ class Grid:
 
 
 def blocks(plants: PlantSet, members: Sequence[Member], timings: Sequence[str]) -> list[Grid]:
-    """Grids of all members, a few in each: their arrays stay in the processor's cache."""
+    """Grids of all members with a few members each, so that the arrays fit the processor's
+    cache."""
     found: list[Grid] = []
     refused: _core.InputError | None = None
     for i in range(0, len(members), BLOCK_MEMBERS):
@@ -326,8 +332,8 @@ def _highest(values: Samples) -> Index:
 
 
 def _first_root(ahead: Samples, share_q: Samples, constant: float) -> tuple[float, Index]:
-    """The smallest g > 0 of constant - 2 g ahead + g^2 q' = 0 over all points, q' = share_q scaled
-    so that the constant is `constant`: (gain, index)."""
+    """The smallest g > 0 of constant - 2 g ahead + g^2 q' = 0 over all points, as (gain, index). q'
+    is share_q, scaled so that the constant term becomes `constant`."""
     root = ahead**2 - share_q
     real = (root >= 0) & (ahead > 0)
     if not real.any():

@@ -23,11 +23,12 @@ from forceaxis.design.data_sheet import (
 from forceaxis.errors import ParameterError
 
 APPROACH_M_PER_S = 0.02  # at most
-MOMENTUM_SHARE = 0.1  # of the sensor's full scale, of the force that it makes at the touch
+MOMENTUM_SHARE = 0.1  # share of the sensor's full scale, for the peak force at the first contact
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1  # L / R of motors
 DAC_CODES = 2048  # from 0 V to full scale
-SHARE = 1 / 6  # of the linear limit, for the first gains: loss of contact destabilises earlier
+# share of the linear limit for the first gains, because contact loss makes a loop unstable earlier
+SHARE = 1 / 6
 FILES = ("model.toml", "contact.toml", "step.toml")
 HELD = "held.toml"  # with a bank
 
@@ -57,7 +58,8 @@ class AxisConstants:
 
 
 def derive(v):
-    """The amplifier's gains and the model's constants. Raises InputError where none exist."""
+    """The gains of the amplifier and the constants of the model. Raises InputError if no values
+    satisfy the data sheet."""
     r, rotor = radius_m(v), v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
     mass, full_V = rotor + v["moving_mass_kg"], v["command_full_scale_v"]
     speed = v["full_scale_speed_m_per_s"]
@@ -102,7 +104,7 @@ def derive(v):
 
 
 def doubts(v):
-    """What of the data sheet is possible but unlikely: [text], one line each."""
+    """Texts of one line each about data-sheet values that are possible but unlikely."""
     tau, texts = v["inductance_h"] / v["resistance_ohm"], []
     if not SLOWEST_TAU_S >= tau >= FASTEST_TAU_S:
         text = (
@@ -116,7 +118,8 @@ def doubts(v):
 
 
 def stuck(v, first) -> list[str]:
-    """What keeps the first law from the workpiece: [text], one line each."""
+    """Texts of one line each about reasons why the axis does not reach the workpiece with the first
+    law."""
     if first.friction_most is not None:
         return []
     back = -min(weight_n(v), 0.0)
@@ -142,12 +145,12 @@ def fail(name, expected, remedy):
 
 @dataclass
 class First:
-    """The first gains and the performance to expect of them."""
+    """The first gains and the expected performance with them."""
 
     limit: float
     gain: float
     setpoint: float
-    held: float  # share of the set-point that the law without integral holds
+    held: float  # share of the set-point at which the force settles without integral action
     reach_s: float
     contact_s: float
     position_limit: float
@@ -156,28 +159,31 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float
-    pushes_N: float  # with which the law starts to approach: command and weight
-    friction_most: float | None  # of the declared dry friction, that this overcomes; None: not it
-    raised: bool  # the set-point, for that
+    pushes_N: float  # force of the approach at its start: from the command and the weight
+    # multiple of the declared dry friction that this force overcomes; None: less than 1
+    friction_most: float | None
+    raised: bool  # the set-point was raised for this reason
 
 
 def approach_m_per_s(axis):
-    """Speed of an approach whose momentum makes MOMENTUM_SHARE of the sensor's full scale in the
-    spring that it meets, v sqrt(k m), at most APPROACH_M_PER_S."""
+    """Approach speed whose momentum causes the share MOMENTUM_SHARE of the sensor's full scale as
+    spring force, v sqrt(k m), at most APPROACH_M_PER_S."""
     v, stiffness = axis.v, axis.v["sensor_stiffness_n_per_m"]
     force = MOMENTUM_SHARE * v["sensor_full_scale_n"]
     return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
 
 
 def highest_gain(loop, volts_per_code):
-    """The limit of a loop in DAC codes per unit of its signal, at most the firmware's 256."""
+    """The limit of a loop in DAC codes per unit of its signal, at most 256, the limit of the
+    firmware."""
     gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 
 def first_gains(axis, model):
-    """A share of the linear limits; a quarter of the smaller of sensor range and peak force, more
-    where an approach needs it: against the weight and twice the dry friction."""
+    """First gains as a share of the linear limits. The set-point is a quarter of the sensor range
+    or of the peak force, whichever is smaller; it is larger if the approach has to overcome the
+    weight and twice the dry friction."""
     from forceaxis import linear
     from forceaxis.linear import loops
 
@@ -185,7 +191,7 @@ def first_gains(axis, model):
     sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
     if v["transmission_stiffness_n_per_m"] and v["backlash_mm"]:
         sliding["transmission.high"] = "pressed"  # the backlash closed
-    # What pulls along the axis: gravity and dry friction, at the body that presses.
+    # Forces along the axis: gravity and dry friction, on the body that presses.
     pull = f"{'axis' if v['transmission_stiffness_n_per_m'] is None else 'load'}.force"
     inputs = ("drive.command", pull)
     plant = linear.linearise(model, inputs, ("adc0",), modes=sliding)
@@ -223,7 +229,8 @@ def first_gains(axis, model):
     rate = force.decay(gain * volts)
     free_speed = min(gain * setpoint, DAC_CODES) * code
     reach = v["approach_mm"] / 1e3 / free_speed
-    # Room for lower gains and set-points: a tenth of the approach speed, if that is not too long.
+    # With lower gains and set-points the axis approaches more slowly; a tenth of the speed is
+    # permitted if the approach does not take too long.
     room = min(10 * reach, 1.3 * reach + 3)
     pushes = free_speed / speed_per_N + weight  # N, standing
     most = friction_most(dry, pushes)
@@ -246,15 +253,16 @@ def first_gains(axis, model):
 
 
 def friction_most(dry_N: float, pushes_N: float) -> float | None:
-    """How many times the declared dry friction an approach that pushes with so much overcomes: 2,
-    or half-way to what it overcomes where that is less; None: not even the declared."""
+    """Multiple of the declared dry friction that an approach with a given force overcomes: 2, or
+    half-way between 1 and the largest multiple if that is less. None if it does not overcome the
+    declared friction."""
     if pushes_N <= dry_N:
         return None
     return 2.0 if 2 * dry_N < pushes_N else (1 + pushes_N / dry_N) / 2
 
 
 def render(name, title, axis, sources, first=None):
-    """The text of one of FILES; the model's needs no first gains."""
+    """The text of one of FILES; the text of the model needs no first gains."""
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -299,9 +307,9 @@ def render(name, title, axis, sources, first=None):
 
 @dataclass(frozen=True)
 class BankForAxis:
-    """The bank of a new axis: its set of plants and modes, structure, worst bandwidth fS in Hz and
-    that of P at the same margins, P's gain in codes per 8-bit count and static error as a share,
-    what limits, the speed of the approach. None: no gain of P keeps the margins."""
+    """The bank of a new axis: set of plants and modes, structure, worst bandwidth fS in Hz, that of
+    P at the same margins, gain of P in codes per 8-bit count, its static error as a share, the
+    limiting bound, the speed of the approach. None: P keeps the margins at no gain."""
 
     over: list[str]
     modes: list[dict[str, str]]
@@ -322,16 +330,17 @@ class BankForAxis:
 
 @dataclass(frozen=True)
 class NoBank:
-    """There is no bank for a new axis, and why."""
+    """The new axis gets no bank; the field gives the reason."""
 
     refused: str
 
 
 @dataclass(frozen=True)
 class NewAxis:
-    """What `forceaxis new --json` prints: files, masses in kg, gains in codes per 8-bit count with
-    the linear limit, set-point in counts and in N, share of it that the law of contact.toml holds,
-    the bank, names of the values that are defaults, and doubts about the data sheet."""
+    """The content of `forceaxis new --json`: files, masses in kg, gains in codes per 8-bit count
+    with the linear limit, set-point in counts and N, share of the set-point at which the force of
+    contact.toml settles, the bank, names of the values that are defaults, doubts about the data
+    sheet."""
 
     folder: str
     files: list[str]
@@ -341,7 +350,7 @@ class NewAxis:
     force_setpoint: float
     setpoint_N: float
     held_share: float
-    held_with: str  # end of a line: what the share contains or leaves out
+    held_with: str  # end of a line: what the share includes or excludes
     position_gain: float
     design: BankForAxis | NoBank | None  # None: not asked for
     defaults: list[str]
@@ -350,9 +359,9 @@ class NewAxis:
 
 
 def write(folder, values, sources, force=False, design=None):
-    """Write model and experiments into `folder`; all of them or none. Returns what was written.
+    """Writes model and experiments to `folder`, all files or none; returns what was written.
 
-    design: own_axis.design, or None: no bank.
+    design: own_axis.design, or None for an axis without a bank.
     """
     folder = Path(folder)
     title = folder.name
@@ -408,7 +417,7 @@ def write(folder, values, sources, force=False, design=None):
 
 
 def held_with(v) -> str:
-    """What the held share contains or leaves out, as the end of a line."""
+    """End of a line: what the settled share of the set-point includes or excludes."""
     text = "" if v["inclination_deg"] is None else ", the weight's part included"
     return text + (", give or take the dry friction" if v["guide_coulomb_n"] else "")
 
@@ -420,7 +429,8 @@ def umask():
 
 
 def refuse_existing(folder, force):
-    """Files are replaced only with --force, and only those that `new` writes."""
+    """Raises InputError if files would be replaced without --force, or files that `new` does not
+    write."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
     there = [name for name in (*FILES, HELD) if (folder / name).exists()]

@@ -1,6 +1,6 @@
-"""What `design` is asked for and its result: DesignOrder, DesignOutcome, DesignResult."""
+"""Order and result of `design`: DesignOrder, DesignOutcome, DesignResult."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,16 +18,16 @@ from forceaxis.words import counted
 
 LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}
 TIMINGS = {0: "zoh", 1: "zoh+1"}
-MEMBERS = 12  # random plants that contacts are simulated on, beside the nominal plant
+MEMBERS = 12  # random plants for simulated contacts, besides the nominal plant
 
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """What `design` is asked for; a field for each option of the verb."""
+    """The options of `design`, a field for each option of the verb."""
 
     text: str  # MODEL or EXPERIMENT
     over: tuple[str, ...] = ()
-    overrides: dict[str, float] = field(default_factory=dict)
+    overrides: Mapping[str, float | str] = field(default_factory=dict)
     together: tuple[dict[str, float], ...] = ({},)  # as PlantSet has them
     modes: str = "visited"
     states: dict[str, str] = field(default_factory=dict)  # {element: state} of all members
@@ -36,11 +36,13 @@ class DesignOrder:
     gain_margin: float = 2.3
     adc_bits: int | None = None  # None: that of the model
     latency: str = "both"
-    hf_gain: float | None = None  # codes per 8-bit count at most; None and below: as grid.Goal
+    # largest gain in codes per 8-bit count; None: as in grid.Goal; so for the fields below
+    hf_gain: float | None = None
     ramp_s: float | None = None
     firmware: dict[str, float | str] = field(default_factory=dict)  # beside those of the experiment
-    forces_N: tuple[float, ...] = ()  # set-points of first contacts; empty: by sensor and drive
-    approach_mm_per_s: float | None = None  # None: that of the experiment, else 20 mm/s
+    # set-points of first contacts; empty: chosen by the ranges of sensor and drive
+    forces_N: tuple[float, ...] = ()
+    approach_mm_per_s: float | None = None  # None: the speed of the experiment, otherwise 20 mm/s
     simulate: bool = True
     threads: int | None = None
 
@@ -49,9 +51,11 @@ class DesignOrder:
 class ContactLoss:
     """The chosen limits after a loss of contact, and the impacts that the law tolerates with them.
 
-    contact_loss_cap: DAC codes; contact_loss_dwell: ms; impulses in N s: strike_N_s: up to which
-    every impact is stable at both lower set-points, strike_default_N_s: the same with the defaults
-    of the firmware, strike_hardest_N_s: the hardest that was simulated. 0: not even the weakest."""
+    contact_loss_cap: DAC codes; contact_loss_dwell: ms. Impulses in N s: strike_N_s: up to this
+    impulse every impact is stable at both lower set-points; strike_default_N_s: the same with the
+    firmware's default limits; strike_hardest_N_s: the largest simulated impulse. 0: the smallest
+    impact is already unstable.
+    """
 
     contact_loss_cap: int
     contact_loss_dwell: int
@@ -69,7 +73,7 @@ class ContactLoss:
 
     @property
     def text(self) -> str:
-        """A sentence on the impacts; ">=" where the hardest simulated one is stable."""
+        """A sentence about the impacts, with ">=" if the largest simulated impact is stable."""
         own, default = (
             (">= " if impulse == self.strike_hardest_N_s else "") + f"{impulse:.3g}"
             for impulse in (self.strike_N_s, self.strike_default_N_s)
@@ -79,12 +83,13 @@ class ContactLoss:
 
 @dataclass(frozen=True)
 class SlowedApproach:
-    """An approach that was made slower because contact is lost: speeds in m/s, the most losses of
-    contact of a simulated first contact at each, and the longer time to the first contact in s."""
+    """An approach that was made slower because contact was lost: speeds in m/s, largest number of
+    contact losses of a simulated first contact at each speed, the longer time to the first contact
+    in s."""
 
     from_m_per_s: float
     to_m_per_s: float
-    losses_before: int | None  # None: contacts do not settle there
+    losses_before: int | None  # None: contacts do not settle at this speed
     losses: int
     longer_s: float
 
@@ -134,7 +139,7 @@ class DesignResult:
 
 @dataclass
 class DesignOutcome:
-    """A force law for a set of plants, while it is searched, simulated and written."""
+    """A force law for a set of plants during search, simulation and writing."""
 
     order: DesignOrder
     plants: PlantSet
@@ -149,7 +154,8 @@ class DesignOutcome:
     loss: ContactLoss | None = None
     rows: list[SimulatedContact] = field(default_factory=list)
     cuts: list[GainCut] = field(default_factory=list)
-    passed_over: dict[str, str] = field(default_factory=dict)  # structure: why it is not chosen
+    # {structure: reason why it was not chosen}
+    passed_over: dict[str, str] = field(default_factory=dict)
     out: str | None = None
     written: list[str] = field(default_factory=list)
     working: Working = field(default_factory=lambda: Working({}))
@@ -163,12 +169,12 @@ class DesignOutcome:
 
     @property
     def backoffs(self) -> int:
-        """How often the simulation reduced the gain by a tenth."""
+        """Number of times that the simulation has reduced the gain by a tenth."""
         return len(self.cuts)
 
     @property
     def p_bank(self) -> Bank:
-        """The P law at the same margins; its gain is 0 where there is none."""
+        """The P law at the same margins; its gain is 0 if P keeps the margins at no gain."""
         return Bank(self.p.force_gain)
 
     @property
@@ -219,9 +225,9 @@ CASE_HEAD = [
 
 
 def cases(contacts: Sequence[SimulatedContact]) -> list[list[str]]:
-    """A line of texts for each case and law, with the columns of CASE_HEAD: the number of stable
-    contacts, the figures of the nominal plant at the first latency, and of all contacts the most
-    losses, the largest peak and the longest saturation."""
+    """Rows of text for a table with the columns of CASE_HEAD, one for each case and law: number of
+    stable contacts, figures of the nominal plant at the first latency, and over all contacts the
+    most losses, the largest peak and the longest saturation."""
     grouped: dict[tuple[str, str], list[SimulatedContact]] = {
         (one.case, law): [] for one in contacts for law in ("design", "p")
     }

@@ -1,4 +1,5 @@
-"""The end of `forceaxis new`: a bank for the new axis, and a contact that is held with it."""
+"""The last step of `forceaxis new`: a bank for the new axis, and an experiment of a contact with
+it."""
 
 import itertools
 import os
@@ -23,18 +24,18 @@ from forceaxis.progress import phase
 
 NAME = "held.toml"
 GAINS = (1.0, 0.7, 0.5)  # of the designed one
-# How often a touch-down may lose contact: what is asked for, and what a light part may need.
+# Permitted contact losses of a first contact: first try, and second try for a light part.
 LOSSES = (1, 3)
-FRICTIONS, SEED = 3, 1988  # members with random friction
+FRICTIONS, SEED = 3, 1988  # number and seed of members with random friction
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
     """(text of NAME or None, the bank) for the axis in `folder`, as `forceaxis new` wrote it.
 
-    The set: stiffness and mass of the workpiece, +-30 %, in every slope of the amplifier. Of
-    approach speeds, actions at a loss of contact and gains, in this order and each from the
-    largest, the first combination is chosen with which first contacts and impacts settle in the
-    simulation with the firmware.
+    The set: stiffness and mass of the workpiece, +-30 %, in every linear range of the amplifier.
+    The function simulates combinations of approach speed, action at a contact loss and gain, in
+    this order and each from the largest value. It chooses the first combination with which first
+    contacts and impacts settle.
     """
     try:
         with Design(folder / "contact.toml") as plant:
@@ -85,7 +86,7 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
 
 @dataclass(frozen=True)
 class SettledContact:
-    """A bank whose contacts settle, the text of NAME, and the speed of the approach."""
+    """A bank whose contacts settle, the text of NAME, the speed of the approach."""
 
     bank: Bank
     text: str
@@ -93,12 +94,12 @@ class SettledContact:
 
 
 def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledContact:
-    """The first choice that settles."""
+    """The first combination whose contacts settle."""
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    spare: SettledContact | None = None  # the first choice with more losses
-    # With friction the default at a loss of contact, a cap of 0, is the last resort: see
+    spare: SettledContact | None = None  # the first combination with more contact losses
+    # With friction, the default at a contact loss, a cap of 0, is tried last: see
     # simulate.losses().
     for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAINS, SPEEDS):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
@@ -129,7 +130,7 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
 
 
 def _losses(bench: ContactBench, speed: float, stands: bool) -> Sequence[dict[str, int]]:
-    """Firmware objects for a loss of contact, in the order in which they are simulated."""
+    """Firmware objects for a contact loss, in the order in which they are simulated."""
     own = bench.press_speed_code(speed)
     slow = [bench.press_speed_code(speed / 4, share) for share in simulate.SHARES]
     caps: list[int | None] = [*slow, own, 2048] if bench.frictions else [None, own, 2048]
@@ -137,14 +138,14 @@ def _losses(bench: ContactBench, speed: float, stands: bool) -> Sequence[dict[st
 
 
 def _text(bench: ContactBench, bank: Bank, loss: dict[str, int], losses: int) -> str:
-    """The first contact at the largest force, with the limits of force error, overshoot, peak,
-    losses of contact and saturation."""
+    """The experiment of a first contact at the largest force, with limits of force error,
+    overshoot, peak, contact losses and saturation."""
     case = bench.largest
     document: dict[str, Any] = tomlkit.parse(bench.text(case, bank, loss, "model.toml"))
     document["title"] = f"{case.setpoint_N:.4g} N held by a designed bank"
     verdict = document["verdict"]
     for key in ("held_force_error_max_N", "peak_force_max_N"):
-        verdict.pop(key, None)  # in percent they are those of another set-point too
+        verdict.pop(key, None)  # limits in per cent remain valid at another set-point
     verdict["held_force_error_max_percent"] = 100 * simulate.ERROR_MAX
     verdict["overshoot_max_percent"] = round(100 * (PEAK_MAX - 1))
     verdict["peak_force_max_percent"] = round(100 * PEAK_MAX)

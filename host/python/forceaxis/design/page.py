@@ -1,4 +1,4 @@
-"""The page of a design: one HTML file with its tables and figures."""
+"""Writes the page of a design: one HTML file with tables and figures."""
 
 from collections.abc import Iterable, Sequence
 from importlib import resources
@@ -28,19 +28,19 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.system import TICK_S
 from forceaxis.words import plain
 
-WIDE_IN = 4.4  # of a figure; two stand side by side, one on a telephone
+WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
 FAR = 20.0  # |L| beyond the frame
-RANDOM = 4  # choices of values drawn beside nominal and corners
+RANDOM = 4  # number of random plants in the figures, besides nominal plant and corners
 ROWS = (
     "fS, Hz", "fT, Hz", "Ms", "Ms, a tick late", "gain margin", "phase margin, degrees",
     "gain, DAC codes per count of force",
 )  # fmt: skip
 
-Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, its key of LOOKS)
+Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, key of its style in LOOKS)
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
-    """The loop gains of a bank over the set and its latencies."""
+    """Loop gains of a bank over the set and its latencies."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
@@ -55,7 +55,7 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     return found
 
 
-# How a curve is drawn, and its name in a legend.
+# {key: (style of a curve, its name in the legend)}
 LOOKS: dict[str, tuple[dict[str, Any], str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
@@ -72,7 +72,7 @@ def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """[(name, bank)] of the laws that are drawn; P only where a gain keeps the margins."""
+    """[(name, bank)] of the laws in the figures; P only if it keeps the margins at some gain."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
@@ -140,7 +140,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
         done = runs.run(Path(file), texts)
         force = done.columns[bench.facts.contacts[0].name + ".force"]
         time_s = done.columns["time_s"]
-        if not case.strike_N_s:  # from a little before the first touch
+        if not case.strike_N_s:  # the figure begins shortly before the first contact
             touched = np.flatnonzero(force > 0)
             start = time_s[touched[0]] - 0.05 if len(touched) else 0.0
         inside = (time_s >= start - 0.05) & (time_s <= start + (1.0 if case.strike_N_s else 0.6))
@@ -154,7 +154,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
 
 
 def shown(value: float | str) -> str:
-    """A value of a member of the set."""
+    """A value of a member of the set as text."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 

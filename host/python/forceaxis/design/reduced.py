@@ -1,5 +1,6 @@
-"""The search in short, for maps and tables of many plants: one integral and one section, a few
-starts, and P beside it. Some percent below what `search` finds, in about a second each."""
+"""Short search of a law, for maps and tables of many plants: an integral and one section, a few
+starts, and P for comparison. The bandwidth is some per cent below that of `search`; a plant set
+takes about a second."""
 
 import math
 from collections.abc import Iterable
@@ -16,40 +17,42 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
-RANDOM = 40  # choices of values that the result bears besides the corners
+RANDOM = 40  # random choices of values on which the result is checked, besides the corners
 INTEGRALS = np.geomspace(0.1, 100, 31)  # rad/s, for PI
 LEAST_HZ = 0.05
-WIDER, NOTICED = 1.3, 1.02  # a bound for limited_by, and the bandwidth that shows it
-INTEGRAL_MIN = 0.15  # of PI's bandwidth: a slower one leaves a tail of what P does not hold
+# factor of a bound for limited_by, and the increase of bandwidth that counts
+WIDER, NOTICED = 1.3, 1.02
+# share of PI's rate: with a slower integral, a static error of P disappears too slowly
+INTEGRAL_MIN = 0.15
 EVALUATIONS = 200  # of each start
 RESTARTS = 2
-ZEROS = 3  # antiresonances that are tried
-BEGIN = 4.0  # bandwidths of a PI law from which the section may begin; a lower one adds nothing
+ZEROS = 3  # largest number of antiresonances at which the search begins
+BEGIN = 4.0  # multiple of PI's bandwidth: lowest start of the section
 
 
 @dataclass(frozen=True)
 class ShortDesign:
-    """A bank and its worst figures over a set; worst is None where no gain keeps the margins."""
+    """A bank and its worst figures over a set; worst is None if no gain keeps the margins."""
 
     bank: Bank
     worst: WorstFigures | None
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS over the set in Hz; 0 where no gain keeps the margins."""
+        """fS over the set in Hz; 0 if no gain keeps the margins."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
 
 @dataclass(frozen=True)
 class ShapedDesign(ShortDesign):
-    """A bank that a search found; numbers: logarithms as in `structures`."""
+    """A bank that a search has found; numbers: logarithms as in `structures`."""
 
     numbers: Samples
 
 
 class ShortSearch:
-    """A set of plants at the margins of a goal: its best bank, and the largest gain of a given
-    shape."""
+    """Search of the best bank for a set of plants at the margins of a goal; also the largest gain
+    of a given shape."""
 
     def __init__(self, plants: PlantSet, goal: Goal, random: int = RANDOM) -> None:
         self.plants, self.goal = plants, goal
@@ -59,8 +62,8 @@ class ShortSearch:
         search.check_plants(self.inner)
 
     def worst(self, shape: Bank) -> ShortDesign:
-        """The bank of a shape, whose own gain does not matter, with the largest gain that keeps the
-        margins."""
+        """The largest gain with which the shape of a bank keeps the margins, and the figures with
+        it; the bank's own gain is ignored."""
         unit = replace(shape, force_gain=1.0).quantised()
         law = unit.response(self.grid.z)
         steep = max(unit.hf_gain(), float(np.abs(law[:, -1]).max()))
@@ -87,29 +90,31 @@ class ShortSearch:
         self._limits = limits = low, np.maximum(high, low)
         starts = self._starts(fS, rate, *limits)
         numbers = max((self._polished(start, *limits) for start in starts), key=_order)[1]
-        for _ in range(RESTARTS):  # a simplex that has collapsed goes on from a new one
+        # a second start, because the simplex of the first may have collapsed
+        for _ in range(RESTARTS):
             numbers = self._polished(numbers, *limits)[1]
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
-        # Where no law follows the ramp, on a soft contact, the shape that leaves it least is slow.
+        # On a soft contact no law may follow the ramp; the best shape is then too slow.
         plain = self._shaped(Bank(1.0, rate), starts[-1])
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 
     def best_of(self, candidates: Iterable[Samples]) -> ShapedDesign:
-        """The best bank of the numbers of other designs of the set."""
+        """The best bank among the numbers of other designs for this set."""
         numbers = max(candidates, key=lambda n: self.inner.evaluate(n)[0])
         return self._shaped(structures.bank(numbers, 1.0), numbers)
 
     def at(self, bank: Bank) -> WorstFigures:
-        """The worst figures of a bank with its own gain."""
+        """The worst figures of a bank with its present gain."""
         return certificate.on_grid(self.grid, bank)
 
     def exact(self, bank: Bank) -> tuple[Bank, WorstFigures | None]:
-        """(bank, figures) with the gain at which the exact worst of the set keeps the margins: some
-        hundredths below that of the grid, in seconds instead of milliseconds."""
+        """(bank, figures) with the gain at which the exact worst figures of the set keep the
+        margins. The gain is some per cent below that of the grid; the computation takes seconds
+        instead of milliseconds."""
         return certificate.exact(self.plants, [self.grid], bank, self.goal)
 
     def limited_by(self, found: ShapedDesign) -> str:
-        """A sentence on the bound that, widened alone, lets the bandwidth rise most."""
+        """A sentence about the bound whose increase raises the bandwidth most."""
         own = self.inner.bounds
         wider = {
             "hf": replace(own, hf_gain=2 * own.hf_gain),
@@ -139,7 +144,8 @@ class ShortSearch:
         return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
 
     def _starts(self, fS: float, rate: float, low: Samples, high: Samples) -> list[Samples]:
-        """Zeros on antiresonances with a pole above, a lead, a lag, PI with its best rate."""
+        """Start values: zeros on antiresonances with a pole above, a lead, a lag, and PI with its
+        best rate."""
         zeros = search.antiresonances(self.grid)[:ZEROS]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]

@@ -1,9 +1,10 @@
-"""The force law with the most bandwidth that a set of plants bears at stated margins.
+"""Searches the force law with the largest bandwidth over a set of plants at given margins.
 
-For each structure the shape that lets the worst member's |S| stay below -3 dB longest is sought by
-differential evolution on a thin grid and a simplex on that of the result; the gain follows from the
-shape (`grid`). The corners of a set are not always its worst, so members drawn at random that the
-law would break join the set.
+The search varies the shape of each structure and maximises the frequency up to which |S| of the
+worst member stays below -3 dB. It uses differential evolution on a thin grid, then a simplex on the
+grid of its result; the gain follows from the shape (`grid`). The corners of a set are not always
+its worst members. Random members are therefore checked, and those that the law makes unstable join
+the set.
 """
 
 import math
@@ -24,27 +25,31 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 
-LARGER_STRUCTURE_MIN = 1.1  # factor of bandwidth from which a larger structure is chosen
-RANDOM = 1000  # choices of values that the result is checked on
-PROBE = 60  # of them in the rounds of the search
+LARGER_STRUCTURE_MIN = 1.1  # ratio of bandwidths from which the larger structure is chosen
+RANDOM = 1000  # random choices of values on which the result is checked
+PROBE = 60  # random choices of values in the rounds of the search
 ROUNDS = 4
-CORNERS_MAX = 8  # of values, in the set that a search starts with; others join as they break a law
+# largest number of corners in the first set; other corners join if the law violates the margins on
+# them
+CORNERS_MAX = 8
 SEED = 1988
 RAMP_PERIODS = 0.2  # rise time in periods of the bandwidth of a PI law
 RAMP_MIN_S = 0.1
-# The bandwidth is judged at this share of the gain, so that it does not hang on a touch of -3 dB.
+# The bandwidth is evaluated at this share of the gain, so that it does not depend on a curve that
+# only just reaches -3 dB.
 GAIN_SHARE = 0.97
-GENERATIONS = 90  # half as many often end in a lesser optimum, more restarts or not
-RESTARTS = (1, 2, 2)  # of the search, with no, one, two sections
-# Where zeros and poles may begin, in bandwidths of a PI law: each restart has its own, and what
-# reaches furthest is taken. Whether they ring when contact is made is judged by the ramp.
+GENERATIONS = 90  # with half as many, a search often ends in a local optimum, even with restarts
+RESTARTS = (1, 2, 2)  # number of searches with no, one and two sections
+# Range of the initial zeros and poles in bandwidths of a PI law; each restart has its own range,
+# and the best result is chosen. The ramp excludes laws that oscillate after a first contact.
 BEGINS = (1.5, 0.5)
-STATIC_ERROR_MAX = 0.01  # of the set-point, that a law without an integral may leave
+# largest static error of a law without integral action, as a share of the set-point
+STATIC_ERROR_MAX = 0.01
 
 
 @dataclass(frozen=True)
 class StructureDesign:
-    """The best law of one structure; worst: its figures over the set, None where no gain keeps the
+    """The best law of one structure; worst: its figures over the set, None if no gain keeps the
     margins."""
 
     name: str
@@ -53,7 +58,7 @@ class StructureDesign:
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS over the set in Hz; 0 where the law has none."""
+        """fS over the set in Hz; 0 if the law has no bandwidth."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
 
 
@@ -61,8 +66,7 @@ class StructureDesign:
 class SearchResult:
     """bank: quantised; worst, p: figures over the set, of the bank and of P at the same margins;
     structures: in order of size; limited_by: one sentence; chosen: name of a structure;
-    instead(name): the result with another structure chosen, None where no gain keeps the margins
-    with it."""
+    instead(name): the result with another structure, None if no gain keeps the margins with it."""
 
     bank: Bank
     worst: WorstFigures
@@ -85,8 +89,8 @@ class SearchProblem:
         self.ramp = ramp
 
     def law(self, numbers: Samples) -> tuple[Response, float] | None:
-        """(response, gain at high frequency) of a law for the gain 1; None where the firmware
-        cannot store its coefficients."""
+        """(response, gain at high frequency) of a law for the gain 1; None if the firmware cannot
+        store its coefficients."""
         bank = structures.bank(numbers, 1.0)
         if not structures.is_legal(bank.sections):
             return None
@@ -94,7 +98,7 @@ class SearchProblem:
         return law, max(bank.hf_gain(), _noise(law, numbers, self.grid))
 
     def evaluate(self, numbers: Samples) -> tuple[float, float]:
-        """(bandwidth in Hz, lowered where the force does not follow the ramp; largest gain)."""
+        """(bandwidth in Hz, reduced if the force does not follow the ramp; largest gain)."""
         found = self.law(numbers)
         if found is None:
             return 0.0, 0.0
@@ -121,8 +125,8 @@ def _starts(
     name: str, limits: Samples, plants_zeros: list[float], best: Samples, rng: np.random.Generator,
     count: int,
 ) -> Samples:  # fmt: skip
-    """The first population: zeros on the plant's antiresonances with a pole above, the smaller
-    structure's result with a section that does nothing, and the whole space."""
+    """The first population: zeros on the plant's antiresonances with a pole above, the result of
+    the smaller structure with a neutral section, and random numbers of the whole range."""
     low, high = limits.T
     rows = low + (high - low) * rng.random((count, len(limits)))
     sections = structures.STRUCTURES[name]
@@ -148,8 +152,8 @@ def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
 ) -> Samples:  # fmt: skip
-    """The numbers of the best law of a structure for `problem`, searched for on its thin grid; fS:
-    the bandwidth of a PI law, Hz; best: numbers of the next smaller structure."""
+    """The numbers of the best law of a structure for `problem`, found on its thin grid. fS:
+    bandwidth of a PI law in Hz; best: numbers of the next smaller structure."""
     rng = np.random.default_rng(SEED)
     results = []
     for begin in BEGINS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
@@ -172,7 +176,7 @@ def _search(
 def _polished(
     cost: Callable[[Samples], float], numbers: Samples, low: Samples, high: Samples
 ) -> Samples:
-    for _ in range(2):  # a simplex that has collapsed goes on from a new one
+    for _ in range(2):  # a second start, because the simplex of the first may have collapsed
         found = optimize.minimize(
             cost, numbers, method="Nelder-Mead",
             options={"maxfev": 80 * len(low), "xatol": 1e-4, "fatol": 1e-4},
@@ -196,7 +200,7 @@ def _random(plants: PlantSet, count: int, seed: int) -> list[Member]:
 def search(
     plants: PlantSet, goal: Goal | None = None, progress: Callable[[str], None] | None = None
 ) -> SearchResult:
-    """The best law for a set of plants. Raises InputError, in one line, where no law keeps the
+    """The best law for a set of plants. Raises InputError, in one line, if no law keeps the
     margins. progress(text) is called at every step."""
     goal = goal or Goal()
     say = progress or (lambda text: None)
@@ -258,8 +262,8 @@ def antiresonances(grid: Grid) -> list[float]:
 
 
 def _violator(problem: SearchProblem, probe: Grid, numbers: Samples) -> Member | None:
-    """The member of a grid that needs the lowest gain, if the gain of the law is too large for it;
-    else None."""
+    """The member of a grid on which the law needs the lowest gain, if the gain of the law is too
+    large for this member; otherwise None."""
     gain = problem.evaluate(numbers)[1]
     law = structures.response(numbers, probe)
     limit = probe.largest_gain(law, 1e-9, problem.bounds)
@@ -292,7 +296,7 @@ def _result(
     plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
     say: Callable[[str], None],
 ) -> SearchResult:  # fmt: skip
-    """The result of the numbers of each structure's law."""
+    """The result from the numbers of each structure's law."""
     bounds = problem.bounds
     joined = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(joined.values()) + _random(plants, RANDOM, SEED + 1)
@@ -320,7 +324,7 @@ def _result(
             chosen = row
 
     def taken(name: str) -> SearchResult | None:
-        # The gain of the other structures is not made exact: they are only compared.
+        # Other structures are only compared, so their gain is that of the grid.
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = certificate.exact(plants, grids, rows[at].bank.bank, goal)
         if not worst or not worst.fS_Hz:

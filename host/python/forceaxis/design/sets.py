@@ -1,4 +1,4 @@
-"""The sets of plants that a design is made for where nobody names one."""
+"""The default sets of plants of a design."""
 
 from forceaxis import toml
 from forceaxis.design.changes import contact_of
@@ -6,12 +6,12 @@ from forceaxis.linear import over as margins
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 
-SHARE = "30%"  # what a data sheet or a free-space test leaves open of a workpiece
+SHARE = "30%"  # uncertainty of a workpiece after a data sheet or a test without contact
 
 
 def workpiece(model, overrides=None):
-    """--over of what a force loop presses on, +-30 %: the workpiece's mass and the stiffness of its
-    support; of a workpiece that is the ground, the contact's stiffness. Empty without a contact."""
+    """Default of --over for the workpiece, +-30 %: its mass and the stiffness of its support. If
+    the workpiece is the ground: the stiffness of the contact. Empty without a contact."""
     table = toml.read(linear.find_model(model))
     known = linear.facts(model, overrides).parameters
     contact = contact_of(table)
@@ -28,9 +28,9 @@ def workpiece(model, overrides=None):
 
 
 def slopes(model, overrides=None, fixed=None):
-    """Modes of PlantSet: every slope of the amplifier and of what else has slopes, frictions stuck
-    and sliding, limits of the current aside, at which an axis is not meant to work; fixed: states
-    that all have."""
+    """Modes of a PlantSet: every linear range of the amplifier and of other elements, frictions
+    stuck and sliding, but no limits of the current, at which an axis is not meant to work. fixed:
+    states that all modes have."""
     return tuple(
         modes
         for modes in margins.modes_all(model, overrides, fixed=fixed)
@@ -39,7 +39,7 @@ def slopes(model, overrides=None, fixed=None):
 
 
 def plant_set(model, overrides=None, over=None, modes=None, fixed=None):
-    """The PlantSet of a model; over: texts as --over, None: `workpiece`; modes: None: `slopes`,
+    """The PlantSet of a model. over: texts as --over, None: `workpiece`; modes: None: `slopes`,
     with the states of `fixed`."""
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over

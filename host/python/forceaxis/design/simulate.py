@@ -1,13 +1,14 @@
-"""Contact with the firmware in the loop: what a bank does where the linear analysis ends.
+"""Simulates contacts with the firmware, for effects that the linear analysis does not contain.
 
-A Bench is a model with an ADC of the wanted width and a drive in force mode 4 before it. Cases are
-touch-downs at three set-points, one at half the approach speed, and strikes at the two lower
-set-points; each runs with every latency, on the nominal plant and on random members of a set.
+A Bench is a model with an ADC of the chosen resolution and with the axis in mode 4. Its cases are
+first contacts at three set-points, one of them at half the approach speed, and impacts at the two
+lower set-points. Each case runs with every latency, on the nominal plant and on random members of a
+set.
 
-Each case is judged by a [verdict] with limits of what was asked: a touch-down holds its force
-within ERROR_MAX, its peak stays below PEAK_MAX set-points, and contact is lost LOSSES_MAX times at
-most. Where the impact alone does more, whatever the law, see Bench.feel(), that is added. A strike
-has to settle and to hold its force.
+A [verdict] evaluates each case. A first contact has to keep its force within ERROR_MAX, its peak
+below PEAK_MAX set-points, and the contact may be lost LOSSES_MAX times at most. If the impact alone
+exceeds these values for any law (see measure_impacts), its values are added to the limits. After an
+impact, the force has to settle and to stay at the set-point.
 """
 
 import math
@@ -41,35 +42,35 @@ from forceaxis.linear.bank import Bank
 Job = tuple[str, list[str]]  # (experiment, overrides)
 Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
 
-# Set-points as shares of the reading's range: 12, 30 and 60 counts of 255.
+# Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
-OF_STALL = 0.25  # of the drive's largest force, at most
-RAMP_S = 0.2  # of the largest set-point
-STRIKE_S = 0.5 / 150  # a strike, N s per newton of the largest set-point
+OF_STALL = 0.25  # largest share of the drive's largest force
+RAMP_S = 0.2  # rise time of the largest set-point
+STRIKE_S = 0.5 / 150  # impulse of an impact, N s per newton of the largest set-point
 APPROACH_M_PER_S = 0.02
 WINDOW_S = 0.5
-SETTLE_S = (1.5, 10.0)  # from touch to window, least and most
+SETTLE_S = (1.5, 10.0)  # shortest and longest time from first contact to window
 RIPPLE_COUNT = 3.0  # 8-bit counts, peak to peak
 LEAST_COUNT = 4  # twice the default contact_force
-# Settings of an experiment that a bench keeps.
+# Settings of an experiment that are also used in the cases.
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
-STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # times the strike of a case
+STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # factors of the impulse of a case
 DWELLS_MS = (300, 100, 600)
-SHARES = (0.5, 1.0)  # of the most friction, that what presses on slides against
+SHARES = (0.5, 1.0)  # shares of the largest friction against which the approach may have to move
 BACKOFF, BACKOFFS = 0.9, 20
-ERROR_MAX = 0.02  # of the set-point, of a law with an integral part; or HALF_COUNT
-HALF_COUNT = 0.6  # counts of 8 bits: what a reading may be off at rest
+ERROR_MAX = 0.02  # share of the set-point, for a law with integral action; or HALF_COUNT
+HALF_COUNT = 0.6  # 8-bit counts: error of the measured force at rest
 PEAK_MAX = 1.3  # set-points
 LOSSES_MAX = 1
-SPEEDS = (1.0, 0.5, 0.25, 0.1)  # shares of the approach's speed that are tried
+SPEEDS = (1.0, 0.5, 0.25, 0.1)  # shares of the approach speed that are tried
 SATURATED_MAX_S = 0.02
-WEAK = 0.25  # of the designed gain: a law that adds nothing to an impact
+WEAK = 0.25  # share of the designed gain; such a law has no effect on an impact
 
 
 class ContactBench:
-    """A model, with an ADC of `bits`, that makes first contacts. own: an experiment that is one
-    more case; firmware: settings in place of those of the experiment, of KEPT; forces_N: set-points
-    in N, empty: chosen by the ranges of sensor and drive."""
+    """A model with an ADC of `bits` that makes first contacts. own: an experiment that is an
+    additional case; firmware: settings that replace those of the experiment in KEPT; forces_N:
+    set-points in N, empty: chosen by the ranges of sensor and drive."""
 
     def __init__(
         self, design: Design, bits: int, own: Path | None = None,
@@ -77,8 +78,9 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        self.losses_max = LOSSES_MAX  # of a first contact, beside those of the impact
-        # Losses of contact and peak in N of the impact alone.
+        # losses of a first contact, in addition to those of the impact
+        self.losses_max = LOSSES_MAX
+        # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
         own_bits = design.facts.required_reading.bits
         self.change = (
@@ -106,14 +108,15 @@ class ContactBench:
         """A bench whose approach has `share` of the speed of this bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        self._files = {}  # the other one writes files of the same names
+        self._files = {}  # the files of this bench have the same names as those of the other bench
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
             self.forces_N,
         )  # fmt: skip
 
     def wait_for(self, bank: Bank) -> None:
-        """Lengthens the cases for a slow integral; before the first of them."""
+        """Lengthens the cases if the integral action is slow; to be called before the first
+        case."""
         if bank.integral_rad_per_s:
             low, high = SETTLE_S
             self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
@@ -165,7 +168,8 @@ class ContactBench:
         }
 
     def _check_forces(self, counts: float) -> None:
-        """Raise InputError if the sensor cannot measure or the drive cannot make a given force."""
+        """Raises InputError if the sensor cannot measure a given force or the drive cannot produce
+        it."""
         for most_N, what in (
             (min(counts, 255.0) * self.count_N, "what the sensor reads"),
             (self._stall_N(), "the drive's largest force"),
@@ -190,7 +194,7 @@ class ContactBench:
         return max(1, math.floor(min(highest, 256.0) / 6 * 256)) / 256
 
     def _stall_N(self) -> float:
-        """Largest static force of the drive, N; infinite where the model has no limits."""
+        """Largest static force of the drive in N; infinite if the model has no limits."""
         table, drive = self.design.table.get("drive", {}), self.facts.required_drive.values
         supply_V, R = (changes.value_of(self.design, table.get(n)) for n in ("supply_limit", "R"))
         r_trans = drive.get("r_trans")
@@ -199,7 +203,7 @@ class ContactBench:
         return float(supply_V / R * drive["k_torque"] / r_trans)
 
     def _speed(self) -> float:
-        """Approach speed in m/s: as given, else 20 mm/s or the default of the object."""
+        """Approach speed in m/s: the given one, otherwise 20 mm/s or the default of the object."""
         scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
         name = "approach_velocity_max"
@@ -220,7 +224,7 @@ class ContactBench:
 
     @property
     def shown(self) -> ContactCase:
-        """The first contact that is drawn: at full speed and the middle force."""
+        """The first contact in the figure: at full speed and the middle force."""
         return self.cases[len(self.setpoints_N[:-1]) // 2]
 
     @property
@@ -232,8 +236,8 @@ class ContactBench:
         self, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1,
         cases: Sequence[ContactCase] = (),
     ) -> None:  # fmt: skip
-        """Simulate the impact of each case with a small gain, for its losses of contact and its
-        peak. cases: first contacts in place of those of the bench."""
+        """Simulates the impact of each case with a small gain, and records its contact losses and
+        its peak. cases: first contacts that replace those of the bench."""
         weak = replace(bank, force_gain=WEAK * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
@@ -248,7 +252,7 @@ class ContactBench:
         self._files = {}  # the limits are others
 
     def losses_permitted(self, case: ContactCase) -> int | None:
-        """Losses of contact that the verdict of a case permits; None: any number."""
+        """Contact losses that the verdict of a case permits; None: any number."""
         if case.strike_N_s:
             return None
         return self.impacts.get(case, (0, 0.0))[0] + self.losses_max
@@ -430,8 +434,8 @@ def simulate(
 def choose_loss(
     bench: ContactBench, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1
 ) -> ContactLoss:
-    """The cap and the dwell after a loss of contact with which the law tolerates the hardest
-    impacts, of a ladder of STRIKES."""
+    """The cap and the dwell after a contact loss with which the law tolerates the largest impacts
+    of the series STRIKES."""
     slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in SHARES)
     caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
@@ -456,7 +460,7 @@ def choose_loss(
         survived = ladder.index(False)
         tolerated[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
     able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
-    # The first of equals.
+    # Of equal results, the first is chosen.
     best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
     return ContactLoss(
@@ -469,10 +473,10 @@ def choose_loss(
 
 
 def losses(bench: ContactBench) -> tuple[dict[str, int], ...]:
-    """Firmware objects for a loss of contact, in the order in which they are simulated: first the
-    default, then a motion towards the workpiece at the speed of the approach. With friction the
-    default, a cap of 0, comes last: an axis that just touches the workpiece then stays at
-    standstill there."""
+    """Firmware objects for a contact loss, in the order in which they are simulated: first the
+    default, then a motion towards the workpiece at approach speed. With friction the default, a cap
+    of 0, comes last, because an axis that only touches the workpiece stays at standstill with it.
+    """
     speed = bench.cases[0].speed_m_per_s
     on = {"contact_loss_cap": bench.press_speed_code(speed)}
     slow = [{"contact_loss_cap": bench.press_speed_code(speed / 4, share)} for share in SHARES]
@@ -481,8 +485,8 @@ def losses(bench: ContactBench) -> tuple[dict[str, int], ...]:
 
 @dataclass(frozen=True)
 class SafeDesign:
-    """A bank with which every simulated contact is stable: the bank, the limits after a loss of
-    contact, the contacts, and the larger gains that were rejected."""
+    """A bank with which every simulated contact is stable: the bank, the limits after a contact
+    loss, the contacts, and the larger gains that were rejected."""
 
     bank: Bank
     loss: ContactLoss
@@ -496,9 +500,9 @@ def safe(
 ) -> SafeDesign:  # fmt: skip
     """The bank with its gain reduced until every case is stable.
 
-    least: share of the gain below which only the full gain is tried. Each gain is tried with all
-    of losses(). Raises InputError where none of BACKOFFS steps is enough, or where no step helps
-    because the contact is never made.
+    least: share of the gain below which only the full gain is tried. Each gain is tried with all of
+    losses(). Raises InputError if no gain of BACKOFFS steps makes every case stable, or if the
+    approach never reaches contact, so that a lower gain cannot help.
     """
     bench.measure_impacts(bank, latencies, threads)
     cuts: list[GainCut] = []
@@ -523,7 +527,7 @@ def safe(
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
-        if unstable(chosen):  # on a member whose impacts choose_loss() does not simulate
+        if unstable(chosen):  # unstable on a member whose impacts choose_loss() does not simulate
             loss = replace(
                 loss,
                 contact_loss_cap=first.get("contact_loss_cap", 0),
@@ -541,8 +545,8 @@ def safe(
 
 
 def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> None:
-    """Raise InputError if the approach does not reach the workpiece: no gain of the force law
-    changes that."""
+    """Raises InputError if the approach does not reach the workpiece; no gain of the force law
+    changes this."""
     never = [row for row in bad if row.verdict == "never_in_contact" and row.fault == "none"]
     if not never:
         return

@@ -1,8 +1,10 @@
-"""Shapes of the firmware's force law: which numbers a search moves, and the bank that they make.
+"""Structures of the firmware's force law: the numbers that a search varies, and the resulting
+bank.
 
-A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transformed bilinearly with
-its zeros and poles kept at their frequencies, of gain 1 at frequency 0. Numbers are logarithms:
-of the integral's rad/s, then for each section of zero Hz, zero damping, pole Hz, pole damping.
+A section is (s^2 + 2 z_z w_z s + w_z^2) / (s^2 + 2 z_p w_p s + w_p^2), transformed bilinearly so
+that its zeros and poles keep their frequencies, with gain 1 at frequency 0. The numbers are
+logarithms: integral rate in rad/s, then for each section zero frequency in Hz, zero damping, pole
+frequency in Hz, pole damping.
 """
 
 import math
@@ -14,11 +16,13 @@ from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import Grid, Response, Samples
 from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 
-INTEGRAL = (0.6, 100.0)  # rad/s; a slower one has not settled within the ten seconds of simulate
+# rad/s; a slower integral does not settle within the ten seconds of simulate
+INTEGRAL = (0.6, 100.0)
 HIGHEST_HZ = 600.0
 ZERO_DAMPING = (0.02, 2.0)
-POLE_DAMPING = (0.4, 2.0)  # less amplifies the quantisation of the reading at one frequency
-# Name -> number of sections; None: neither integral nor section.
+# with less damping, a section amplifies the quantisation of the force at one frequency
+POLE_DAMPING = (0.4, 2.0)
+# {name: number of sections}; None: neither integral nor section.
 STRUCTURES: dict[str, int | None] = {
     "P": None,
     "PI": 0,

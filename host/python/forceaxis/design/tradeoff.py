@@ -1,4 +1,5 @@
-"""What bandwidth costs: designs for one margin after another, as a front (`pareto`)."""
+"""Trade-off of the bandwidth against a second figure: designs for a series of margins
+(`pareto`)."""
 
 import json
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank
 from forceaxis.results import json_field, to_json
 
-# What bandwidth is set against: its values, and what they are.
+# {name of the second figure: (its values, its meaning)}
 AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
     "ms": ((1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6), "largest |S|, a tenth more one tick late"),
     "hf": ((2, 4, 8, 15, 30, 60, 120), "gain at high frequency, codes per 8-bit count"),
@@ -30,8 +31,8 @@ AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRow:
-    """The design for one value of the second figure, which is the field of its name; None: no gain
-    keeps the margins."""
+    """The design for one value of the second figure; the field with the name of that figure
+    contains the value. None: no gain keeps the margins."""
 
     bandwidth_Hz: float | None
     p_bandwidth_Hz: float | None
@@ -75,8 +76,8 @@ def against_of(text: str) -> str:
 def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
-    """Designs of an order for each value of one margin, the others as ordered, by the search of
-    `reduced`. Raises InputError."""
+    """Designs of an order for each value of one margin, by the search of `reduced`; the other
+    margins are those of the order. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
@@ -97,7 +98,7 @@ def tradeoff(
                 progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
             known.append(problem.designed().numbers)
-        for value in values:  # what keeps one margin may be the best at another
+        for value in values:  # a design for one value may be the best design for another value
             _set(problem, goal, against, value)
             rows.append(_row(against, value, problem, problem.best_of(known)))
     return Tradeoff(

@@ -1,1 +1,2 @@
-"""Experiments: runs in process or over a link, their traces, sweeps, regression tests."""
+"""Experiments: runs in this process or with the firmware in another one, traces, sweeps, regression
+tests."""

@@ -1,4 +1,5 @@
-"""Points of a grid whose verdict no neighbour shares: an island, or an accident of one run."""
+"""Finds points of a grid whose verdict differs from that of all neighbours: a small region, or a
+chance result."""
 
 import itertools
 import math
@@ -10,8 +11,9 @@ from forceaxis.experiments.points import Point, SweepParameter, tidy
 
 
 def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
-    """Indices of the points of a grid of one or two parameters that stand alone: judged otherwise
-    than every neighbour that was judged, diagonal ones too, of which there are at least two."""
+    """Indices of the isolated points of a grid of one or two parameters. The verdict of an isolated
+    point differs from that of each neighbour with a verdict, including diagonal ones; at least two
+    such neighbours are required."""
     shape = tuple(len(a.values) for a in axes)
     if not axes or len(axes) > 2 or any(len(set(a.values)) != len(a.values) for a in axes):
         return []
@@ -28,7 +30,8 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
 
 
 def around(axes: Sequence[SweepParameter], point: Sequence[float]) -> list[Point]:
-    """The points half-way between one of the grid and its neighbours, diagonal ones too."""
+    """The points half-way between a point of the grid and its neighbours, including diagonal
+    ones."""
     choices = []
     for axis, value in zip(axes, point, strict=True):
         values = sorted(axis.values)

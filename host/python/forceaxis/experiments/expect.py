@@ -1,6 +1,6 @@
-"""The [expect] table of an experiment, and a run beside it.
+"""The [expect] table of an experiment, and its comparison with a run.
 
-FORMAT declares its keys; docs/guide/reference/experiment.md is written from there.
+FORMAT defines its keys; docs/guide/reference/experiment.md is generated from FORMAT.
 """
 
 import difflib
@@ -21,7 +21,7 @@ from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
 TEXTS = ("verdict", "fault", "trace_hash")
 
 
-# Tolerance of a number without one: 1 % of the number, 10 ms, 0.01 of the step, 0.1 points.
+# Default tolerance of a number: 1 % of the number, 10 ms, 0.01 of the step, 0.1 percentage points.
 TOLERANCES = {
     "peak_force_N": {"relative": 0.01},
     "final_value": {"relative": 0.01},
@@ -154,7 +154,7 @@ FORMAT: tuple[dict[str, Any], ...] = (
 )
 KEYS, OF_NUMBER = ([key["key"] for key in table["keys"]] for table in FORMAT)
 
-NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # where no number exists
+NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # results for which there is no number
 
 
 HOW = ("signal", "from_s", "final_s", "band")
@@ -165,7 +165,8 @@ LARGEST = 1e18
 
 @dataclass(frozen=True)
 class Number:
-    """A number that is expected within low .. high; `value` is None for a limit."""
+    """An expected range low .. high of a number; `value` is None if the table gives only a
+    limit."""
 
     low: float
     high: float
@@ -185,7 +186,7 @@ Obtained: TypeAlias = str | float | None  # None: the run does not have this val
 
 @dataclass(frozen=True)
 class Expectation:
-    """A checked [expect] table, and how `signal` is evaluated."""
+    """A checked [expect] table, and the way in which `signal` is evaluated."""
 
     wanted: dict[str, Expected]
     signal: str | None
@@ -197,7 +198,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a run by the keys of [expect], and the response that they are read from."""
+    """Results of a run by the keys of [expect], and the response from which they are computed."""
 
     values: dict[str, Obtained]
     signal: str
@@ -205,19 +206,19 @@ class Measured:
     final_s: float
     start: float
     final: float
-    width: float  # the settling band is final +- width
+    width: float  # half of the settling band, which is final +- width
     contacts: list[str]
 
 
 @dataclass(frozen=True)
 class ExpectationCheck:
-    """An expectation beside the value of the run."""
+    """An expected value and the value of the run."""
 
     key: str
     expected: Expected
     obtained: Obtained
     unit: str = ""  # of a number
-    why: str = ""  # what the obtained verdict was found for
+    why: str = ""  # reason for the verdict of the run
 
     @property
     def passed(self) -> bool:
@@ -228,7 +229,8 @@ class ExpectationCheck:
 
     @property
     def warning(self) -> str:
-        """A warning where the verdict matches only as in a file of a version with two verdicts."""
+        """A warning if the verdict only corresponds to that of an earlier version with two
+        verdicts."""
         matches = self.expected == "unstable" and self.obtained in NOT_STABLE[1:]
         if self.key != "verdict" or not matches:
             return ""
@@ -239,7 +241,7 @@ class ExpectationCheck:
 
     @property
     def difference(self) -> str:
-        """How far the obtained value is off: from the expected one, or from the limit it passes."""
+        """Difference between the value of the run and the expected value or the limit."""
         if not (isinstance(self.expected, Number) and isinstance(self.obtained, float)):
             return self.why
         due = self.expected.value
@@ -258,7 +260,8 @@ class ExpectationCheck:
 
 @dataclass(frozen=True)
 class Examined:
-    """A finished run beside its [expect]; without one `checks` is empty and `expect` None."""
+    """A finished run and the checks of its [expect]; without the table `checks` is empty and
+    `expect` is None."""
 
     run: runs.Run
     expect: Expectation | None
@@ -272,7 +275,7 @@ class Examined:
 
 
 def shown(value: Expected | Obtained) -> str:
-    """A value for a reader; `--json` and --update have all digits."""
+    """A value as text with few digits; `--json` and --update use all digits."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) < 64 else text[:16] + "..."
 
@@ -296,7 +299,7 @@ class Reader:
         return float(value)
 
     def wanted(self, key: str, value: Any) -> Expected:
-        """The expectation of a number: a Number, or the word for a missing one."""
+        """The expectation for a number: a Number, or the text for a missing number."""
         low = -LARGEST if key in ("final_value", "held_force_N") else 0.0
         if isinstance(value, str) and key in NOTHING:
             if value != NOTHING[key]:
@@ -323,7 +326,7 @@ class Reader:
         return Number(expected - width, expected + width, expected)
 
     def limits(self, key: str, given: Mapping[str, float], low: float) -> Number:
-        """The Number of min and max."""
+        """The Number from the keys min and max."""
         if len(given) != len(given.keys() & {"min", "max"}):
             self.fail(key, "expected either min and max or value with its tolerance, not both")
         limits = Number(given.get("min", -math.inf), given.get("max", math.inf))
@@ -335,7 +338,7 @@ class Reader:
 
 
 def read(file: str | Path, data: Mapping[str, Any]) -> Expectation | None:
-    """The Expectation of `_core.inputs`, None without [expect]. Raises InputError."""
+    """Reads the Expectation from `_core.inputs`; None without [expect]. Raises InputError."""
     table, reader = data["expect"], Reader(file)
     if table is None:
         return None
@@ -377,8 +380,8 @@ def _check_texts(reader: Reader, table: Mapping[str, Any], has_verdict: bool) ->
 
 
 def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measured:
-    """Results of a run by the definitions above. Raises InputError where [expect] contradicts the
-    run."""
+    """Results of a run by the definitions in FORMAT. Raises InputError if [expect] does not apply
+    to the run."""
     reader, result = Reader(done.experiment), done.result
     rate = _core.TICKS_PER_SECOND
     signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
@@ -407,7 +410,8 @@ def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measure
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
-    if abs(final) < 1e-9 * largest:  # a decayed signal ends at 0, not at its rounding error
+    # the final value of a decayed signal is 0, without its rounding error
+    if abs(final) < 1e-9 * largest:
         final = 0.0
     step, rounding = final - start, 1e-12 * largest
     width = expect.band if expect.band_is_absolute else expect.band * abs(step)
@@ -430,10 +434,10 @@ def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measure
 
 
 def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
-    """Run one experiment and set it beside its [expect]. Raises InputError, SimulationError."""
+    """Runs one experiment and compares it with its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
     given = _core.inputs(str(file), list(overrides))
-    expect = read(file, given)  # a bad table is refused before the run
+    expect = read(file, given)  # an invalid table is reported before the run
     done = runs.run(file, overrides)
     how = expect or read(file, {"expect": {}})
     assert how is not None
@@ -456,7 +460,7 @@ CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc
 
 
 def unit_of(key: str, signal: str, done: runs.Run) -> str:
-    """The unit of a number of [expect], by its name; of final_value that of the signal."""
+    """The unit of a number in [expect], by its key; for final_value that of the signal."""
     if key != "final_value":
         return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
     if signal in done.units:
@@ -465,12 +469,12 @@ def unit_of(key: str, signal: str, done: runs.Run) -> str:
 
 
 def why(key: str, result: RunResult) -> str:
-    """Why a run has its verdict; an empty text for other keys."""
+    """Reason for the verdict of a run; an empty text for other keys."""
     return ", ".join(result.because) if key == "verdict" else ""
 
 
 def table(checks: Sequence[ExpectationCheck]) -> str:
-    """Expected beside obtained, one row a key."""
+    """Expected and obtained values as text, one row for each key."""
     rows = [("", "expected", "obtained", "")]
     for c in checks:
         differs = (

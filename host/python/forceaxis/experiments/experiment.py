@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 __all__ = ["Event", "Experiment", "Result"]
 
 IN_MEMORY = "(in memory)"
-# What the codes of a converter stand for, by the name that a result has it under.
+# Quantities that the codes of a converter represent, by their names in a result.
 QUANTITIES = {"position": "encoder", "force": "adc0", "command": "dac"}
 OF_EXPERIMENT = ("duration_s", "seed")
 
 
 class Event(NamedTuple):
-    """A change of state that the simulator located: a touch, a lost contact, sliding."""
+    """A change of state that the simulator located in time: contact, contact loss, sliding."""
 
     time_s: float
     element: str  # of the model
@@ -45,13 +45,13 @@ class Event(NamedTuple):
 
 
 class Experiment:
-    """An experiment: a plant, the firmware's objects, what happens when, what is expected.
+    """An experiment: a plant, the firmware's objects, events in time, expected results.
 
-    Its format is docs/guide/reference/experiment.md. Nothing is simulated before run().
+    Its format is described in docs/guide/reference/experiment.md. The simulation begins with run().
     """
 
     def __init__(self, source: str | Mapping[str, Any], folder: str | Path = ".") -> None:
-        """Make an experiment from TOML text, or from a dict of the same tables.
+        """Makes an experiment from TOML text, or from a dict with the same tables.
 
         The path of its model is relative to `folder`. Values may be NumPy scalars and arrays.
         Raises InputError: one line with the key and what was expected.
@@ -61,7 +61,8 @@ class Experiment:
 
     @classmethod
     def load(cls, path: str | Path) -> Experiment:
-        """Read an experiment's file, or one of those that are installed by its name, "contact".
+        """Reads the file of an experiment, or an installed experiment by its name, such as
+        "contact".
 
         Raises InputError: file, key and what was expected.
         """
@@ -81,11 +82,11 @@ class Experiment:
         self.parameters: dict[str, tuple[float, str]] = {
             name: (p["value"], p["unit"]) for name, p in found["parameters"].items()
         }
-        #: Objects of the firmware that the experiment writes at the start.
+        #: Objects of the firmware that the experiment writes before the first tick.
         self.firmware: dict[str, float] = found["firmware"]
 
     def run(self, overrides: Mapping[str, Any] | None = None, /, **values: Any) -> Result:
-        """Simulate with other values.
+        """Simulates the experiment with changed values.
 
         A keyword is an object of the firmware, a parameter of the model, `duration_s` or `seed`.
         `overrides` takes the names of `forceaxis run --set`: "m_r", "firmware.force_gain",
@@ -125,22 +126,22 @@ class Experiment:
         return IN_MEMORY if self._text is not None else str(self._file)
 
     def __repr__(self) -> str:
-        """Title and origin."""
+        """Title and source of the experiment."""
         return f"<Experiment {self.title!r}, {self._name}>"
 
 
 class Result:
-    """A finished run: what it came to, and its trace as arrays of one value a tick.
+    """A finished run: its results, and its trace as arrays with one value for each tick.
 
-    result["force"] (N), result["position"] (m) and result["command"] (V) are what the converters
-    read and wrote; every column of the trace is there by its own name, such as "sensor.force" or
-    "adc0". `units` has the unit of each.
+    result["force"] (N), result["position"] (m) and result["command"] (V) are the quantities that
+    the converters read and output. Each column of the trace has its own name, such as
+    "sensor.force" or "adc0". `units` contains the unit of each.
     """
 
     def __init__(self, run: runs.Run) -> None:
-        """Wrap a finished run."""
+        """Stores a finished run."""
         self._run = run
-        #: Everything that `forceaxis run --json` prints.
+        #: The content of `forceaxis run --json`.
         self.summary: dict[str, Any] = run.summary
         self.time_s: Array = run.columns["time_s"]
         self.units: dict[str, str] = self._units()
@@ -153,7 +154,7 @@ class Result:
             units[name] = objects.unit_in_words(objects.BY_NAME[name])
         for name, column in QUANTITIES.items():
             converter = self._converter(column)
-            # An ADC may read something else than a force.
+            # The ADC may measure another quantity than a force.
             if converter and (name != "force" or converter.unit == "N"):
                 units[name] = converter.unit
         return units
@@ -163,7 +164,7 @@ class Result:
 
     @property
     def title(self) -> str:
-        """The experiment's title, with its figure."""
+        """Title and figure number of the experiment."""
         return self._run.title
 
     @property
@@ -179,12 +180,12 @@ class Result:
 
     @property
     def because(self) -> list[str]:
-        """Why the verdict is not "stable", in words."""
+        """Reasons for a verdict other than "stable", as texts."""
         return list(self._run.result.because)
 
     @property
     def missed(self) -> list[dict[str, Any]]:
-        """The limits that the run missed: limit, verdict, value, bound, unit of each."""
+        """The limits that the run did not keep: limit, verdict, value, bound and unit of each."""
         return [to_json(limit) for limit in self._run.result.missed]
 
     @property
@@ -203,31 +204,33 @@ class Result:
 
     @property
     def held_force_N(self) -> float | None:
-        """Mean of the force over the judged window; None: the experiment controls no force."""
+        """Mean of the force in the window of the verdict in N; None if the experiment controls no
+        force."""
         return self._held.held_N if self._held else None
 
     @property
     def overshoot_percent(self) -> float | None:
-        """Largest excess of the force over its set-point, of the set-point."""
+        """Largest excess of the force over its set-point, in per cent of the set-point."""
         return self._held.overshoot_percent if self._held else None
 
     @property
     def settling_s(self) -> float | None:
-        """From the last set-point or touch until the force stays within 5 %; None: it does not."""
+        """Time in s from the last set-point or first contact until the force stays within 5 %; None
+        if it does not."""
         return self._held.settle_s if self._held else None
 
     @property
     def events(self) -> list[Event]:
-        """Touches, lost contacts and other changes of state, by time."""
+        """Contacts, contact losses and other changes of state, in order of time."""
         return [Event(*event) for event in self._run.events]
 
     @property
     def trace_hash(self) -> str:
-        """Hash of every code of every tick: equal for equal runs."""
+        """Hash of all codes in all ticks; equal hashes mean equal codes."""
         return self._run.result.trace_hash
 
     def __getitem__(self, name: str) -> Array:
-        """Give a column of the trace, or "force", "position" or "command". Raises KeyError."""
+        """A column of the trace, or "force", "position" or "command". Raises KeyError."""
         columns = self._run.columns
         if name in columns:
             return columns[name]
@@ -235,7 +238,7 @@ class Result:
             raise KeyError(f"{name}: expected one of {', '.join(self)}")
         column = QUANTITIES[name]
         converter = self._converter(column)
-        assert converter is not None  # or it would have no unit
+        assert converter is not None  # a quantity without a converter has no unit
         codes = columns[column].astype(float)
         return np.asarray((codes - converter.zero) * converter.per_code)
 
@@ -250,7 +253,7 @@ class Result:
     def plot(self, path: str | Path | None = None, *, codes: bool = False) -> Figure:
         """Draw the run as a Matplotlib figure, and write it to `path` (.png, .svg, .pdf).
 
-        codes: what the converters gave instead of N, mm and V.
+        codes: shows the codes of the converters instead of N, mm and V.
         """
         from forceaxis import drawing
         from forceaxis.experiments import trace
@@ -261,11 +264,11 @@ class Result:
         return drawn
 
     def __str__(self) -> str:
-        """Give the summary that `forceaxis run` prints."""
+        """The summary that `forceaxis run` prints."""
         return words.describe(self._run.result, self._run.overrides)
 
     def __repr__(self) -> str:
-        """Verdict, force held and settling time."""
+        """Verdict, mean force and settling time."""
         parts = [", ".join([self.verdict or "no verdict", *self.because])]
         if self.fault != "none" and not self.because:
             parts.append(f"fault {self.fault}")
@@ -284,7 +287,7 @@ def _toml_of(tables: Mapping[str, Any]) -> str:
 
 
 def _text_of(name: str, value: Any) -> str:
-    """An override's value as --set takes it. Raises InputError."""
+    """The value of an override in the form of --set. Raises InputError."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, bool):

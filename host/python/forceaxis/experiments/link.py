@@ -1,7 +1,8 @@
-"""Runs with the firmware in another process: the plant here, an axis_node there, in lock-step.
+"""Runs with the firmware in another process: the plant runs here, axis_node runs the firmware, in
+lock-step.
 
-The trace is bit for bit that of a run in process, over every transport. Both sides hash it;
-different hashes mean that records were changed in transit.
+The trace is equal in every bit to that of a run in one process, over every transport. Both sides
+compute its hash; different hashes mean that records were changed during the transfer.
 """
 
 import contextlib
@@ -40,7 +41,7 @@ _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
 
 class LinkError(Exception):
-    """The link failed: exit status 1."""
+    """The connection failed; the exit status of a verb is 1."""
 
 
 @dataclass(frozen=True)
@@ -48,30 +49,31 @@ class LinkOptions:
     """How the processes of plant and firmware are linked."""
 
     kind: str = "inproc"  # of KINDS
-    lcm_url: str = ""  # empty: a port that follows from the run's number
+    lcm_url: str = ""  # empty: a port number computed from the number of the run
     can: str = "vcan1"  # the CAN interface
-    inject: str = ""  # for tests: faults in the records that both sides send
+    inject: str = ""  # for tests: errors to insert into the records that both sides send
     start_timeout_s: float = 5.0
     timeout_s: float = 1.0
 
     def words(self) -> list[str]:
-        """The same as options of `forceaxis run`; those that are not the default."""
+        """The options of `forceaxis run` that differ from their defaults."""
         can = self.can if self.can != LinkOptions.can else None
         return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 
 
 class LinkedRun(NamedTuple):
-    """A run over a link."""
+    """A run over a connection between two processes."""
 
     result: _core.Result
     report: LinkReport
-    refused: list[RefusedWrite]  # by the firmware's side
+    refused: list[RefusedWrite]  # writes that the firmware has refused
 
 
 def program(name: str) -> str:
-    """The path of a program of forceaxis: in the checkout or beside the installed extension.
+    """The path of a program of forceaxis, in the checkout or beside the installed extension.
 
-    Raises LinkError."""
+    Raises LinkError.
+    """
     places = [
         _CHECKOUT / "build" / "release" / "host" / name,
         _CHECKOUT / "build" / name,
@@ -86,9 +88,9 @@ def program(name: str) -> str:
 
 
 def under_vcan(link: LinkOptions) -> None:
-    """Run this very command again under tools/vcan if there is no CAN interface to use here.
+    """Runs the present command again under tools/vcan if this machine has no CAN interface.
 
-    Returns where there is one, or where the caller named an interface.
+    Returns if there is one, or if the caller has named an interface.
     """
     if link.kind != "socketcan" or os.environ.get(_IN_VCAN) or _has_can(link.can):
         return
@@ -111,7 +113,7 @@ def _has_can(interface: str) -> bool:
 
 @dataclass
 class AxisNode:
-    """An axis_node process that serves run after run."""
+    """An axis_node process that runs the firmware for a series of runs."""
 
     link: LinkOptions
     process: subprocess.Popen[bytes] = field(init=False)
@@ -156,7 +158,8 @@ class AxisNode:
         return self.process.stdin, self.process.stdout
 
     def _line(self, timeout_s: float) -> str:
-        """The next line that the process prints. Raises LinkError if it ends or times out."""
+        """The next line that the process prints. Raises LinkError if the process ends or at the
+        time limit."""
         stdout = self._pipes[1]
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
@@ -186,7 +189,7 @@ class AxisNode:
         return report
 
     def begin(self, run_id: int, experiment: str | Path, overrides: Sequence[str]) -> None:
-        """Prepare the process for a run. Raises InputError, LinkError."""
+        """Prepares the process for a run. Raises InputError, LinkError."""
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
             raise InputError(
@@ -200,7 +203,7 @@ class AxisNode:
             self._report(0)
 
     def end(self) -> dict[str, Any]:
-        """End the run. Returns the node's report of it."""
+        """Ends the run and returns the report of the node."""
         self._send("\n")
         return self._report(self.link.timeout_s + 5)
 
@@ -264,7 +267,8 @@ def run_on_chip(
             )
         except TransportError as error:
             raise LinkError(f"{error}; {emulator.last_words()}") from None
-    where = f"{board.emulator.machine} in {board.emulator.program}"
+    emulated = chip.emulated_image(board)
+    where = f"{emulated.machine} in {emulated.program}"
     ticks_per_s = details["ticks_per_s"]
     report = replace(
         _report_here(link.kind, where, result, emulator.process.pid, ticks_per_s),
@@ -277,7 +281,7 @@ def run_on_chip(
 def _report_here(
     kind: str, where: str, result: _core.Result, axis_pid: int, ticks_per_s: float
 ) -> LinkReport:
-    """The report of a run that exchanges no records over a network."""
+    """The report of a run that exchanges no records between processes."""
     return LinkReport(
         kind=kind,
         where=where,
@@ -311,13 +315,14 @@ def run_many(
     jobs: Sequence[tuple[str, Sequence[str]]],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """Run (experiment, overrides) pairs one after the other, with one axis_node.
+    """Runs (experiment, overrides) pairs one after another, with one axis_node.
 
-    The outcomes are as those of _core.run_many. Raises as run_with."""
+    The results have the form of _core.run_many. Raises as run_with.
+    """
     outcomes: list[dict[str, Any]] = []
     one: Callable[..., LinkedRun]
     with contextlib.ExitStack() as stack:
-        if link.kind in CHIPS:  # powered up anew for each of them
+        if link.kind in CHIPS:  # the chip is powered up again for each run
             one = functools.partial(run_on_chip, link)
         else:
             one = functools.partial(run_with, stack.enter_context(AxisNode(link)))
@@ -330,7 +335,7 @@ def run_many(
     return outcomes
 
 
-# What _core.run_many gives of each run.
+# The keys of a result of _core.run_many.
 OUTCOME = (
     "verdict",
     "missed",
@@ -344,7 +349,7 @@ OUTCOME = (
 
 
 def expect_same(report: LinkReport) -> None:
-    """Raise LinkError unless both sides of a run have the same trace."""
+    """Raises LinkError unless both sides of a run have the same trace hash."""
     if not report.same:
         raise LinkError(
             f"link {report.kind}: expected the same trace hash on both sides, the plant's is "

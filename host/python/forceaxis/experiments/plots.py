@@ -1,4 +1,4 @@
-"""Traces as figures: one signal below the other over time, and what was asked of them."""
+"""Figures of traces: signals over time in rows, with set-points and events."""
 
 import textwrap
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 def unit_of(name: str) -> tuple[str, float]:
-    """(unit, factor) that a column of a trace is shown in."""
+    """(unit, factor) with which a figure shows a column of a trace."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
@@ -51,29 +51,32 @@ class Line:
     values: Array
     names: dict[int, str] = field(
         default_factory=dict
-    )  # of its values, shown where it has a row of its own
-    controlled: bool = False  # a force, N, that set-points are meant for
+    )  # quantity of its values, shown if the signal has its own row
+    controlled: bool = False  # True for a force in N to which the set-points refer
 
 
 @dataclass
 class Marks:
-    """What a trace shows besides its signals; times in s, any of them outside the figure."""
+    """Marks of a figure besides its signals; times in s, which may lie outside the figure."""
 
     setpoints: list[tuple[float, float]] = field(default_factory=list)  # (from time, N)
     contacts: list[tuple[float, float]] = field(default_factory=list)  # (from, to)
     window: tuple[float, float, str] | None = None  # (from, to, verdict)
-    events: list[tuple[float, str, str]] = field(default_factory=list)  # (time, of EVENTS, text)
-    demand: tuple[Values, Values] | None = None  # (times, N) of a demand that is no step
+    # (time, key of EVENTS, text)
+    events: list[tuple[float, str, str]] = field(default_factory=list)
+    # (times, N) of a demanded force that is not a step
+    demand: tuple[Values, Values] | None = None
 
 
-# Marker and colour of each kind of event.
+# Marker and colour for each kind of event.
 EVENTS = {
     "touch": ("v", INK),
     "lost": ("^", GOT),
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-CLOSE, MANY = 0.015, 3  # of the width of a figure: marks that cover each other, and how many may
+# share of the figure's width within which marks overlap, and largest number of marks there
+CLOSE, MANY = 0.015, 3
 CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
 
@@ -86,7 +89,7 @@ def trace(
     marks: Marks | None = None,
     width: float = 5.6,
 ) -> Figure:
-    """Figure of rows of Lines over time. notes: (text, colour) of lines below the title."""
+    """Figure of rows of Lines over time. notes: (text, colour) of the lines below the title."""
     marks = marks or Marks()
     chars = round(18.5 * width)
     notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, chars)]
@@ -146,15 +149,15 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
 
 
 def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
-    """What is demanded of the force: steps, or ramps where it follows its set-points by a slope;
-    nothing where there is none."""
+    """Draws the demanded force: steps, or ramps if the force demand has a slope; nothing without a
+    demand."""
     setpoints = marks.setpoints
     look: dict[str, Any] = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
     if marks.demand is not None:
         times, newton = (np.asarray(v, float) for v in marks.demand)
-        none = newton == 0  # nothing is demanded where both ends of a line are 0
+        none = newton == 0  # no demand if both ends of a line are 0
         inside = none & np.append(True, none[:-1]) & np.append(none[1:], True)
         ax.plot(times, np.where(inside, np.nan, newton), **look)
     else:
@@ -170,8 +173,8 @@ def ramps(
     contacts: Sequence[tuple[float, float]],
     end: float,
 ) -> tuple[list[float], list[float]]:
-    """(times, N) of the corners of a demand that follows set-points, (from time, N), by a slope in
-    N/s, from the first contact on; apart nothing is demanded."""
+    """(times, N) of the corners of a force demand that follows set-points, (from time, N), with a
+    slope in N/s from the first contact on. Out of contact there is no demand."""
     touch = min((a for a, _ in contacts), default=np.inf)
     if touch >= end:
         return [], []
@@ -209,15 +212,15 @@ def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
 
 
 def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
-    """A mark above the rows for each event inside the figure; a line from the first to the last of
-    those that no picture could keep apart. Their number is in the legend."""
+    """A mark above the rows for each event inside the figure. Events that are too close together
+    for separate marks get a line from the first to the last. The legend contains their number."""
     look: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False}
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
         for cluster in clusters(times, CLOSE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MANY:
-                height = 1.03 + 0.012 * level  # lines of two kinds do not cover each other
+                height = 1.03 + 0.012 * level  # lines of different kinds at different heights
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, **look)
             else:
                 ends = cluster
@@ -227,7 +230,7 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
 
 
 def clusters(times: Sequence[float], close: float) -> list[list[float]]:
-    """Rising times, parted wherever two are further apart than `close`."""
+    """Ascending times in groups; a new group begins at a distance above `close`."""
     found: list[list[float]] = []
     for time in sorted(times):
         if found and time - found[-1][-1] <= close:
@@ -238,7 +241,7 @@ def clusters(times: Sequence[float], close: float) -> list[list[float]]:
 
 
 def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Artist]:
-    """Handles of the legend, of what the figure has."""
+    """Handles of the legend for the elements of the figure."""
     low, high = time_s[0], time_s[-1]
     found: list[Artist] = []
     look: dict[str, Any]
@@ -265,7 +268,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
 
 @dataclass(frozen=True)
 class ExpectedLevel:
-    """A height of a signal that is expected, in the unit of the trace."""
+    """An expected value of a signal, in the unit of the trace."""
 
     row: int  # of the figure
     name: str
@@ -277,10 +280,10 @@ class ExpectedLevel:
 
 @dataclass(frozen=True)
 class Settling:
-    """A settling time that is expected; times count from from_s on."""
+    """An expected settling time; times are measured from from_s."""
 
     from_s: float
-    band: list[float]  # its two edges, in the unit of the trace
+    band: list[float]  # lower and upper edge, in the unit of the trace
     expected_s: tuple[float, float] | None
     obtained_s: float | None
 
@@ -293,9 +296,9 @@ def comparison(
     table: str,
     title: str,
 ) -> Figure:
-    """Figure of the expected values (green) over the obtained ones, with a table of both below.
+    """Figure of the expected values (green) and the obtained ones, with a table of both below.
 
-    rows: the signals of each row, the response first.
+    rows: the signals of each row; the first is the response.
     """
     heights = [2.4] * len(rows) + [0.1 + 0.145 * len(table.splitlines())]
     figure, axes = plt.subplots(
@@ -334,13 +337,13 @@ def comparison(
     text = axes[-1].text(
         0, 1, table, family="monospace", fontsize=7.5, va="top", transform=axes[-1].transAxes
     )
-    text.set_in_layout(False)  # a wide table must not squeeze the curves
+    text.set_in_layout(False)  # a wide table has no influence on the size of the curves
     plt.close(figure)
     return figure
 
 
 def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> None:
-    """The range expected of a height, from its start to the end, and the obtained one."""
+    """Draws the expected range of a value from its start to the end, and the obtained value."""
     view, start = ax.get_ylim(), level.from_s
     low = level.low * factor if level.low > -np.inf else view[0]
     high = level.high * factor if level.high < np.inf else view[1]
@@ -351,13 +354,14 @@ def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> Non
     ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
         level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        va="bottom" if level.name == "peak_force_N" else "top",  # the two are often close
+        # different sides, because both texts are often close together
+        va="bottom" if level.name == "peak_force_N" else "top",
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip
 
 
 def mark_settling(ax: Axes, factor: float, end: float, settling: Settling) -> None:
-    """The settling band, the expected times and the obtained one."""
+    """Draws the settling band, the expected times and the obtained time."""
     begin, edges = settling.from_s, [edge * factor for edge in settling.band]
     ax.hlines(edges, begin, end, color="#5d6874", linestyle=":", linewidth=1, zorder=3)
     if expected := settling.expected_s:

@@ -1,4 +1,4 @@
-"""The points of a sweep: a grid, random points, and the parameter of a bisection."""
+"""Points of a sweep: a grid, random points, and the parameter of a search for a boundary."""
 
 import hashlib
 import itertools
@@ -14,12 +14,12 @@ from forceaxis.errors import ParameterError
 from forceaxis.words import suggestion
 
 MOST_POINTS = 1_000_000
-Point: TypeAlias = tuple[float, ...]  # a value of each swept parameter
-# Of a parameter of a grid: "FROM:TO:COUNT[:log]", "VALUE,VALUE,...", or the values.
+Point: TypeAlias = tuple[float, ...]  # one value for each swept parameter
+# Values of a grid parameter: "FROM:TO:COUNT[:log]", "VALUE,VALUE,...", or a list of values.
 GridValues: TypeAlias = str | Iterable[float]
 
 
-# Keys of an experiment's tables that are numbers and so can be swept.
+# Numeric keys of an experiment's tables, which can be swept.
 KEYS = {
     "experiment": ("duration_s", "seed"),
     "verdict": ("window_s", "force_ripple_max_count", "position_ripple_max_count"),
@@ -27,8 +27,8 @@ KEYS = {
 
 
 def meant(name: str, parameters: Iterable[str] = ()) -> str:
-    """As words.suggestion(), of all names that an override may have. A name without its table is
-    completed."""
+    """As words.suggestion(), from all names that an override may have; the table is added to a name
+    without one."""
     full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
     full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
     if name in full:
@@ -50,7 +50,7 @@ class SweepParameter:
     tolerance: float = 0.0  # of a bisection
 
     def at(self, u: float) -> float:
-        """The value at u = 0..1 of the range, rounded to 12 digits, so that its text is exact."""
+        """The value at u = 0..1 of the range, rounded to 12 digits so that its text is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
@@ -64,8 +64,8 @@ def tidy(value: float) -> float:
 def parse(
     parameter: str, name: str, text: str, more: Sequence[str], may_log: bool
 ) -> SweepParameter:
-    """A swept parameter from FROM:TO and the numbers named in `more`, with :log where it may be.
-    parameter: that of sweep() which has the text, for errors."""
+    """A swept parameter from a text FROM:TO, the numbers named in `more`, and optionally :log.
+    parameter: name of the argument of sweep() that contains the text, for errors."""
     shape = ":".join(("FROM", "TO", *more))
     parts = str(text).split(":")
     log = may_log and parts[-1] == "log"
@@ -125,7 +125,7 @@ def grid_axes(grid: Mapping[str, GridValues]) -> list[SweepParameter]:
 
 
 def grid_points(axes: Sequence[SweepParameter]) -> list[Point]:
-    """All combinations, the last parameter fastest."""
+    """All combinations; the last parameter changes first."""
     return list(itertools.product(*(a.values for a in axes)))
 
 
@@ -135,7 +135,7 @@ def random_axes(random: Mapping[str, str]) -> list[SweepParameter]:
 
 
 def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) -> list[Point]:
-    """Point i of a parameter depends on seed, name and i alone. Raises ParameterError.
+    """Random points; the value of a parameter at point i depends only on seed, name and i.
 
     u = the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53.
     """
@@ -155,8 +155,8 @@ def check_names(
     overrides: Sequence[str],
     axes: Sequence[SweepParameter],
 ) -> None:
-    """Refuse names that an override may not have, and parameters without effect. Raises
-    InputError."""
+    """Raises InputError for names that an override may not have and for parameters without
+    effect."""
     taken = {text.partition("=")[0] for text in overrides}
     for axis in axes:
         if axis.name in taken:
@@ -171,7 +171,7 @@ def check_names(
 def _problem_of(
     name: str, experiment: Path, inputs: "_core.Inputs", overrides: Sequence[str]
 ) -> str:
-    """What is expected instead of a name; an empty text: the name can be swept."""
+    """Text about the expected names instead of `name`; empty if the name can be swept."""
     room, dot, key = name.partition(".")
     if not dot:
         if name not in inputs["parameters"]:
@@ -195,7 +195,7 @@ def _problem_of(
 
 
 def unit_of(name: str, inputs: "_core.Inputs") -> str:
-    """The unit of a swept parameter, "" for none."""
+    """The unit of a swept parameter, or ""."""
     room, _, key = name.partition(".")
     if room == "firmware":
         unit = next(o.unit for o in objects.OBJECTS if o.name == key)

@@ -36,7 +36,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """A plain `pytest` visits the folders even where testpaths does not name them."""
+    """Adds the folders to the arguments of a plain `pytest`, even if testpaths does not name
+    them."""
     if config.args_source == config.ArgsSource.TESTPATHS:
         config.args += [str(p) for p in config.getini("forceaxis_experiments")]
 
@@ -53,14 +54,14 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "Experimen
 
 
 class ExperimentFile(pytest.File):
-    """An experiment with [expect]: one item."""
+    """The file of an experiment with [expect]; it has one test item."""
 
     def collect(self) -> "Iterator[ExperimentItem]":
         yield ExperimentItem.from_parent(self, name="expect")
 
 
 class ExperimentItem(pytest.Item):
-    """Runs the experiment and compares."""
+    """The test item: runs the experiment and compares the result with [expect]."""
 
     def runtest(self) -> None:
         CheckedExperiment(self.path).check()
@@ -98,7 +99,7 @@ class CheckedExperiment:
         return self._examined.checks
 
     def check(self) -> None:
-        """Fail with a line for each value that differs from [expect]."""
+        """Fails with a line for each value that differs from [expect]."""
         __tracebackhide__ = True
         from forceaxis._core import InputError
 
@@ -114,7 +115,8 @@ class CheckedExperiment:
 
 @pytest.fixture
 def forceaxis_experiment(request: pytest.FixtureRequest) -> Callable[..., CheckedExperiment]:
-    """Run an experiment, path relative to the test's file: forceaxis_experiment(path).check()."""
+    """Runs an experiment; its path is relative to the test's file:
+    forceaxis_experiment(path).check()."""
 
     def run(path: str | Path, *overrides: str) -> CheckedExperiment:
         return CheckedExperiment(Path(request.path).parent / path, overrides)

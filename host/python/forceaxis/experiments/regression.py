@@ -1,4 +1,4 @@
-"""Experiments as regression tests: every file with an [expect] table is run and compared."""
+"""Experiments as regression tests: each file with an [expect] table is run and compared."""
 
 import contextlib
 import functools
@@ -28,24 +28,24 @@ class RegressionOutcome:
     file: Path
     status: str
     seconds: float = 0.0
-    message: str = ""  # the reason why it could not be examined
+    message: str = ""  # the reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
-    examined: expect.Examined | None = None  # kept while it is needed for a plot or an update
+    examined: expect.Examined | None = None  # stored while a figure or an update needs it
     drawn: Path | None = None  # the figure of its differences
 
     @property
     def name(self) -> str:
-        """The name of the file in every output."""
+        """The name of the file in all outputs."""
         return paths.display(self.file)
 
     @property
     def lines(self) -> list[str]:
-        """The differences, one line each."""
+        """The differences as texts, one line each."""
         return [str(c) for c in self.checks if not c.passed] or [self.message]
 
     @property
     def warnings(self) -> list[str]:
-        """What passed, but is to be written otherwise; one line each."""
+        """Texts about values that pass but need another form in the file, one line each."""
         return [c.warning for c in self.checks if c.warning]
 
     def summary(self) -> dict[str, Any]:
@@ -70,8 +70,9 @@ class RegressionOutcome:
 
 
 def is_test(file: Path) -> bool | None:
-    """True: has [expect] (or cannot be read, which its run reports); False: an experiment without
-    one; None: no experiment but a model, a measurement or a file of another program."""
+    """True for an experiment with [expect], or for a file that cannot be read (its run reports the
+    error); False for an experiment without [expect]; None for a model, a measurement or a file of
+    another program."""
     try:
         data = toml.read(file)
     except InputError:
@@ -84,7 +85,8 @@ def is_test(file: Path) -> bool | None:
 def find(
     targets: Sequence[str | Path], pattern: str | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """(tests, experiments without [expect]) at and below the targets. Raises InputError."""
+    """(tests, experiments without [expect]) among the targets and in the folders below. Raises
+    InputError."""
     files: dict[Path, Path] = {}
     for target in map(Path, targets):
         if target.is_dir():
@@ -119,8 +121,8 @@ def find(
 
 
 def run_test(file: Path, update: bool = False) -> RegressionOutcome:
-    """Outcome of one file; an error in the file is an outcome, not an exception. update: the
-    outcome of a test that passes keeps its run too, if its [expect] is to be filled."""
+    """Runs the test of one file; an error in the file is an outcome, not an exception. update: the
+    outcome of a test that passes also contains its run if its [expect] is to be filled."""
     began = time.perf_counter()
     outcome = RegressionOutcome(file, "error")
     try:
@@ -148,7 +150,8 @@ def run_test(file: Path, update: bool = False) -> RegressionOutcome:
 
 
 def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
-    """Rewrite the file's [expect] so that it passes; limits are kept, so that it may still fail."""
+    """Rewrites [expect] of the file so that the test passes. Limits are not changed, so the test
+    may still fail."""
     file = outcome.file
     try:
         with file.open(encoding="utf-8", newline="") as stream:
@@ -184,10 +187,11 @@ def run(
     pattern: str | None = None,
     report: Callable[[RegressionOutcome], None] | None = None,
 ) -> list[RegressionOutcome]:
-    """Run every test at and below the targets, in parallel; Outcomes in the order of their names.
+    """Runs every test among the targets and in the folders below, in parallel; returns the outcomes
+    in the order of their names.
 
-    update: rewrite [expect] where it differs. out: folder for a plot and a table of each
-    difference. report: called with each Outcome, in order, as soon as it is known.
+    update: rewrites [expect] if it differs. out: folder for a plot and a table of each difference.
+    report: called with each outcome, in order, as soon as it is known.
     """
     tests, skipped = find(targets, pattern)
     fresh = out is not None and not out.exists()
@@ -210,7 +214,7 @@ def run(
         except KeyboardInterrupt:
             if out and fresh:
                 with contextlib.suppress(OSError):
-                    out.rmdir()  # refused where a difference is there
+                    out.rmdir()  # fails if the folder contains a difference
             raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -220,8 +224,8 @@ def run(
 
 
 def write_difference(outcome: RegressionOutcome, examined: expect.Examined, place: Path) -> Path:
-    """place.png and .svg: expected and obtained; .txt: the same as a table; .npz: the trace.
-    Returns the first."""
+    """Writes place.png and .svg: expected and obtained values; .txt: both as a table; .npz: the
+    trace. Returns the path of the first file."""
     import numpy as np
 
     from forceaxis import drawing
@@ -241,7 +245,7 @@ def figure(examined: expect.Examined) -> "Figure":
     """Figure of the expected peak, final value and settling over the trace."""
     from forceaxis.experiments import plots
 
-    assert examined.expect is not None  # or nothing would differ
+    assert examined.expect is not None  # without [expect] nothing can differ
     measured, wanted = examined.measured, examined.expect.wanted
     columns = examined.run.columns
     time_s = columns["time_s"]
@@ -280,13 +284,13 @@ def counts(outcomes: Sequence[RegressionOutcome]) -> dict[str, int]:
 
 
 def status(outcomes: Sequence[RegressionOutcome]) -> int:
-    """The exit status: 2 bad input, 1 a difference, 0 neither."""
+    """The exit status: 2 for bad input, 1 for a difference, otherwise 0."""
     ended = {o.status for o in outcomes}
     return 2 if "error" in ended else 1 if "failed" in ended else 0
 
 
 def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
-    """The outcomes as JUnit XML, the form that CI servers read."""
+    """Writes the outcomes as JUnit XML, the format that CI servers read."""
     number = counts(outcomes)
     suite = ET.Element(
         "testsuite",
@@ -321,5 +325,5 @@ def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
 
 
 def xml_printable(text: str) -> str:
-    """Without the characters that XML cannot hold."""
+    """The text without characters that XML does not permit."""
     return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)

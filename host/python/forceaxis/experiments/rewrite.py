@@ -1,4 +1,4 @@
-"""`forceaxis test --update`: an experiment's text with another [expect] table."""
+"""`forceaxis test --update`: writes another [expect] table into the text of an experiment."""
 
 import difflib
 import json
@@ -14,12 +14,13 @@ FILLED = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", 
 
 
 def bare(checks: Sequence[ExpectationCheck]) -> bool:
-    """True if [expect] is empty or has the verdict alone: --update fills it."""
+    """True if [expect] is empty or contains only the verdict; --update then fills it."""
     return all(check.key == "verdict" for check in checks)
 
 
 def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[ExpectationCheck]) -> str:
-    """The experiment's text with FILLED put below the line [expect], but what it has."""
+    """The experiment's text with the keys FILLED added below the line [expect], without those that
+    exist."""
     there = [check.key for check in checks]
     lines = [
         f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
@@ -36,13 +37,14 @@ def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[Expectati
 
 
 def updated(text: str, examined: Examined) -> str:
-    """The experiment's text with the failing values of [expect] replaced. Limits are demands, not
-    records: they stay."""
+    """The experiment's text with the failing values of [expect] replaced. Limits are requirements,
+    so they are not changed."""
     import tomlkit
 
     try:
         document = tomlkit.parse(text)
-    except tomlkit.exceptions.ParseError as error:  # two readers of TOML may differ
+    # this reader of TOML may differ from the other one
+    except tomlkit.exceptions.ParseError as error:
         file = examined.run.experiment
         raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
     table = document["expect"]
@@ -59,9 +61,9 @@ def updated(text: str, examined: Examined) -> str:
 
 
 def rewritten(file: str | Path, text: str, examined: Examined) -> str:
-    """filled() or updated(), with the text's line ends.
+    """The result of filled() or updated(), with the line ends of the original text.
 
-    Raises InputError where a change outside [expect] would be needed.
+    Raises InputError if a change outside [expect] would be needed.
     """
     crlf = text.count("\r\n") == text.count("\n")
     old = text.replace("\r\n", "\n") if crlf else text
@@ -82,7 +84,8 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
 
 
 def written(value: Obtained, allowed: Mapping[str, float]) -> Obtained:
-    """A value as written to the file: the shortest number within a hundredth of its tolerance."""
+    """A value as it is written to the file: the shortest number within a hundredth of its
+    tolerance."""
     if not isinstance(value, float):
         return value
     near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100

@@ -1,4 +1,5 @@
-"""Run experiments: in process, over a link, or again from a journal."""
+"""Runs experiments: in this process, with the firmware in another process, or again from a
+journal."""
 
 import math
 import shlex
@@ -23,9 +24,10 @@ class Run:
     result: RunResult
     columns: Columns  # one value a tick
     events: list[tuple[float, str, str, str]]  # (time_s, element, from, to)
-    plot: dict[str, Any]  # the experiment's [plot] table: rows, from_s, to_s, those that it has
-    shows: str  # the expected behaviour, from the file
-    setpoints: list[tuple[float, float]]  # (from time_s, N) of each set-point of force; or []
+    plot: dict[str, Any]  # the experiment's table [plot] with its keys of rows, from_s, to_s
+    shows: str  # the expected behaviour as described in the file
+    # (from time_s, N) of each force set-point; [] without a force
+    setpoints: list[tuple[float, float]]
     impulses: list[tuple[float, str, float]]  # (time_s, body, N s)
     contacts: list[str]  # their names
     signal_units: dict[str, str]  # column that is a signal of the model -> its unit
@@ -54,10 +56,11 @@ def run(
     over: link.LinkOptions | None = None,
     text: str | None = None,
 ) -> Run:
-    """Run one experiment file. over: the firmware runs in another process. text: it is read in
-    place of the file's content, in process only.
+    """Runs the file of one experiment. over: options of a run with the firmware in another process.
+    text: replaces the content of the file, only for a run in this process.
 
-    Raises InputError with file, key and what was expected; with a link also LinkError.
+    Raises InputError with file, key and the expected value; also LinkError for a run over a
+    connection.
     """
     experiment = Path(experiment)
     command = ["forceaxis", "run", paths.display(experiment), *option_words(set=overrides)]
@@ -72,9 +75,10 @@ def run(
 
 
 def replay(journal: Path) -> Run:
-    """Repeat in process a run that `axis_node` recorded; result.replay is about its journal.
+    """Repeats a run in this process that `axis_node` has recorded; result.replay describes its
+    journal.
 
-    A session that is longer than ten minutes gives no trace, only the hash.
+    For a session longer than ten minutes only the hash is computed, not the trace.
 
     Raises InputError.
     """
@@ -96,7 +100,7 @@ def finished(
     command: Sequence[str],
     overrides: Sequence[str] = (),
 ) -> Run:
-    """The Run of a result of the compiled module."""
+    """The Run from a result of the compiled module."""
     columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     converters = run_result.read_converters(result.converters)
     metrics = run_result.read_metrics(result.metrics)

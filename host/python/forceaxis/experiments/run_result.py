@@ -1,7 +1,7 @@
-"""What a run gives, as types: the fields that `forceaxis run --json` prints.
+"""Results of a run as types, with the fields that `forceaxis run --json` prints.
 
-The read_ functions are the boundary to the compiled module, which gives dicts. Each field has the
-name of its key there.
+The read_ functions convert the dicts of the compiled module. Each field has the name of its key
+there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,12 +28,12 @@ class Converter:
 
     @property
     def per_8_bit_count(self) -> float:
-        """The quantity of one count of a converter of 8 bits with the same range, > 0."""
+        """The quantity of one count at 8 bits in the range of the converter, > 0."""
         return float(abs(self.per_code) * 2 ** (self.bits - 8))
 
     @property
     def range(self) -> tuple[float, float]:
-        """The smallest and the largest quantity that the converter can give, in `unit`."""
+        """The smallest and the largest quantity in the range of the converter, in `unit`."""
         ends = sorted((code - self.zero) * self.per_code for code in (0, 2**self.bits - 1))
         return ends[0], ends[1]
 
@@ -52,18 +52,18 @@ class HeldForce:
     error_N: float
     error_percent: float  # of the set-point
     overshoot_percent: float  # of the set-point
-    from_s: float  # time of the last set-point or touch, from which settle_s counts
+    from_s: float  # time of the last set-point or first contact; settle_s is measured from it
     settle_s: float | None  # None: the force does not settle
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """Quantities of a run from which its verdict follows."""
+    """Quantities of a run that determine its verdict."""
 
     window_ticks: int
     window_start_s: float
     force_ripple_count: float  # in counts of 8 bits
-    force_ripple_late_count: float  # the same, in the second half of the window
+    force_ripple_late_count: float  # as force_ripple_count, in the second half of the window
     position_ripple_count: float  # in encoder counts
     position_ripple_late_count: float
     contacts: int
@@ -77,7 +77,7 @@ class Metrics:
     saturated_ticks: int  # of the window
     saturated_run_ticks: int  # longest sequence of the run
     reading_range_ticks: int
-    setpoint_beyond_N: float | None  # first set-point beyond the force reading
+    setpoint_beyond_N: float | None  # first set-point outside the range of the measured force
     reading_end_N: float
     last_adc_change_tick: int
     held_force: HeldForce | None  # None: the experiment controls no force
@@ -98,23 +98,23 @@ class Criterion:
     peak_force_max_percent: float | None
     contact_losses_max: float | None
     saturated_max_s: float | None
-    contact_held: bool | list[str]  # names: the contacts that the run must keep
+    contact_held: bool | list[str]  # names: the contacts that must remain closed
 
 
 @dataclass(frozen=True)
 class MissedLimit:
-    """A limit of [verdict] that a run does not keep."""
+    """A limit of [verdict] that a run has not kept."""
 
     limit: str
     verdict: str
-    value: float | None  # None: infinite, of a force that never settles
+    value: float | None  # None: infinite, for a force that does not settle
     bound: float
     unit: str
 
 
 @dataclass(frozen=True)
 class Energy:
-    """The audit of the mechanical energy over a run."""
+    """Balance of the mechanical energy over a run."""
 
     initial_J: float
     supplied_J: float
@@ -136,7 +136,7 @@ class RefusedWrite:
 
 @dataclass(frozen=True)
 class ProcessIds:
-    """The operating system's numbers of both processes of a run over a link."""
+    """Process identifiers of both processes of a run over a connection."""
 
     plant: int
     axis: int
@@ -144,7 +144,7 @@ class ProcessIds:
 
 @dataclass(frozen=True)
 class TraceHashes:
-    """The hash of the trace that each side of a link has computed."""
+    """The trace hash that each side of a run over a connection has computed."""
 
     plant: str
     axis: str
@@ -152,7 +152,7 @@ class TraceHashes:
 
 @dataclass(frozen=True)
 class RecordCounts:
-    """Of each side of a link: what happened to records -> number of records."""
+    """For each side of a connection: {event of records: number of records}."""
 
     plant: dict[str, int]
     axis: dict[str, int]
@@ -160,7 +160,7 @@ class RecordCounts:
 
 @dataclass(frozen=True)
 class LinkReport:
-    """How a run over a link went."""
+    """Statistics of a run over a connection."""
 
     kind: str
     where: str
@@ -178,32 +178,32 @@ class LinkReport:
 
 @dataclass(frozen=True)
 class ReplayedJournal:
-    """The journal of an axis_node that was replayed."""
+    """The recorded journal of an axis_node that was replayed."""
 
     experiment: str
     overrides: list[str]
     entries: int
-    ticks: int | None  # of the run then; None: the journal breaks off
-    trace_hash: str  # of the run then; empty: the journal breaks off
+    ticks: int | None  # number of ticks in the recorded run; None: the journal is incomplete
+    trace_hash: str  # trace hash of the recorded run; empty: the journal is incomplete
     traced: bool  # False: the session is longer than ten minutes
-    same: bool  # whether the replay has this trace hash
+    same: bool  # whether the replay has the same trace hash
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run: verdict, quantities, hashes of what was run."""
+    """The result of a run: verdict, quantities, hashes of the inputs."""
 
     experiment: str
     title: str
-    figure: str  # of the thesis; may be empty
+    figure: str  # figure number of the thesis; may be empty
     verdict: str | None  # None: the experiment has no [verdict]
-    because: list[str]  # why the verdict is not "stable", in words
+    because: list[str]  # reasons for a verdict other than "stable", as texts
     missed: list[MissedLimit]
     warnings: list[str]
     fault: str
     refused: list[RefusedWrite]
     trace_hash: str
-    edge_margin: float | None  # LSB; None: nothing was converted
+    edge_margin: float | None  # LSB; None: no value was converted
     ticks: int
     events: int
     energy: Energy
@@ -221,7 +221,7 @@ class RunResult:
 
     @property
     def force_reading(self) -> Converter | None:
-        """ADC 0, whose quantity the firmware controls; None: the model does not have it."""
+        """ADC 0, whose quantity the firmware controls; None if the model has no such ADC."""
         return self.converters.get("adc0")
 
 
@@ -242,7 +242,7 @@ def read_criterion(given: Mapping[str, Any] | None) -> Criterion | None:
 
 
 def read_missed(given: Sequence[Mapping[str, Any]]) -> list[MissedLimit]:
-    """The limits that a run does not keep."""
+    """The limits that a run has not kept."""
     return [MissedLimit(**limit) for limit in given]
 
 
@@ -252,6 +252,6 @@ def read_refused(given: Sequence[Mapping[str, Any]]) -> list[RefusedWrite]:
 
 
 def json_of(result: RunResult) -> dict[str, Any]:
-    """The result as `forceaxis run --json` prints it."""
+    """The result in the form of `forceaxis run --json`."""
     found: dict[str, Any] = to_json(result)
     return found

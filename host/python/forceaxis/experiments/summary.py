@@ -1,7 +1,7 @@
-"""A run in words: its verdict with the reason and the window, the controlled force, its audit.
+"""A run as text: its verdict with the reason and the window, the controlled force, its balances.
 
-Quantities are in N and mm where the converters of the model give the size of a count. A count is
-always a count of the force reading, at 8 bits for every ADC, or a count of the encoder.
+Quantities are in N and mm if the converters of the model give the size of a count. A count is
+always a count of the measured force, at 8 bits for every ADC, or a count of the encoder.
 """
 
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ from forceaxis.experiments.run_result import (
 from forceaxis.words import counted
 
 COUNTED_IN = {"force": "of the force reading at 8 bits", "position": "of the encoder"}
-Row: TypeAlias = tuple[str, str]  # of a text for a terminal: its key and its value
+Row: TypeAlias = tuple[str, str]  # key and value of a row of text
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value of the model in words, lengths in mm."""
+    """A value of the model as text, lengths in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
@@ -45,7 +45,7 @@ def ripple(
     limit: float | None = None,
     beyond: bool = False,
 ) -> str:
-    """The ripple of "force" or "position" in words, beside its limit if it has one. beyond: the
+    """The ripple of "force" or "position" as text, with its limit if there is one. beyond: the
     ripple is above the limit."""
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
@@ -62,11 +62,11 @@ def ripple(
 def reasons(
     missed: Sequence[MissedLimit], metrics: Metrics, fault: str, converters: Converters
 ) -> list[str]:
-    """Why a run is not stable: each limit that the run does not keep, in words."""
+    """Reasons why a run is not stable: a text for each limit that the run has not kept."""
     return [_missed(limit, metrics, fault, converters) for limit in missed]
 
 
-# The words of a missed limit, by its name.
+# {name of a limit: text if a run has not kept it}.
 MISSED = {
     "fault": "fault {fault}",
     "setpoint": "no set-point of force at the end",
@@ -89,7 +89,7 @@ MISSED = {
 
 
 def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Converters) -> str:
-    """A missed limit in words, with the value of the run, the limit and the unit."""
+    """Text about a limit that a run has not kept, with value, bound and unit."""
     limit, value, bound = missed.limit, missed.value, missed.bound
     if limit == "contact_held":
         if missed.verdict == "never_in_contact":
@@ -120,7 +120,7 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
 
 
 def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -> list[str]:
-    """A warning for each set-point, of (from time_s, N), that ADC 0 cannot read."""
+    """A warning for each set-point, as (from time_s, N), outside the range of ADC 0."""
     reading = converters.get("adc0")
     if not reading:
         return []
@@ -134,7 +134,7 @@ def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -
 
 
 def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
-    """The limits of [verdict] that a stable run keeps, each with the value of the run."""
+    """Texts of the limits of [verdict] that a stable run keeps, each with the value of the run."""
     metrics, held, required = result.metrics, result.metrics.held_force, criterion.contact_held
     found = []
     if required:
@@ -168,7 +168,7 @@ def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
 
 
 def verdict_text(result: RunResult) -> str:
-    """The verdict, why, and over which window."""
+    """The verdict, its reason, and its window."""
     if not result.verdict or not result.criterion:
         return "none asked for, the experiment has no [verdict]"
     because = result.because or kept_limits(result, result.criterion)
@@ -177,7 +177,7 @@ def verdict_text(result: RunResult) -> str:
 
 
 def force_text(held: HeldForce) -> str:
-    """Set-point and controlled force, one line."""
+    """Set-point and controlled force in one line."""
     settled = "not settled" if held.settle_s is None else f"settled in {held.settle_s:.3g} s"
     return (
         f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N set-point, error {held.error_N:.3g} N "
@@ -187,7 +187,7 @@ def force_text(held: HeldForce) -> str:
 
 
 def window_text(result: RunResult) -> str:
-    """What happened in the window of the verdict, or in the last second."""
+    """Events in the window of the verdict, or in the last second."""
     metrics, converters = result.metrics, result.converters
     seconds = result.criterion.window_s if result.criterion else 1
     rows = [
@@ -199,7 +199,7 @@ def window_text(result: RunResult) -> str:
 
 
 def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
-    """The result of a run for a terminal, the verdict first. overrides: those of the run."""
+    """The result of a run as rows of text, the verdict first. overrides: those of the run."""
     energy, metrics, margin = result.energy, result.metrics, result.edge_margin
     figure = f" (Fig {result.figure})" if result.figure else ""
     found = [("experiment", result.title + figure)]

@@ -1,8 +1,9 @@
 """Run one experiment at many points: a grid, random points, or bisection to a stability boundary.
 
-Every finished run is a line of FOLDER/journal.jsonl, keyed by a hash of its parameters, the input
-files, firmware and simulator; a run with an entry there is not repeated. Points run on threads in
-this process or, in chunks, on a Dask cluster; neither order nor place changes a result.
+Each finished run is a line of FOLDER/journal.jsonl; its key is a hash of its parameters, the input
+files, firmware and simulator. A run with a line in the journal is not repeated. Points run on
+threads of this process or, in groups, on a Dask cluster; order and place have no effect on a
+result.
 """
 
 import contextlib
@@ -60,7 +61,8 @@ SHOWN_FAILURES = 10
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What is swept. A mistake in it is a ParameterError or an InputError of sweep()."""
+    """The specification of a sweep. sweep() raises ParameterError or InputError for an error in
+    it."""
 
     experiment: str | Path
     grid: Mapping[str, GridValues] = field(default_factory=dict)
@@ -69,10 +71,10 @@ class SweepRequest:
     seed: int = 0  # of the random points
     bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
     overrides: Sequence[str] = ()
-    refine: bool = False  # also run the points around each that stands alone, see alone.find()
+    refine: bool = False  # also runs the points around each isolated point, see alone.find()
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
-        """The command line of the same sweep."""
+        """The command line that repeats the sweep."""
         grid = [
             f"{name}={v if isinstance(v, str) else ','.join(repr(float(x)) for x in v)}"
             for name, v in self.grid.items()
@@ -93,7 +95,8 @@ class SweepRequest:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """The points of a request: `axes` and a value of each, and the searched parameter."""
+    """The points of a request: `axes`, a value of each for every point, and the searched
+    parameter."""
 
     axes: list[SweepParameter]
     points: list[Point]
@@ -101,7 +104,7 @@ class SweepPlan:
 
     @property
     def swept(self) -> list[SweepParameter]:
-        """Every parameter that changes from run to run."""
+        """Every parameter that changes between runs."""
         return [*self.axes, *([self.search] if self.search else [])]
 
     @property
@@ -139,7 +142,7 @@ def plan(request: SweepRequest) -> SweepPlan:
 
 
 def checked_inputs(request: SweepRequest, planned: SweepPlan) -> "_core.Inputs":
-    """The inputs of the experiment. Raises InputError where it cannot be swept as planned."""
+    """The inputs of the experiment. Raises InputError if the planned parameters cannot be swept."""
     experiment, overrides = Path(request.experiment), list(request.overrides)
     inputs = _core.inputs(str(experiment), overrides)
     check_names(experiment, inputs, overrides, planned.swept)
@@ -156,10 +159,10 @@ def sweep(
     threads: int | None = None,
     scheduler: str | None = None,
 ) -> Sweep:
-    """Run the experiment at every point and write the results into folder `out`, if given.
+    """Runs the experiment at every point and writes the results to folder `out`, if given.
 
-    scheduler: address of a Dask scheduler, whose workers run the points. Raises InputError for a
-    mistake in the request; a run that fails is a row with its error.
+    scheduler: address of a Dask scheduler whose workers run the points. Raises InputError for an
+    error in the request; a run that fails gives a row with its error.
     """
     planned = plan(request)
     inputs = checked_inputs(request, planned)
@@ -230,14 +233,15 @@ def columns_of(names: Sequence[str], rows: Sequence[Row]) -> Columns:
 
 
 def stabilities(columns: Columns) -> list[str]:
-    """Of each point "stable", "unstable" or "": what a point that stands alone differs in."""
+    """For each point "stable", "unstable" or "": the values that are compared to find isolated
+    points."""
     return [stability(str(verdict)) for verdict in columns["verdict"]]
 
 
 def lone_point(
     row: Row, verdict: str, axes: Sequence[SweepParameter], closer: Columns
 ) -> LonePoint:
-    """A point that stands alone. closer: the points around it, {} if they were not run."""
+    """An isolated point. closer: the points around it, {} if they were not run."""
     if not closer:
         return LonePoint(row, verdict)
     near = alone.around(axes, [row[a.name] for a in axes])
@@ -248,7 +252,7 @@ def lone_point(
 
 
 def warnings(columns: Columns) -> list[str]:
-    """A warning of points whose set-point ADC 0 cannot read."""
+    """A warning about points whose set-point is outside the range of ADC 0."""
     beyond = np.flatnonzero(np.isfinite(columns.get("setpoint_beyond_N", np.array([]))))
     if not len(beyond):
         return []
@@ -273,7 +277,7 @@ def counts_of(
 
 
 def write(done: Sweep, out: Path) -> None:
-    """Write FILES, and closer.csv where one looked closer: all of them or none."""
+    """Writes FILES, and closer.csv if points around isolated points were run: all files or none."""
     import pyarrow
     import pyarrow.parquet
 
@@ -297,7 +301,7 @@ def write(done: Sweep, out: Path) -> None:
 
 
 def write_table(file: Path, columns: Columns) -> None:
-    """Columns as CSV, nothing for NaN."""
+    """Writes columns as CSV; NaN becomes an empty field."""
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)

@@ -22,7 +22,7 @@ from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 
 FAILED = AREA["failed"]
-# Kinds of cells in the order of a map's numbers.
+# Kinds of cells, in the order of their numbers in a map.
 KINDS = ("unstable", "stable", "not_met", "never_in_contact")
 MARKERS = (
     ("stable", "o", "stable"),
@@ -34,7 +34,7 @@ MARKERS = (
 
 
 def sweep(done: Sweep) -> Figure:
-    """Figure of a sweep, by the first two of its parameters."""
+    """Figure of a sweep over its first two parameters."""
     figure, ax = plt.subplots(figsize=(5.6, 4.2))
     style(ax)
     draw: Callable[[Figure, Axes, Sweep], str] = boundary_plot if done.search else run_plot
@@ -55,7 +55,8 @@ def sweep(done: Sweep) -> Figure:
 
 
 def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
-    """Verdicts (or peak forces without them) over one or two parameters. Returns what it shows."""
+    """Draws verdicts (or peak forces if there are none) over one or two parameters. Returns a text
+    about the content."""
     verdict, peak = done.columns["verdict"], done.columns["peak_force_N"]
     judged = np.isin(verdict, VERDICTS)
     share = np.where(judged, verdict == "stable", np.nan)
@@ -90,7 +91,7 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     kinds = averaged(done, number)
     ax.set_facecolor(FAILED)
     colours = ListedColormap([AREA[kind] for kind in KINDS])
-    # With an edge of its own colour no cell shows a seam in a vector.
+    # The edge of a cell has the colour of the cell, so that vector graphics show no gaps.
     ax.pcolormesh(
         *edges, kinds, cmap=colours, vmin=-0.5, vmax=3.5, edgecolors="face", linewidth=0.4
     )
@@ -102,8 +103,8 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
 
 
 def mark_alone(ax: Axes, done: Sweep) -> list[Artist]:
-    """A ring around each cell that stands alone, and the points around it that were run too.
-    Returns the handles of their legend."""
+    """Draws a ring around each isolated cell, and the points around it that were also run. Returns
+    the handles for the legend."""
     single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
@@ -118,7 +119,8 @@ def mark_alone(ax: Axes, done: Sweep) -> list[Artist]:
 
 
 def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
-    """The boundary over the first parameters, or the runs of a lone search."""
+    """Draws the boundary over the first parameters, or the runs of a search without further
+    parameters."""
     search = done.search
     assert search is not None
     if not done.axes:
@@ -148,7 +150,7 @@ def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     order = np.argsort(x)
     x, boundary, beyond = x[order], boundary[order], beyond[order]
     note = done.columns["note"][order]
-    # Without a change of verdict the whole column has one colour.
+    # Without a change of verdict, the column has one colour.
     edge = np.where(np.isfinite(boundary), boundary, np.nan)
     up = np.nansum(np.sign(beyond - boundary)) >= 0  # stable below
     for i, text in enumerate(note):
@@ -172,7 +174,8 @@ def over_one(
     peak: Array,
     axis: SweepParameter | None = None,
 ) -> None:
-    """Peak force over one parameter, marked by verdict; failed runs along the foot."""
+    """Draws the peak force over one parameter, with a mark for each verdict; failed runs are at the
+    lower edge."""
     along(ax, "x", axis or done.axes[0], done)
     order = np.argsort(x)
     ax.plot(x[order], peak[order], color=INK, linewidth=0.6, zorder=1)
@@ -194,7 +197,7 @@ def over_one(
 
 
 def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 14) -> None:
-    """Points by verdict; "" has failed."""
+    """Draws points with a mark for each verdict; "" stands for a failed run."""
     for kind, marker, label in MARKERS:
         at = verdict == kind
         if at.any():
@@ -202,14 +205,14 @@ def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 1
 
 
 def along(ax: Axes, which: str, axis: SweepParameter, done: Sweep) -> None:
-    """Label and scale of one side of the figure."""
+    """Sets label and scale of one axis of the figure."""
     getattr(ax, f"set_{which}label")(label_of(axis.name, done))
     if axis.log:
         getattr(ax, f"set_{which}scale")("log")
 
 
 def label_of(name: str, done: Sweep) -> str:
-    """A parameter with its unit; a count with what it counts."""
+    """A parameter with its unit; for a count also the counted quantity."""
     room, _, key = name.partition(".")
     unit = done.result.parameters[name]
     if room == "firmware":
@@ -220,7 +223,7 @@ def label_of(name: str, done: Sweep) -> str:
 
 
 def in_newton(ax: Axes, done: Sweep) -> None:
-    """The set-point of force in N, on the other side of its axis."""
+    """Adds a second scale with the force set-point in N."""
     shown = [a.name for a in done.axes[:2]]
     if len(shown) < 2 and done.search:
         shown.append(done.search.name)
@@ -241,14 +244,14 @@ def in_newton(ax: Axes, done: Sweep) -> None:
 
 
 def coloured(figure: Figure, ax: Axes, label: str, drawn: Any) -> None:
-    """A colour bar."""
+    """Adds a colour bar."""
     bar = figure.colorbar(drawn, ax=ax)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=8)
 
 
 def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
-    """The legend, below the axes as in a figure of a trace."""
+    """Draws the legend below the axes, as in a figure of a trace."""
     handles = handles or ax.get_legend_handles_labels()[0]
     figure = ax.figure
     assert isinstance(figure, Figure)
@@ -257,7 +260,7 @@ def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
 
 
 def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> None:
-    """A legend of the kinds of cells that are shown, and of more handles behind them."""
+    """A legend of the visible kinds of cells, followed by further handles."""
     order = (*VERDICTS, "failed")
     handles = [
         Patch(color=AREA[kind], label=WORDS.get(kind, kind))
@@ -267,7 +270,7 @@ def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> No
 
 
 def cell_edges(axis: SweepParameter) -> Array:
-    """The edges of the cells of a grid: half-way between its values, on the scale of the
+    """The edges of the cells of a grid: half-way between its values, in the scale of the
     parameter."""
     values = np.unique(axis.values)
     if axis.log:
@@ -280,7 +283,7 @@ def cell_edges(axis: SweepParameter) -> Array:
 
 
 def averaged(done: Sweep, values: Array) -> Array:
-    """Rows by the second parameter, columns by the first: the mean of what is there."""
+    """Means of the available values; rows by the second parameter, columns by the first."""
     places = [
         np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.axes[:2]
     ]
@@ -296,7 +299,7 @@ def averaged(done: Sweep, values: Array) -> Array:
 
 
 def boundary_edges(cells: Array, x: Array, y: Array) -> list[list[tuple[float, float]]]:
-    """The sides at which a stable and an unstable cell meet, as segments."""
+    """The sides between stable and unstable cells, as segments."""
     segments = []
     for i, j in np.argwhere(np.abs(np.diff(cells, axis=1)) == 1):
         segments.append([(x[j + 1], y[i]), (x[j + 1], y[i + 1])])

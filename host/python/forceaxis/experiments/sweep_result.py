@@ -1,4 +1,4 @@
-"""The result of a sweep: numbers of points, failures, and one row a point as columns."""
+"""Result of a sweep: numbers of points, failures, and columns with one row for each point."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +15,10 @@ class SweepCounts:
 
     points: int
     runs: int
-    resumed: int  # runs that the journal had
+    resumed: int  # runs that were read from the journal
     failed: int
     boundaries: int | None = json_field(omit_none=True)  # of a search alone
-    stable: int | None = json_field(omit_none=True)  # of a sweep without search alone
+    stable: int | None = json_field(omit_none=True)  # only in a sweep without a search
     unstable: int | None = json_field(omit_none=True)
     not_met: int | None = json_field(omit_none=True)
     never_in_contact: int | None = json_field(omit_none=True)
@@ -39,8 +39,8 @@ class FailedPoint:
 
 @dataclass(frozen=True)
 class LonePoint:
-    """A point whose verdict differs from that of all its neighbours. around and alike: the number
-    of points around it that were run too, and of those with its verdict; None: none were run."""
+    """A point whose verdict differs from that of all neighbours. around and alike: number of points
+    around it that were also run, and of those with its verdict; None: no such points were run."""
 
     values: Row
     verdict: str
@@ -67,12 +67,12 @@ class SweepResult:
     objects_hash: str
     where: str  # the runs were done
     seconds: float
-    command: str  # that repeats the sweep
+    command: str  # command line that repeats the sweep
 
 
 @dataclass
 class Sweep:
-    """A finished sweep: its result, and one row a point as columns.
+    """A finished sweep: its result, and columns with one row for each point.
 
     Columns: index, the parameters, then of a run: verdict, fault, error, METRICS, edge_margin,
     trace_hash; of a boundary search: boundary (the last stable value), unstable_at (the first
@@ -85,12 +85,13 @@ class Sweep:
     axes: list[SweepParameter]  # of the points
     search: SweepParameter | None
     runs: list[tuple[float, Outcome]]  # of a search without axes: (value, outcome)
-    converters: Converters  # of the model, {} if the sweep changes it
-    closer: Columns  # columns of the points around those that stand alone
+    converters: Converters  # converters of the model, {} if the sweep changes them
+    closer: Columns  # columns of the points around isolated points
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The result as `forceaxis sweep --json` prints it; values stand beside their point."""
+        """The result in the form of `forceaxis sweep --json`; the values of a point are in one
+        object."""
         found: dict[str, Any] = to_json(self.result)
         for points in (found["failures"], found["alone"]):
             for point in points:

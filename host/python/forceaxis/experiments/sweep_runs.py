@@ -1,4 +1,4 @@
-"""The runs of a sweep: on threads or a cluster, without those in its journal."""
+"""Runs of a sweep: on threads or a cluster, without those that the journal contains."""
 
 import fcntl
 import hashlib
@@ -22,7 +22,7 @@ from forceaxis.experiments.run_result import Columns
 from forceaxis.experiments.verdicts import STABLE
 
 Row: TypeAlias = dict[str, float]  # name of a swept parameter -> its value
-# A finished run as a line of the journal has it: the error, or verdict, fault and METRICS.
+# A finished run as a line of the journal contains it: the error, or verdict, fault and METRICS.
 Outcome: TypeAlias = dict[str, Any]
 Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
 Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
@@ -46,7 +46,7 @@ METRICS = (
 
 
 def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
-    """Hashes of the inputs of all points: experiment, model, firmware and simulator."""
+    """Hashes of the common inputs of all points: experiment, model, firmware and simulator."""
     return {
         "inputs_hash": _core.inputs(str(experiment), list(overrides))["inputs_hash"],
         "firmware_hash": _core.FIRMWARE_HASH,
@@ -55,10 +55,11 @@ def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
 
 
 class Journal:
-    """Outcomes of finished runs by key; a file that only grows, one JSON object a line.
+    """Results of finished runs by key, in a file to which lines are only added, one JSON object per
+    line.
 
-    The first line is the identity of what was run. Lines cut off by a kill are dropped; a file that
-    is no journal of this identity stays as it is.
+    The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
+    that is not a journal of these inputs is not changed.
     """
 
     def __init__(self, path: Path | None, identity: Identity) -> None:
@@ -74,7 +75,7 @@ class Journal:
             raise
 
     def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
-        """Read a journal of this identity, or begin one. Raises InputError."""
+        """Reads a journal of this identity, or begins a new one. Raises InputError."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -85,7 +86,8 @@ class Journal:
         data = file.read()
         whole = data[: data.rfind(b"\n") + 1]
         lines = [read_line(line) for line in whole.splitlines()]
-        if not lines and self._line(identity).startswith(data):  # new, or killed in line 1
+        # a new file, or a process killed during its first line
+        if not lines and self._line(identity).startswith(data):
             file.truncate(0)
             file.write(self._line(identity))
             file.flush()
@@ -118,18 +120,19 @@ class Journal:
             self.file.write(self._line(entry))
 
     def flush(self) -> None:
-        """Flush to the operating system, where a kill loses nothing."""
+        """Writes buffered lines to the operating system, so that they survive the end of the
+        process."""
         if self.file:
             self.file.flush()
 
     def close(self) -> None:
-        """Flush and release the folder."""
+        """Writes buffered lines and releases the folder."""
         if self.file:
             self.file.close()
 
 
 def read_line(line: bytes) -> dict[str, Any] | None:
-    """The JSON object of a line, None if it holds none."""
+    """The JSON object of a line; None if the line contains no JSON object."""
     try:
         entry = json.loads(line)
     except ValueError:
@@ -138,7 +141,8 @@ def read_line(line: bytes) -> dict[str, Any] | None:
 
 
 def outcome_of(result: Mapping[str, Any]) -> Outcome:
-    """The recorded part of run_many()'s result: an error, or verdict, metrics and identity."""
+    """The part of a result of run_many() that is recorded: an error, or verdict, metrics and
+    identity."""
     if "error" in result:
         return {"error": result["error"]}
     margin = result["edge_margin"]
@@ -152,7 +156,7 @@ def outcome_of(result: Mapping[str, Any]) -> Outcome:
 
 
 def run_columns(outcomes: Sequence[Outcome]) -> Columns:
-    """Outcomes as columns of the results."""
+    """The outcomes as columns of the results."""
     kinds: dict[str, type] = {"verdict": str, "fault": str, "error": str}
     kinds |= dict.fromkeys((*METRICS, "edge_margin"), float) | {"trace_hash": str}
     return {
@@ -162,14 +166,14 @@ def run_columns(outcomes: Sequence[Outcome]) -> Columns:
 
 
 class Place(Protocol):
-    """Where the runs of a sweep are done."""
+    """The place at which the runs of a sweep are executed."""
 
     def __call__(self, jobs: Jobs, finished: Finished, progress: Progressed) -> None:
-        """Do the jobs. Call finished() for each, and progress() now and then."""
+        """Executes the jobs. Calls finished() for each, and progress() from time to time."""
 
 
 class Runner:
-    """Returns the outcomes of points and runs those that are not in the journal."""
+    """Returns the outcomes of points; runs the points that the journal does not contain."""
 
     def __init__(self, journal: Journal, identity: Identity, place: Place) -> None:
         self.journal = journal
@@ -180,7 +184,7 @@ class Runner:
         self.seen: list[tuple[tuple[float, ...], Outcome]] = []  # (values, outcome) of every point
 
     def key(self, values: Row) -> str:
-        """Identity of a run: hash of its inputs, and its values in the order of their names."""
+        """Key of a run: hash of its inputs, and its values in the order of their names."""
         text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
@@ -188,7 +192,7 @@ class Runner:
         """The outcomes of the rows, in their order."""
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
-        # Sorted by model, so that the modes of each are computed once.
+        # Sorted by model, so that the modes of each model are computed once.
         of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
         todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
 
@@ -215,7 +219,7 @@ class Runner:
 
 
 class Here:
-    """Threads of this process."""
+    """Runs on threads of this process."""
 
     def __init__(self, experiment: str | Path, overrides: list[str], threads: int) -> None:
         self.experiment = str(experiment)
@@ -229,9 +233,10 @@ class Here:
 
 
 class Cluster:
-    """The workers of a Dask scheduler. They read the experiment by its path, as it is here.
+    """Runs on the workers of a Dask scheduler, which read the experiment by the same path as this
+    process.
 
-    The chunks of a lost worker are run again elsewhere.
+    The groups of a lost worker are run again on another worker.
     """
 
     def __init__(
@@ -299,13 +304,13 @@ class Cluster:
 
 
 class WorkerDiffers(Exception):
-    """A worker whose forceaxis or files differ from those here."""
+    """The forceaxis version or the files of a worker differ from those of this process."""
 
 
 def run_chunk(
     experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
 ) -> list[dict[str, Any]]:
-    """On a worker: results of some points, after a check that it would run the same thing."""
+    """On a worker: results of some points, after a check that its inputs are identical."""
     import socket
 
     where = f"worker on {socket.gethostname()}"
@@ -328,15 +333,15 @@ class Boundary:
 
     row: Row
     stable: float = math.nan  # last stable value
-    unstable: float = math.nan  # first value beyond it that is not stable
+    unstable: float = math.nan  # first value beyond the boundary that is not stable
     beyond: str = ""  # its verdict
-    note: str = ""  # why there is no boundary
+    note: str = ""  # reason for a missing boundary
     error: str = ""  # of the last run that failed
     runs: int = 0
     searching: bool = False  # whether the verdict changes from `stable` to `unstable`
 
     def begin(self, search: SweepParameter, low: str | None, high: str | None) -> None:
-        """Take the verdicts at both ends of the range; None: the run failed."""
+        """Sets the verdicts at both ends of the range; None: the run failed."""
         if low is None or high is None:
             return
         if (low == STABLE) == (high == STABLE):
@@ -365,7 +370,7 @@ class Boundary:
         )
 
     def halve(self, verdict: str | None) -> None:
-        """Take the verdict in the middle; None: the run failed, so there is no boundary."""
+        """Sets the verdict in the middle; None: the run failed, so there is no boundary."""
         if verdict is None:
             self.searching, self.stable, self.unstable = False, math.nan, math.nan
         elif verdict == STABLE:
@@ -375,7 +380,8 @@ class Boundary:
 
 
 def boundaries(runner: Runner, rows: Sequence[Row], search: SweepParameter) -> Columns:
-    """For every row of values, the change of verdict along `search`, halved to its tolerance."""
+    """For each row of values, the change of verdict along `search`, by halving down to its
+    tolerance."""
     found = [Boundary(row) for row in rows]
 
     def verdicts(wanted: Sequence[tuple[Boundary, float]]) -> list[str | None]:

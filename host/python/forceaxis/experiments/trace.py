@@ -1,4 +1,4 @@
-"""The trace of a run as files: CSV, NPZ, a figure, and the run's summary beside them."""
+"""Files of a run: trace as CSV and NPZ, a figure, and the summary of the run."""
 
 import contextlib
 import csv
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
-ROWS = [["encoder"], ["adc0"], ["dac"]]  # of a figure where the experiment has none
+ROWS = [["encoder"], ["adc0"], ["dac"]]  # rows of the figure if the experiment names none
 WHAT_OF_COLUMN = {"encoder": "position", "dac": "command"}
 PROFILE_FORCE = 4  # mode of operation
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Figure of a run's rows over its [plot] from_s .. to_s, within the run; position, force
-    reading and command where the experiment names no rows. Objects that a link did not trace are
-    omitted. codes: the codes of the converters instead of N, mm and V."""
+    """Figure of a run's rows from from_s to to_s of its [plot], within the run. If the experiment
+    names no rows: position, measured force and command. Objects without a trace in a run over a
+    connection are omitted. codes: shows the codes of the converters instead of N, mm and V."""
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
     time_s = done.columns["time_s"]
     start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
     inside = (time_s >= start) & (time_s <= stop)
-    if not inside.any():  # an override made the run shorter than the plot
+    if not inside.any():  # an override has made the run end before the range of the plot
         inside[:] = True
     rows = [
         [line(done, name, inside, codes) for name in names if name in done.columns]
@@ -54,7 +54,7 @@ def figure(done: Run, codes: bool = False) -> "Figure":
 
 
 def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
-    """The plots.Line of a column, at the ticks where `inside` is true."""
+    """The plots.Line of a column, for the ticks at which `inside` is True."""
     from forceaxis.experiments import plots
 
     values = done.columns[name][inside]
@@ -79,8 +79,8 @@ def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
 
 
 def physical(unit: str, converters: Converters) -> tuple[str, float]:
-    """(unit, factor) of an object of counts or codes, if the model has the converter of these
-    codes; (unit, 1) otherwise."""
+    """(unit, factor) of an object in counts or codes, if the model has the converter of these
+    codes; otherwise (unit, 1)."""
     kind, _, per = unit.partition("/")
     encoder, reading, dac = (converters.get(name) for name in ("encoder", "adc0", "dac"))
     if encoder and kind == "encoder count" and per in ("", "s"):
@@ -122,10 +122,11 @@ def marks_of(done: Run) -> "plots.Marks":
 def demand_of(
     done: Run, contacts: list[tuple[float, float]]
 ) -> "tuple[plots.Values, plots.Values] | None":
-    """(times, N) of the demand of force in mode of operation 4, whose demand follows the
-    set-points by force_slope: as traced, otherwise by the slope from the first contact on.
+    """(times, N) of the force demand in mode of operation 4, which follows the set-points with the
+    slope force_slope: from the trace, otherwise computed from the first contact on.
 
-    None where the demand steps, where the slope changes, or where the run is not of a file."""
+    None if the demand changes in steps, if the slope changes, or if the run is not that of a file.
+    """
     from forceaxis.experiments import plots
 
     try:
@@ -145,7 +146,7 @@ def demand_of(
 
 
 def write(done: Run, out: Path, codes: bool = False) -> None:
-    """Write FILES into folder `out`, all or none of them. Raises OSError."""
+    """Writes FILES to the folder `out`, all or none of them. Raises OSError."""
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
         beside(write_tables, done, trace_csv, trace_npz, events_csv),
@@ -174,8 +175,8 @@ def write_tables(done: Run, trace_csv: Path, trace_npz: Path, events_csv: Path) 
 
 @contextlib.contextmanager
 def beside(work: Callable[P, None], *arguments: P.args, **options: P.kwargs) -> Iterator[None]:
-    """Do `work` in a child process while the context lasts. The files that it writes are complete
-    at the end of the context. Raises OSError where the child could not write."""
+    """Runs `work` in a child process during the context. Its files are complete at the end of the
+    context. Raises OSError if the child could not write."""
     child = os.fork()
     if child == 0:
         status = 255

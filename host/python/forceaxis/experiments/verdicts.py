@@ -1,10 +1,10 @@
-"""The four words of a verdict. Their meanings are in host/run/verdict.hpp."""
+"""The four verdicts as texts. Their meanings are in host/run/verdict.hpp."""
 
 STABLE = "stable"
 NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
-# As a page or a figure calls them.
+# {verdict: its text on pages and figures}.
 WORDS = {
     "stable": "stable",
     "unstable": "unstable",
@@ -14,6 +14,6 @@ WORDS = {
 
 
 def stability(verdict: str) -> str:
-    """ "stable" or "unstable", for what knows only these two, such as the thesis's tables; "" and
-    None stay."""
+    """ "stable" or "unstable", for comparisons with two verdicts only, such as the tables of the
+    thesis; "" and None are returned unchanged."""
     return "unstable" if verdict in NOT_STABLE else verdict

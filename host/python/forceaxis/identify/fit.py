@@ -1,4 +1,5 @@
-"""Parameters of a model from a measured frequency response, with intervals (`identify fit`)."""
+"""Fits parameters of a model to a measured frequency response, with confidence intervals (`identify
+fit`)."""
 
 import json
 import math
@@ -19,14 +20,15 @@ from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
 from forceaxis.identify.setup import is_number
 
-CORRELATED = 0.95  # two parameters whose estimates are: a warning
-VAGUE = math.log(2)  # half width of an interval in the logarithm, from which on it is a warning
-ALONE = 1e-7  # singular value of the normalised Jacobian below which parameters act only together
-BLIND = 1e-9  # relative change of a response that is none
-MISFIT = 1e-3  # probability of the chi-square below which other starts are tried, then rejected
+CORRELATED = 0.95  # correlation of two estimates from which a warning is given
+VAGUE = math.log(2)  # half width of an interval of the logarithm from which a warning is given
+ALONE = 1e-7  # smallest singular value of the normalised Jacobian for separate parameters
+BLIND = 1e-9  # smallest relative change of a response that counts as an effect
+# probability of the chi-square below which other start values are tried and the fit is rejected
+MISFIT = 1e-3
 STARTS = 24
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")  # of a Measurement
-REACH = 3.0  # to either side of the logarithm of the start: 20 times, or a twentieth
+REACH = 3.0  # search range about the logarithm of the start value: a factor of 20 up and down
 
 
 @dataclass(frozen=True)
@@ -44,30 +46,31 @@ class ParameterFit:
     single: Reals
     joint: Reals
     covariance: Reals
-    chi_square: float  #: 2 n - p degrees of freedom if the model is right
+    chi_square: float  #: has 2 n - p degrees of freedom if the model is correct
     dof: int
     points: int
     warnings: tuple[str, ...]
 
     @property
     def p_value(self) -> float:
-        """Probability of a chi-square as large, were the model right."""
+        """Probability of a chi-square at least as large if the model is correct."""
         return float(stats.chi2.sf(self.chi_square, self.dof))
 
     @property
     def rejected(self) -> bool:
-        """Whether no values of the parameters make the model explain the data: `values` are the
-        best, but not the plant's, and no interval means anything."""
+        """Whether no values of the parameters explain the data. `values` are then the best fit, but
+        not those of the plant, and the intervals are invalid."""
         return self.p_value < MISFIT
 
     @property
     def correlation(self) -> Reals:
-        """(p, p) of the estimates."""
+        """Correlation matrix of the estimates, (p, p)."""
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.outer(spread, spread))
 
     def distance(self, values: ArrayLike) -> float:
-        """Whether `values` (p,) lie in the joint 95 % region: below 1 inside, 1 on its edge."""
+        """Position of `values` (p,) relative to the joint 95 % region: below 1 inside, 1 at its
+        edge."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
@@ -80,11 +83,12 @@ def fit(
     where: str = "fit",
     tries: int | None = None,
 ) -> ParameterFit:
-    """Fit parameters of a model to a measured frequency response.
+    """Fits parameters of a model to a measured frequency response.
 
-    measured: a `Measurement`, whose `predict` is the model. starts: {parameter: value to
-    start from, > 0}: what is searched is their logarithm. Others have the values of
-    `measured.overrides`. tries: from how many other starts a misfit is searched, by default STARTS.
+    measured: a `Measurement`, whose `predict` is the model. starts: {parameter: start value > 0};
+    the search varies the logarithms of these parameters. Other parameters have the values of
+    `measured.overrides`. tries: number of other start values for a fit that does not explain the
+    data, by default STARTS.
 
     With z = |response - model|^2 / variance, where the variance is itself estimated from dof
     complex residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
@@ -123,7 +127,8 @@ def fit(
         return np.concatenate([values.real, values.imag])
 
     def coarse(logarithms: Reals) -> Reals:
-        """Logarithm of the ratio: what finds resonances that do not overlap yet."""
+        """Residuals of the logarithm of the ratio; they also converge if resonances do not overlap
+        yet."""
         return as_real(np.log(measured.response / model(logarithms)) * trust)
 
     def fine(logarithms: Reals) -> Reals:
@@ -134,7 +139,8 @@ def fit(
     start = np.log(first)
 
     def search(begin: Reals) -> optimize.OptimizeResult:
-        """First by the logarithm, which converges from afar, then by the likelihood."""
+        """Search with the coarse residuals, which converge from distant start values, then with the
+        likelihood."""
         options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
         near = np.clip(near, start - REACH + 0.01, start + REACH - 0.01)
@@ -150,7 +156,8 @@ def fit(
     check_separate(names, as_real(jacobian(start)), where)
 
     relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-    trust = 1 / np.hypot(relative, 0.1)  # no point weighs more than an error of a tenth
+    # limits the weight of a point to that of a relative error of a tenth
+    trust = 1 / np.hypot(relative, 0.1)
     best = search(start)
     degrees = 2 * n - p
     enough = stats.chi2.isf(MISFIT, degrees)
@@ -189,7 +196,7 @@ def warnings_of(
     single: Reals,
     moved: Reals,
 ) -> list[str]:
-    """Warnings about a fit: [text]; moved: logarithms from the starts to the values."""
+    """Texts of warnings about a fit. moved: change of the logarithms from the start values."""
     warnings = []
     p_value = stats.chi2.sf(chi_square, degrees)
     if p_value < 1 - SHARE:
@@ -215,7 +222,8 @@ def warnings_of(
 
 
 def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
-    """Refuse parameters of which only a combination changes the response, naming them."""
+    """Raises InputError, with the names, for parameters of which only a combination changes the
+    response."""
     _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
     if size[-1] < ALONE * size[0]:
         together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
@@ -228,11 +236,13 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
 def read_response(
     path: Path | str, model: Path | str, held: linear.Overrides | None = None, **given: Any
 ) -> Measurement:
-    """The Measurement of a folder (or response.npz) of `forceaxis measure --out`, or of a CSV file.
+    """Reads the Measurement in a folder (or response.npz) of `forceaxis measure --out`, or in a CSV
+    file.
 
-    A CSV file has columns frequency_hz, magnitude and phase_deg or real and imag, and coherence;
-    `given` has the other keys: input, output, averages, dt (s), scale; it replaces what was
-    recorded, and `held`, {parameter: value}, adds to it. Raises InputError.
+    A CSV file has the columns frequency_hz, magnitude and phase_deg or real and imag, and
+    coherence. `given` contains the other keys: input, output, averages, dt (s), scale; they replace
+    recorded values. `held`, {parameter: value}, is added to the recorded parameters. Raises
+    InputError.
     """
     path = Path(path)
     file = path / "response.npz" if path.is_dir() else path
@@ -262,7 +272,7 @@ def read_response(
 
 
 def checked(measured: Measurement, file: Path) -> Measurement:
-    """The Measurement, if it is one that a model can be fitted to. Raises InputError."""
+    """Returns the Measurement if a model can be fitted to it. Raises InputError otherwise."""
 
     def expect(good: object, key: str, text: str) -> None:
         if not good:
@@ -341,7 +351,8 @@ def response_of_csv(file: Path, averages: int) -> Measurement:
 def starts_of(
     texts: Sequence[str], measured: Measurement
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """NAME or NAME=START texts as {name: start}, by default the model's value; {name: unit}."""
+    """({name: start value}, {name: unit}) from texts NAME or NAME=START; the default is the model's
+    value."""
     known = linear.facts(measured.model, measured.overrides).parameters
     starts: dict[str, float] = {}
     for text in texts:
@@ -363,8 +374,9 @@ def starts_of(
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A fitted parameter in `unit`. Both 95 % intervals, (low, high), are None where the model is
-    rejected: `interval` is of this parameter alone, `joint_interval` of all parameters together."""
+    """A fitted parameter in `unit`. Both 95 % intervals, (low, high), are None if the model is
+    rejected: `interval` is that of this parameter alone, `joint_interval` that of all parameters
+    together."""
 
     value: float
     unit: str
@@ -375,8 +387,8 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """A ParameterFit as `identify fit --json` prints it. `set` has the values as options of a verb;
-    it is None where the model is rejected."""
+    """A ParameterFit in the form of `identify fit --json`. `set` contains the values as options of
+    a verb; it is None if the model is rejected."""
 
     model: str
     input: str
@@ -466,7 +478,8 @@ def describe(summary: Mapping[str, Any]) -> str:
 def write(
     found: ParameterFit, measured: Measurement, summary: Mapping[str, Any], out: Path
 ) -> None:
-    """Write result.json and plot.png, the measured response beside the model before and after."""
+    """Writes result.json and plot.png, which shows the measured response and the model before and
+    after the fit."""
     from forceaxis.identify import plots
 
     start, fitted = (

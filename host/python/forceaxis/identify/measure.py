@@ -1,20 +1,21 @@
-"""A virtual signal analyzer: frequency responses measured on the simulated axis (3.1.1, 3.2).
+"""Signal analyzer in simulation: measures frequency responses of the simulated axis (3.1.1,
+3.2).
 
-An excitation goes into the drive as volts on a clock finer than the controller's, or comes as DAC
-codes from the excitation mode of the running firmware; two signals are recorded and the response
-from one to the other is estimated (H1), with its error, beside that of the linear model.
+The excitation is a voltage of the drive, with a smaller sampling period than the controller, or DAC
+codes from the excitation mode of the running firmware. Two signals are recorded. The response from
+one to the other and its error are estimated (H1) and compared with the linear model.
 
-Every realisation of the excitation (another noise, another phase) repeats itself exactly. It is
-played until the transient of the previous one has decayed, then one whole period is measured.
-Without leakage from line to line the residuals of H1 over the realisations are the noise alone, and
+Each realisation of the excitation (another noise sequence or phase) is periodic. It is applied
+until the transient of the previous one has decayed; then one whole period is recorded. Without
+leakage between lines, the residuals of H1 over the realisations consist of noise alone and
 determine the error of the response:
 
     H = sum U* Y / sum |U|^2,   variance = sum |Y - H U|^2 / ((K - 1) sum |U|^2),
     |H - true|^2 / variance follows F(2, 2 (K - 1)),    K realisations
 
-(circular complex noise; Pintelon and Schoukens, System Identification, 2.5). The analyzer's own
-converters add the noise of their triangular dither, variance q^2 / 4 for a step of q; the codes of
-the firmware have no noise but their own rounding.
+(circular complex noise; Pintelon and Schoukens, System Identification, 2.5). The converters of the
+analyzer add the noise of their triangular dither, with the variance q^2 / 4 for a step of q. The
+codes of the firmware have no added noise, only their rounding.
 """
 
 import math
@@ -32,27 +33,28 @@ from forceaxis._core import InputError
 from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.setup import CODES, Setup, read_setup
 
-LEFT_BEHIND = 1e-8  # share of a transient that remains when measuring starts
+LEFT_BEHIND = 1e-8  # remaining share of a transient at the start of a recording
 FIRST_OF_HANN = 3  # line
 MOST_STEPS = 20_000_000
 MOST_PARTS = 64  # of a tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
-Records = list[tuple[Lines, Reals]]  # lines, and their signals: (averages, 2, samples)
+Records = list[tuple[Lines, Reals]]  # lines, and their signals (averages, 2, samples)
 
 
 class ExcitedPlant:
-    """One plant under one kind of excitation: plays a waveform and records the two signals."""
+    """One plant with one kind of excitation: applies a waveform and records two signals."""
 
-    wave: Reals  # V, one period; with a window, the whole excitation
+    wave: Reals  # V, one period; with a window the complete excitation
 
     def __init__(
         self, setup: Setup, overrides: linear.Overrides, parts: int, samples: int, where: str
     ) -> None:
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
-        self.at_end = self.converted = 0  # readings of an ADC, and those at one of its ends
-        self.met: Counter[str] = Counter()  # "element: state" -> samples
+        # number of ADC codes at an end of the range, and of all ADC codes
+        self.at_end = self.converted = 0
+        self.met: Counter[str] = Counter()  # "element: state" -> number of samples
         try:
             model = str(linear.find_model(setup.model))
             self.plant: Any = _core.Excited(
@@ -77,7 +79,7 @@ class ExcitedPlant:
             self.started = False
 
     def write(self, name: str, value: float) -> None:
-        """Writes an object of the firmware. Raises InputError where the firmware refuses."""
+        """Writes an object of the firmware. Raises InputError if the firmware refuses the value."""
         try:
             self.plant.write(name, float(value))
         except ValueError as error:
@@ -86,14 +88,16 @@ class ExcitedPlant:
             ) from None
 
     def prepare(self, rng: np.random.Generator, line: int | None) -> None:
-        """The next realisation; `line` of a sine. It starts with the next play()."""
+        """Prepares the next realisation, of a sine the one at `line`. It starts with the next
+        play()."""
         if self.setup.inject == "volts":
             self.wave = self.waveform(rng, line)
             return
         self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # Rounding depends on the amplitude; a single one would hide a systematic error.
+            # Rounding depends on the amplitude; with a single amplitude its systematic error would
+            # not show.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
@@ -101,7 +105,7 @@ class ExcitedPlant:
             self.started = True
 
     def waveform(self, rng: np.random.Generator, line: int | None) -> Reals:
-        """One period, V; without a window. With one: all segments of noise at once."""
+        """One period in V without a window; with a window the noise of all segments."""
         from scipy import fft, signal
 
         setup, count = self.setup, self.samples
@@ -154,7 +158,7 @@ class ExcitedPlant:
 
 
 def unstable(where: str, text: str) -> InputError:
-    """The InputError of a response that grows."""
+    """The InputError for a response whose amplitude grows."""
     return InputError(
         f"{where}: excitation: expected a response that settles, got an unstable excitation: {text}"
         "; lower the level, or close a loop that holds the axis"
@@ -162,8 +166,9 @@ def unstable(where: str, text: str) -> InputError:
 
 
 def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
-    """The analyzer's converter: (rounded values, step). Its range is the smallest of
-    1, 2, 5 times 10^n that holds them; triangular dither makes the error noise of step^2 / 4."""
+    """The converter of the analyzer: (rounded values, step). Its range is the smallest of 1, 2, 5
+    times 10^n that contains the values. With triangular dither the error is noise with the variance
+    step^2 / 4."""
     peak = float(np.max(np.abs(values)))
     if peak == 0.0:
         return values, 0.0
@@ -175,7 +180,8 @@ def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals
 
 
 def settling_steps(system: linear.System, where: str) -> int:
-    """Samples after which a transient has decayed, by the slowest pole. Raises InputError."""
+    """Number of samples after which a transient has decayed, from the slowest pole. Raises
+    InputError."""
     poles = system.poles()
     size = abs(poles)
     if size.max(initial=0) > 1 + 1e-7:
@@ -184,7 +190,7 @@ def settling_steps(system: linear.System, where: str) -> int:
             f"{where}: model: expected a stable plant, it has a pole at +{rate:.3g} 1/s: unstable "
             "excitation; change the parameters or measure it with the contacts apart"
         )
-    still = abs(poles - 1) < 1e-7  # the drift of integrators is removed
+    still = abs(poles - 1) < 1e-7  # poles of integrators, whose drift is removed
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
         raise InputError(
@@ -199,13 +205,13 @@ def measure(
     options: Mapping[str, Any] | None = None,
     plant_set: linear.Overrides | None = None,
 ) -> Measurement:
-    """Measure a frequency response. Returns a Measurement.
+    """Measures a frequency response of the simulated axis and returns a Measurement.
 
-    target: a measurement file (path, or stem of a file of sim/measurements: "fig3_9"), or a model
-    (path or stem) with `options`, {key: value} of Setup, which also replace keys of a file; "set"
-    holds parameters {name: value} of both plant and model. plant_set: {name: value} of the plant
-    alone, not of the linear model. Raises InputError for a wrong set-up and for a plant that
-    cannot be measured.
+    target: a measurement file (path, or stem of a file in sim/measurements: "fig3_9"), or a model
+    (path or stem). options: {key: value} of Setup, which replace keys of a file; "set" contains
+    parameters {name: value} of both plant and model. plant_set: {name: value} of the plant only,
+    not of the linear model. Raises InputError for a wrong set-up and for a plant that cannot be
+    measured.
     """
     setup, where = read_setup(target, options)
     return measure_setup(setup, where, plant_set)
@@ -214,7 +220,7 @@ def measure(
 def measure_setup(
     setup: Setup, where: str, plant_set: linear.Overrides | None = None
 ) -> Measurement:
-    """measure() with the set-up already read; `where` names it in errors."""
+    """measure() with a set-up that has been read; `where` is its name in errors."""
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
@@ -271,12 +277,13 @@ def measure_setup(
 
 
 def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
-    """(parts of a tick, samples of a record, its lines that are measured). Raises InputError."""
+    """(parts of a tick, samples of a record, numbers of its measured lines). Raises InputError."""
     low, high = setup.band_hz
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        # Ten steps in the shortest period at least: the hold turns the phase by 18 degrees there.
+        # At least ten steps per shortest period; the hold then shifts the phase by up to 18
+        # degrees.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
             raise InputError(
@@ -297,7 +304,8 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
             f"{where}: resolution_hz: expected a line between {low:g} and {high:g} Hz, got too "
             f"little data for one; measure longer, with a smaller resolution_hz"
         )
-    if setup.window == "hann":  # removing mean and drift distorts the two lines next to 0 Hz
+    # the two lines next to 0 Hz are left out, because the removal of mean and drift distorts them
+    if setup.window == "hann":
         first = max(first, FIRST_OF_HANN)
         if last < first:
             raise InputError(
@@ -329,7 +337,8 @@ def settling_of(
                 f"the drive acts on, there is no path from drive.command to {name}"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
-    if plant_set:  # may settle later than the nominal one; instability is reported later
+    # the changed plant may settle later than the nominal one; an unstable one is reported later
+    if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),
             free=setup.free,
@@ -342,10 +351,11 @@ def settling_of(
 def record_periods(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """[(lines, (averages, 2, samples))]: a period of each realisation, and of each line of a sine.
+    """[(lines, (averages, 2, samples))]: one period of each realisation, and of each line of a
+    sine.
 
-    An integrating plant drifts with the mean of the excitation, by the same in every period: that
-    ramp is removed.
+    An integrating plant drifts with the mean of the excitation, by the same distance in each
+    period; this ramp is removed.
     """
     setup, n = bench.setup, bench.samples
     sets: list[tuple[Lines, int | None]] = [(np.array([line]), line) for line in lines]
@@ -358,7 +368,7 @@ def record_periods(
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            if grown(before, now):  # a bouncing contact may grow once by chance
+            if grown(before, now):  # a contact that opens and closes may grow once by chance
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:
                     raise unstable(
@@ -371,7 +381,8 @@ def record_periods(
 
 
 def grown(before: Reals, now: Reals) -> float | None:
-    """How many times larger a signal's swing is than a period before, or None."""
+    """Growth of a signal's range from the previous period to this one as a factor; None if it does
+    not grow."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
     return float(factor) if swing.min() > 0 and factor > 1.5 else None
@@ -380,7 +391,8 @@ def grown(before: Reals, now: Reals) -> float | None:
 def record_segments(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """The same for noise that does not repeat: overlapping segments under a Hann window."""
+    """As record_periods, but for noise that is not periodic: overlapping segments with a Hann
+    window."""
     from scipy import signal
 
     setup, n = bench.setup, bench.samples
@@ -438,7 +450,7 @@ def estimate(
         H = (U.conj() * Y).sum(0) / uu
         response[here] = H
         residual = (abs(Y - H * U) ** 2).sum(0)
-        # Half overlapping Hann windows share a sixth of their amplitude (Welch 1967).
+        # Hann windows that overlap by half have a correlation of a sixth (Welch 1967).
         shared = 1 + 2 / 36 if setup.window == "hann" else 1.0
         dof = done.averages / shared - 1
         results["variance"][here] = shared * residual / ((done.averages - 1) * uu)

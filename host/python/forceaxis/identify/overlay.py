@@ -1,4 +1,5 @@
-"""Measured responses over a model's between the same signals: `forceaxis bode --measured`."""
+"""Measured responses together with the model's response between the same signals: `forceaxis bode
+--measured`."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,9 +24,9 @@ def overlay(
 ) -> tuple[list[curves.Curve], list[Points], dict[str, Any]]:
     """(curves of the model, Points of each folder, summary) of responses between the same signals.
 
-    model: a path or stem. folders: as `forceaxis measure --out` writes them. overrides:
-    {parameter: value}. span_hz: of the curves, as far as the sampling goes. Responses that were
-    taken in other states of the plant have a curve each. Raises InputError.
+    model: a path or stem. folders: as written by `forceaxis measure --out`. overrides: {parameter:
+    value}. span_hz: range of the curves, limited by the sampling. Responses in different states of
+    the plant have a model curve each. Raises InputError.
     """
     model = linear.find_model(model)
     measured = [(str(folder), read_response(folder, model, overrides)) for folder in folders]
@@ -63,7 +64,7 @@ def overlay(
 
 
 def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:
-    """What the model has where `measured` was taken, finely."""
+    """The model's response between the signals of `measured`, with narrow steps of frequency."""
     system = sampled(measured, measured.overrides)
     output = replace(system, C=system.C[1:], D=system.D[1:])
     roots = np.concatenate([output.poles_s(), output.zeros_s()])

@@ -1,4 +1,4 @@
-"""Figures of measured responses: beside the linear model, and before and after a fit."""
+"""Figures of measured responses: with the linear model, and before and after a fit."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,8 +29,8 @@ from forceaxis.linear.curves import Curve
 def response(
     measured: Measurement, model: Complexes | None, title: str, width: float = 5.6
 ) -> Figure:
-    """Figure: amplitude and phase over frequency, of a Measurement with its 95 % band and of the
-    linear model (complex, at its frequencies; None: without), coherence below."""
+    """Figure of a Measurement: amplitude and phase over frequency with the 95 % band, the linear
+    model (complex, at the same frequencies; None: omitted), coherence below."""
     f = measured.frequency_hz
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
@@ -41,7 +41,7 @@ def response(
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", **lines)
     low, high = size.get_ylim()
-    if high < 10 * low:  # nearly flat: a decade shows that it is
+    if high < 10 * low:  # at least a decade, so that a nearly constant magnitude appears constant
         middle = math.sqrt(low * high)
         size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
     bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
@@ -74,14 +74,14 @@ def response(
 
 
 def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
-    """Figure: amplitude and phase, of a Measurement with its 95 % band, of the response that a fit
-    started from and of the one it found (complex, at the measured frequencies)."""
+    """Figure of a Measurement with its 95 % band, the response at the start of a fit and the fitted
+    response (both complex, at the measured frequencies): amplitude and phase."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:
         style(ax)
     f, size = measured.frequency_hz, abs(measured.response)
     band = measured.radius()
-    # A point without information must not stretch the axis.
+    # Points with a very large error are excluded from the range of the axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
     axes[0].fill_between(f, low, high, color=INK, alpha=0.2, linewidth=0, label="95 % band")
     rows: list[tuple[Complexes, dict[str, Any], str]] = [
@@ -96,7 +96,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     for values, look, label in rows:
         axes[0].loglog(f, abs(values), **look, label=label)
         degrees = np.degrees(np.angle(values))
-        if look.get("linestyle"):  # a gap where it turns from -180 to 180 degrees
+        if look.get("linestyle"):  # a gap at the change from -180 to 180 degrees
             degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
         axes[1].semilogx(f, degrees, **look)
     axes[0].set_ylabel(

@@ -1,6 +1,6 @@
-"""Identification: a model's parameters from measurements, each with its interval.
+"""Identification of a model's parameters from measurements, each with its confidence interval.
 
-The procedures by which the thesis found the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1);
+These are the procedures of the thesis for the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1).
 `fit` fits any parameters of a model to a measured frequency response.
 """
 
@@ -20,25 +20,26 @@ from forceaxis.errors import ParameterError
 Reals = NDArray[np.float64]
 
 SHARE = 0.95  # of all intervals
-LARGEST = 1e100  # number of a CSV file, so that no sum of squares overflows
+LARGEST = 1e100  # largest number of a CSV file, so that no sum of squares overflows
 FEWEST_CYCLES = 3
-FEWEST_SAMPLES = 30  # of a ring-down: below, noise alone may look like one
-RATES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # of decay over omega, where the fit starts
-NEARLY = 0.9  # share of the largest amplitude at which a ring-down begins
-EXPLAINED = 0.5  # share of a record's variance below which it is not one ring-down
-COLOURED = 4  # residual density around the mode over that of white noise: a warning
+FEWEST_SAMPLES = 30  # of a ring-down; fewer samples of noise may resemble one
+RATES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # start values of decay rate / angular frequency
+NEARLY = 0.9  # share of the largest amplitude at which the ring-down begins
+EXPLAINED = 0.5  # smallest share of a record's variance that a ring-down has to explain
+# ratio of the residual density at the mode to white noise, from which a warning is given
+COLOURED = 4
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and the half width of its 95 % interval, both in `unit`."""
+    """A value and half the width of its 95 % interval, both in `unit`."""
 
     value: float
     half: float
     unit: str = ""
 
     def with_interval(self) -> "EstimateWithInterval":
-        """The estimate as JSON has it."""
+        """The estimate in the form of its JSON."""
         low, high = finite(self.value - self.half), finite(self.value + self.half)
         return EstimateWithInterval(finite(self.value), (low, high), self.unit)
 
@@ -56,12 +57,13 @@ class EstimateWithInterval:
 
 
 def finite(number: float) -> float | None:
-    """The number, or None where JSON has none."""
+    """The number, or None if JSON cannot represent it."""
     return float(number) if math.isfinite(number) else None
 
 
 def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
-    """Estimate of function(values): the half widths of independent estimates add in quadrature."""
+    """Estimate of function(values); the half widths of independent estimates are added as
+    squares."""
     values = [e.value for e in estimates]
     square = 0.0
     for i, e in enumerate(estimates):
@@ -87,7 +89,7 @@ def regression(
 
 
 def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
-    """[(number of the line, [texts])] of a CSV file's lines that are not empty. InputError."""
+    """[(line number, [texts])] of the lines of a CSV file that are not empty. Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
@@ -133,12 +135,15 @@ class RingDown:
     """Parameters of a mode from a recorded free vibration."""
 
     cycles: int  #: that were used
-    damped_frequency: Estimate  #: Hz, one over the period
-    natural_frequency: Estimate  #: Hz, that without damping
-    decrement: Estimate  #: ln of the ratio of amplitudes one cycle apart
-    damping_ratio: Estimate  #: by the thesis's formula, decrement / (2 pi)
-    damping_ratio_exact: Estimate  #: decrement / sqrt(4 pi^2 + decrement^2), its limit beside 1
-    decrement_of_ratio: float  #: ln(first cycle's amplitude / last one's) / cycles between them
+    damped_frequency: Estimate  #: Hz, 1 / period
+    natural_frequency: Estimate  #: Hz, without damping
+    decrement: Estimate  #: ln of the ratio of amplitudes one period apart
+    damping_ratio: Estimate  #: formula of the thesis, decrement / (2 pi)
+    #: decrement / sqrt(4 pi^2 + decrement^2); the formula of the thesis is its limit for small
+    #: values
+    damping_ratio_exact: Estimate
+    #: ln(amplitude of the first / of the last period) / number of periods between them
+    decrement_of_ratio: float
     explained: float  #: share of the record's variance, 0..1
     noise: float  #: standard deviation of the residual, in the signal's unit
     warnings: tuple[str, ...]
@@ -155,9 +160,10 @@ def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
 def fit_damped_sine(
     time: Reals, values: Reals, starts: Sequence[tuple[float, float]]
 ) -> optimize.OptimizeResult:
-    """Least squares of a damped sine: the result of SciPy, its x: rate, omega and 4 coefficients.
+    """Least squares fit of a damped sine; returns SciPy's result with x: rate, omega and 4
+    coefficients.
 
-    time (n,) from 0, starts [(rate, omega)] in 1/s and rad/s, of which the best one is taken.
+    time (n,) from 0, starts [(rate, omega)] in 1/s and rad/s; the best start is used.
     """
 
     def linear_part(start: tuple[float, float]) -> tuple[float, list[float]]:
@@ -182,7 +188,7 @@ def fit_damped_sine(
 
 
 def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) -> Reals:
-    """Amplitudes of the cycles that begin at `starts`, s: each from its Fourier coefficient."""
+    """Amplitudes of the periods that begin at `starts`, in s, each from its Fourier coefficient."""
     turning = values * np.exp(-1j * omega * time)
     steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
     total = np.concatenate([[0], np.cumsum(steps)])
@@ -192,7 +198,7 @@ def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) ->
 
 
 def likely_frequencies(time: Reals, values: Reals) -> Reals:
-    """The three highest peaks of the spectrum, rad/s; of times that may be unequally spaced."""
+    """The three highest peaks of the spectrum, in rad/s; the times may have unequal steps."""
     even = np.linspace(time[0], time[-1], len(time))
     bent = signal.detrend(np.interp(even, time, values))
     size = abs(np.fft.rfft(bent, 2 * len(even)))
@@ -204,14 +210,15 @@ def likely_frequencies(time: Reals, values: Reals) -> Reals:
 def ring_down(
     time_s: Reals, values: Reals, floor: float = 0.05, where: Path | str = "ring-down"
 ) -> RingDown:
-    """Frequency and logarithmic decrement of a free vibration about any offset and slow drift.
+    """Frequency and logarithmic decrement of a free vibration with any offset and slow drift.
 
-    time_s (n,) rising, values (n,) in any unit. A damped sine is fitted to the record from the
-    largest amplitude on, down to `floor` (0..1) of that. Intervals are those of least squares for
-    white noise, or for the noise's density around the vibration's frequency if that is more (as of
-    another mode nearby), and for at least twice the variance of a converter's rounding. Beside it
-    stands the ratio of the amplitudes of the first and the last cycle, as read off a plot. Raises
-    InputError for fewer than 3 cycles and for a record that one damped sine does not explain.
+    time_s (n,) ascending, values (n,) in any unit. A damped sine is fitted to the record from the
+    largest amplitude down to the share `floor` (0..1) of it. The intervals are those of least
+    squares with white noise, or with the noise density near the frequency of the vibration if that
+    is larger (for example because of another mode). They include at least twice the variance of a
+    converter's rounding. The ratio of the amplitudes of the first and the last period, as read from
+    a plot, is also given. Raises InputError for fewer than 3 periods and for a record that one
+    damped sine does not explain.
     """
     if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
         raise InputError(f"{where}: time_s: expected at least two rising times, in s")
@@ -230,7 +237,8 @@ def ring_down(
         starts = [(rate * omega, omega) for omega in omegas for rate in rates]
         return time, fit_damped_sine(time, (values[inside] - values.mean()) / unit, starts)
 
-    # The record before the largest amplitude is excluded; half of a period may be the strike.
+    # The record before the largest amplitude is excluded; the excitation may take half of a
+    # period.
     period = 2 * math.pi / frequencies[0]
     begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
     level = signal.detrend(values)
@@ -306,26 +314,28 @@ def ring_down(
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Variances of a sample, estimated from the `residuals`: white noise, noise near the
-    vibration, rounding; and whether the second is clearly more than the first.
+    """Variances of a sample from the `residuals`: white noise, noise near the vibration, rounding;
+    and whether the second is clearly larger than the first.
 
-    turned: rad that the vibration turns in the record of `values`, which `unit` made dimensionless.
+    turned: phase of the vibration in rad over the record of `values`; `unit` is the divisor that
+    made the values dimensionless.
     """
     n = len(residuals)
     white = float(np.sum(residuals**2) / freedom)
     lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    local = float(near.sum() / max(len(near) - 2, 1))  # 4 of the real parameters are taken from it
-    # Rounding without noise depends on the vibration: errors of its amplitude that the residual
-    # does not show; twice the variance of rounding, step^2 / 12, covers them.
+    # 4 real parameters reduce the degrees of freedom
+    local = float(near.sum() / max(len(near) - 2, 1))
+    # Rounding without noise depends on the vibration and causes errors of the amplitude that the
+    # residual does not contain; twice the variance of rounding, step^2 / 12, covers them.
     levels = np.unique(values)
     rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
     return white, local, rounding, local > COLOURED * white and len(near) > 4
 
 
 def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
-    """The error of a record with too few cycles."""
+    """The error for a record with too few periods."""
     return InputError(
         f"{where}: expected a ring-down of at least {FEWEST_CYCLES} cycles, found {int(cycles)}; "
         f"record longer, strike harder or lower the floor of {floor:g}"
@@ -347,7 +357,8 @@ def mode_parameters(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> ModeParameters:
-    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode of which one of the first is known.
+    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode; either mass or stiffness is
+    given.
 
     `frequency_hz` is the natural frequency and `damping_ratio` the exact ratio: k = m w^2,
     b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6).
@@ -379,19 +390,20 @@ def mode_parameters(
 class Split:
     """Two masses on either side of a spring, kg."""
 
-    #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen one first
+    #: ((m_r1, m_r2), (m_r1, m_r2)), the chosen solution first
     solutions: tuple[tuple[Estimate, Estimate], tuple[Estimate, Estimate]]
     locked: tuple[
         Estimate, Estimate
-    ]  #: (m_r1, m_r2) if the frequency was that with m_r1 locked to ground
-    locked_frequency_hz: float  #: at which the chosen m_r2 vibrates with m_r1 locked
+    ]  #: (m_r1, m_r2) if the frequency was measured with m_r1 locked to ground
+    locked_frequency_hz: float  #: frequency at which the chosen m_r2 vibrates while m_r1 is locked
 
 
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
     """m_r1 + m_r2 = m, w^2 = k m / (m_r1 m_r2): Estimates of m (kg), k (N/m) and w / (2 pi) (Hz).
 
-    That is the mode of both masses in free space. The choice is the thesis's: the actuator has more
-    than half of the inertia, m_r1 > m_r2. Raises InputError without a real solution.
+    The frequency is that of both masses in free space. The choice is that of the thesis: the
+    actuator has more than half of the inertia, m_r1 > m_r2. Raises InputError without a real
+    solution.
     """
 
     def larger(m: float, k: float, f: float) -> float:
@@ -399,7 +411,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
 
     def smaller(
         m: float, k: float, f: float
-    ) -> float:  # by the product of both: no difference of what is nearly equal
+    ) -> float:  # uses the product of both, to avoid the difference of nearly equal numbers
         return m * locked(k, f) / larger(m, k, f)
 
     def locked(k: float, f: float) -> float:
@@ -431,9 +443,9 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
 def regression_of(
     path: Path | str, x: str, y: str, offset: bool = False, units: tuple[str, str] = ("", "")
 ) -> list[Estimate]:
-    """[slope] or, with `offset`, [slope, offset] of column y over x of a CSV file, Estimates.
+    """Estimates [slope] or, with `offset`, [slope, offset] of column y over x of a CSV file.
 
-    Raises InputError for fewer than 3 rows (4 with offset) or rows that all have one x.
+    Raises InputError for fewer than 3 rows (4 with offset) or if x is equal in all rows.
     """
     at, values = read_columns(path, [x, y])
     fewest = 4 if offset else 3
@@ -480,10 +492,9 @@ def decrement(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> tuple[RingDown, ModeParameters | None]:
-    """ring_down() of a CSV file with column time_s, and mode_parameters() for a known mass (kg) or
-    stiffness (N/m). `column` is the column of the signal; it can be left out where the file has
-    only one other column than time_s.
-    """
+    """ring_down() of a CSV file with the column time_s, and mode_parameters() for a known mass (kg)
+    or stiffness (N/m). `column` is the column of the signal; it is optional if the file has only
+    one column besides time_s."""
     if column is None:
         header = header_of(path)
         others = [name for name in header if name != "time_s"]

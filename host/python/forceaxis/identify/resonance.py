@@ -1,8 +1,9 @@
-"""Polynomial resonance model of 4.2: a rigid-body response times simple resonances, fitted to data.
+"""Resonance model of 4.2: the response of a rigid body times simple resonances, fitted to data.
 
     R_i(s) = (w_p / w_z)^2 (s^2 + 2 zeta_z w_z s + w_z^2) / (s^2 + 2 zeta_p w_p s + w_p^2)
 
-The thesis fits it by eye in five steps, lowest resonance first; `fit` does the same to numbers.
+The thesis fits it by eye in five steps, beginning with the lowest resonance; `fit` performs these
+steps numerically.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,16 +19,16 @@ from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 
-# Ranges of damping ratios while fitting: below, a peak is narrower than any data; above, there is
-# none.
+# Ranges of damping ratios in the fit: with a smaller one the peak is narrower than any data, with
+# a larger one there is no peak.
 ZETA = (1e-5, 1.0)
-# The largest factor between a resonance's frequency and that of its peak.
+# Largest ratio of a resonance's frequency to that of its peak.
 FREEDOM = 1.3
 
 
 @dataclass(frozen=True)
 class Resonance:
-    """One R_i: a peak and, if there is one, a trough. 1 at low frequency."""
+    """One factor R_i: a peak and, if present, a trough. R_i is 1 at low frequency."""
 
     peak_hz: float
     peak_damping: float
@@ -57,11 +58,11 @@ def _pair(s: Any, hz: Any, zeta: Any) -> Any:
 
 @dataclass(frozen=True)
 class Fit:
-    """Resonances, lowest first, and how far the model is from the data.
+    """Resonances, the lowest first, and the errors of the model.
 
-    Errors are of magnitude, in dB over the frequencies given; `phase_error_deg` is the rms error of
-    phase where both the data and the rigid-body response were complex, else None: it is small where
-    the data are those of a minimum-phase system.
+    Errors of magnitude are in dB over the given frequencies. `phase_error_deg` is the rms error of
+    the phase if both the data and the rigid-body response are complex, otherwise None. It is small
+    if the data belong to a minimum-phase system.
     """
 
     resonances: tuple[Resonance, ...]
@@ -76,12 +77,13 @@ class Fit:
         return Factored(_roots(zeros), _roots(poles), 1.0)
 
     def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> Complexes:
-        """The whole model, G_p = G_rb prod R_i, from the rigid-body response at the frequencies."""
+        """The response of the model, G_p = G_rb prod R_i, from the rigid-body response at the
+        frequencies."""
         return np.asarray(np.asarray(rigid_response) * self.cascade().response(frequency_hz))
 
 
 def _roots(pairs: list[tuple[float, float]]) -> Complexes:
-    """Both roots, 1/s, of each (Hz, damping ratio)."""
+    """Both roots in 1/s of each pair (Hz, damping ratio)."""
     roots = []
     for hz, zeta in pairs:
         offset = np.sqrt(complex(zeta * zeta - 1))
@@ -164,10 +166,11 @@ def _checked(
 def _extremes(
     f: Reals, target: Reals, modes: int, prominence_db: float
 ) -> tuple[list[float], list[float | None]]:
-    """Frequencies of the most prominent peaks and of the trough, or None, of each."""
+    """Frequencies of the most prominent peaks, and for each of its trough or None."""
 
     def at_top(i: int, values: Reals) -> float:
-        # Between grid points: vertex of the parabola through three of the logarithmic scale.
+        # Frequencies between grid points: vertex of the parabola through three points in the
+        # logarithmic scale.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
@@ -175,14 +178,15 @@ def _extremes(
     found, about = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
-    # Paired before weaker peaks are removed together with their troughs.
+    # Assigned before weaker peaks are removed together with their troughs.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
     strongest = np.sort(np.argsort(about["prominences"])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
 
 
 def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
-    """For each peak its trough or None: least total distance, and no peak lies between the two."""
+    """For each peak its trough or None: the assignment with the smallest total distance and no peak
+    between the two."""
     if not troughs:
         return [None] * len(peaks)
     distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
@@ -200,9 +204,9 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
-    """Steps 2 to 5: move each pair until the model's own peaks and troughs, which neighbours and
-    damping shift, stand where the data's do, as high and as deep; all others given, round by round.
-    """
+    """Steps 2 to 5: adjusts each pair in turn until the model's peaks and troughs agree with those
+    of the data in frequency and size. Neighbouring pairs and damping shift them, so the other pairs
+    are kept constant meanwhile and the rounds repeat."""
     marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
     hz = np.array([mark[0] for mark in marks])
     sign = np.array([mark[1] for mark in marks])
@@ -226,7 +230,7 @@ def _match(
                 top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
                 moved = pairs[i, 0] / np.sqrt(top)
                 pairs[i, 0] = np.clip(moved, mark / FREEDOM, mark * FREEDOM)
-            # In dB a pair is as high or deep as its own damping is small.
+            # The size of a peak or trough in dB depends on its own damping.
             over = (model_db(np.array([mark]))[0] - level[i]) * s
             pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *ZETA)
     return _resonances(best, troughs)
@@ -242,7 +246,7 @@ def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance
 
 
 def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Resonance]:
-    """All frequencies and ratios, as logarithms, to the least squares of the error in dB."""
+    """Least squares of the error in dB over all frequencies and ratios, as logarithms."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
     pairs += [r.trough for r in start if r.trough]
     signs = np.array([-1] * len(start) + [1] * (len(pairs) - len(start)))
@@ -265,8 +269,8 @@ def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Reso
 
 @dataclass(frozen=True)
 class ResonanceResult:
-    """Resonances of a measured response, their errors as of Fit, and the zeros and poles of their
-    cascade, 1/s, each as (real part, imaginary part)."""
+    """Resonances of a measured response with errors as in Fit, and the zeros and poles of their
+    product in 1/s, each as (real part, imaginary part)."""
 
     resonances: tuple[Resonance, ...]
     rms_db: float
@@ -285,7 +289,7 @@ def of_measurement(
     prominence_db: float,
     refine: bool,
 ) -> ResonanceResult:
-    """Fits resonances to a measured response; `rigid` is the signal of the model that a rigid
+    """Fits resonances to a measured response. `rigid`: the signal of the model that a rigid
     structure would give. Raises InputError."""
     from forceaxis.identify import fit as fit_response
 

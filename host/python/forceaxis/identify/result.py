@@ -1,4 +1,4 @@
-"""A measurement beside the linear model: what `forceaxis measure` prints, writes and draws."""
+"""A measurement and its linear model: result of `forceaxis measure` as JSON, files and figure."""
 
 import csv
 import json
@@ -17,15 +17,15 @@ from forceaxis.identify.setup import Setup, read_setup
 from forceaxis.linear import working
 from forceaxis.results import to_json
 
-STOPS = (".low", ".high")  # ends of the names of a stop's two contacts
+STOPS = (".low", ".high")  # ends of the names of the two contacts of a stop
 
 
 @dataclass(frozen=True)
 class MeasurementSummary:
-    """A measurement beside the linear model, as `measure --json` prints it. `contact` is the share
-    of the time in which each contact was pressed, `floor_median` the standard deviation by
-    quantisation alone in the unit of the response, `saturated` the share of samples at an end of
-    the ADC."""
+    """A measurement and its linear model in the form of `measure --json`. `contact` is the share of
+    the time in which each contact was closed, `floor_median` the standard deviation by quantisation
+    alone in the unit of the response, `saturated` the share of samples with an ADC code at an end
+    of the range."""
 
     measurement: str
     title: str
@@ -60,12 +60,12 @@ class MeasurementSummary:
 
 @dataclass(frozen=True)
 class MeasurementResult:
-    """A measurement beside the linear model, and the summary that `--json` prints: of run() a
-    MeasurementSummary; the measurement of a live axis has a summary of its own."""
+    """A measurement and its linear model, and the summary that `--json` prints: a
+    MeasurementSummary from run(); measurements of a real axis have another summary."""
 
     setup: Setup | None  # None: a live axis
     measured: Measurement
-    model: Complexes | None  # (n,), from nominal parameters; None: there is no model
+    model: Complexes | None  # (n,), from nominal parameters; None without a model
     summary: Any
     title: str  # of the figure
 
@@ -76,8 +76,8 @@ def run(
     plant_set: linear.Overrides | None = None,
     command: str = "",
 ) -> MeasurementResult:
-    """measure(), compared with the linear model of the nominal parameters. `command` is the command
-    line that measures the same again, for the summary. Raises InputError."""
+    """measure() and the comparison with the linear model of the nominal parameters. `command` is
+    the command line that repeats the measurement, for the summary. Raises InputError."""
     setup, where = read_setup(target, options)
     measured = measure.measure_setup(setup, where, plant_set)
     model = measured.predict()
@@ -124,11 +124,11 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-STUCK = 0.01  # share of the time; what turns round sticks for a moment
+STUCK = 0.01  # share of the time; a body sticks for a moment when its direction changes
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
-    """Hints on frictions and backlashes that were in another state than the model has them in."""
+    """Texts about frictions and backlashes whose state differed from that in the linear model."""
     taken = working.working(
         linear.find_model(setup.model), measured.overrides, measured.modes, setup.free
     )
@@ -152,7 +152,7 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
 
 
 def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
-    """Reasons other than a wrong model why the linear one may not fit: [text]."""
+    """Texts of reasons, besides a wrong model, for a difference from the linear model."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
@@ -190,7 +190,8 @@ def figure(done: MeasurementResult) -> Figure:
 
 
 def write(done: MeasurementResult, out: Path, draw: bool = True) -> None:
-    """Write response.csv, response.npz, result.json and, to draw, plot.png into folder `out`."""
+    """Writes response.csv, response.npz and result.json to the folder `out`, and plot.png if `draw`
+    is True."""
     measured = done.measured
     columns = {
         "frequency_hz": measured.frequency_hz,
@@ -206,7 +207,7 @@ def write(done: MeasurementResult, out: Path, draw: bool = True) -> None:
         columns["model_magnitude"] = abs(done.model)
         columns["model_phase_deg"] = np.degrees(np.angle(done.model))
         arrays_of_model["model"] = done.model
-    # The other members of the Measurement, for `fit.read_response`.
+    # The other fields of the Measurement, which `fit.read_response` reads.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     names = ["response.csv", "response.npz", "result.json", *["plot.png"] * draw]
     with paths.replacing(out, *names) as (table, arrays, result, *pictures):

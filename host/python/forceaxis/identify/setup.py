@@ -17,31 +17,32 @@ CODES = ("adc0", "adc1", "encoder", "dac_code")
 class Setup:
     """Set-up of a measurement: the keys of its file and the options of the verb.
 
-    Files are TOML; [set] holds model parameters. See sim/measurements/fig3_6.toml.
+    Files are TOML; [set] contains parameters of the model. See sim/measurements/fig3_6.toml.
     """
 
-    model: str  #: path, or the stem of a file of sim/models; in a file: relative to it
+    model: str  #: path, or stem of a file in sim/models; in a file: relative to the file
     title: str = ""
     figure: str = ""
     shows: str = ""
-    input: str = ""  #: a signal or dac_code; default: what is injected (drive.command, dac_code)
+    input: str = ""  #: a signal or dac_code; default: the excited input (drive.command, dac_code)
     output: str = ""  #: a signal of the model, or adc0, adc1 (8-bit counts), encoder (counts)
-    inject: str = "volts"  #: "volts" into the drive, or "codes" by the firmware's excitation mode
-    excitation: str = "noise"  #: noise | sine (one line after the other) | chirp
+    inject: str = "volts"  #: "volts" at the drive, or "codes" from the firmware's excitation mode
+    excitation: str = "noise"  #: noise | sine (one line after another) | chirp
     band_hz: tuple[float, float] = (1.0, 200.0)  #: lowest and highest frequency
-    resolution_hz: float = 0.0  #: distance of the lines; 0: the lowest frequency
+    resolution_hz: float = 0.0  #: distance between lines; 0: the lowest frequency
     #: noise V rms, else amplitude V; amplitude in codes (a sine's is drawn from half of it on).
     #: 0: 0.1 V, 20 codes
     level: float = 0.0
-    bias: float = 0.0  #: V or code about which it swings
-    averages: int = 16  #: realisations, or half overlapping segments
-    window: str = "none"  #: none (periodic), or hann for noise that never repeats
+    bias: float = 0.0  #: mean of the excitation in V or code
+    averages: int = 16  #: number of realisations, or of segments that overlap by half
+    window: str = "none"  #: none (periodic), or hann for noise that is not periodic
     points: int = 40  #: lines of a sine measurement, logarithmically spaced
-    bits: int = 12  #: of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
-    scale: float = 1.0  #: the output's factor, for a sensor that is not in the model
-    unit: str = ""  #: of the response; default: from the signals
-    clamped: bool = False  #: contacts also pull, as if clamped (3.2.2)
-    free: bool = False  #: the contacts are apart; else pressed
+    #: resolution of the analyzer's converters, whose ranges are 1, 2 or 5 times 10^n
+    bits: int = 12
+    scale: float = 1.0  #: factor of the output, for a sensor that the model does not contain
+    unit: str = ""  #: unit of the response; default: from the signals
+    clamped: bool = False  #: contacts also pull, like a clamped workpiece (3.2.2)
+    free: bool = False  #: contacts are open; otherwise they are closed
     seed: int = 0
     set: dict[str, float | str] = field(default_factory=dict)
 
@@ -69,14 +70,15 @@ def read_setup(target: str | Path, options: Mapping[str, Any] | None = None) -> 
             raise InputError(f"{where}: model: expected the path of a model beside the measurement")
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    for key in ("input", "output"):  # with another signal the file's title no longer applies
+    # with another signal the title of the file is no longer correct
+    for key in ("input", "output"):
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
     given = given | options
     return check(given, where), where
 
 
-# The values of each key: in words, and as a predicate.
+# {key: (text about its values, function that checks a value)}.
 KEYS: dict[str, tuple[str, Callable[[Any], object]]] = {
     "input": ("a signal's name", lambda v: isinstance(v, str) and v),
     "output": ("a signal's name", lambda v: isinstance(v, str) and v),
@@ -123,7 +125,7 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 
 def check(given: Mapping[str, Any], where: str) -> Setup:
-    """A Setup of a file's keys, every one of them checked. Raises InputError."""
+    """A Setup from the keys of a file, after a check of each key. Raises InputError."""
 
     def fail(key: str, text: str) -> NoReturn:
         raise InputError(f"{where}: {key}: {text}")

@@ -1,4 +1,5 @@
-"""Linear analysis of a model: state spaces, loops, modes, beams, what limits the bandwidth."""
+"""Linear analysis of a model: state spaces, loops, modes, beams, and the mode that limits the
+bandwidth."""
 
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.system import (

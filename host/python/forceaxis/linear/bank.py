@@ -1,10 +1,11 @@
-"""The firmware's general force law, a bank of coefficients (firmware/core/force_law.h), as a law.
+"""The firmware's general force law, a bank of coefficients (firmware/core/force_law.h), as a linear
+law.
 
     u = g I(z) H_1(z) .. H_n(z) e - K_v v,   I(z) = 1 + w_i T z / (z - 1)
 
-with e = f_d - f in 8-bit counts, v the encoder's in counts per tick, u in DAC codes, and sections
-H(z) = (b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2). The integral is a sum with the present
-error in it. Analysis takes the coefficients as the firmware holds them: `quantised`.
+with e = f_d - f in 8-bit counts, v the encoder speed in counts per tick, u in DAC codes, and
+sections H(z) = (b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2). The integral is a sum that
+includes the present error. Analyses use the coefficients as the firmware stores them: `quantised`.
 """
 
 import math
@@ -17,14 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import _core
 
-GAIN_STEP = 1 / 256  # of force_gain and velocity_gain
+GAIN_STEP = 1 / 256  # resolution of force_gain and velocity_gain
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
 SECTIONS_MAX = 3
 HF_CODES_MAX = 15  # LAW_BANK_HF_CODES_MAX
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
-# (A, B, C, D) of a linear system; of float or np.longdouble.
+# (A, B, C, D) of a linear system, as float or np.longdouble.
 StateSpace = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
 
@@ -34,7 +35,7 @@ def _rounded(value: float, step: float) -> float:
 
 @dataclass(frozen=True)
 class Bank:
-    """One bank. force_gain: DAC codes per 8-bit count; integral_rad_per_s >= 0; velocity_gain: DAC
+    """A bank. force_gain: DAC codes per 8-bit count; integral_rad_per_s >= 0; velocity_gain: DAC
     codes per count/tick; sections: up to three of (b0, b1, b2, a1, a2)."""
 
     force_gain: float
@@ -43,7 +44,7 @@ class Bank:
     sections: tuple[tuple[float, ...], ...] = ()
 
     def quantised(self) -> "Bank":
-        """The bank of the values that the firmware's objects hold."""
+        """The bank with the values that the firmware's objects can store."""
         return replace(
             self,
             force_gain=_rounded(self.force_gain, GAIN_STEP),
@@ -56,7 +57,7 @@ class Bank:
         )
 
     def response(self, z: ArrayLike) -> NDArray[Any]:
-        """I H_1 .. H_n at points z: the law without its gain g. Like z in shape."""
+        """I H_1 .. H_n at points z: the law without its gain g. The result has the shape of z."""
         z = np.asarray(z, complex)
         back = 1 / z
         value: NDArray[Any] = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
@@ -65,7 +66,8 @@ class Bank:
         return value
 
     def compensator(self) -> StateSpace:
-        """The same as (A, B, C, D), states: two of each section, the integral."""
+        """The law without its gain as (A, B, C, D). States: two of each section, then that of the
+        integral."""
         system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for b0, b1, b2, a1, a2 in self.sections:
             A = np.array([[-a1, -a2], [1.0, 0.0]])
@@ -78,7 +80,7 @@ class Bank:
         return system
 
     def hf_gain(self) -> float:
-        """DAC codes for one 8-bit count at high frequency, as law_bank_state() takes it."""
+        """Gain at high frequency in DAC codes per 8-bit count, as law_bank_state() computes it."""
         direct = math.prod(section[0] for section in self.sections)
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
@@ -96,15 +98,15 @@ class Bank:
 
 
 def series(front: StateSpace, back: StateSpace) -> StateSpace:
-    """`back` fed by `front`, both (A, B, C, D) with one input."""
+    """The series connection of `front` and then `back`, each (A, B, C, D) with one input."""
     (A1, B1, C1, D1), (A2, B2, C2, D2) = front, back
     A = np.block([[A1, np.zeros((len(A1), len(A2)))], [B2 @ C1, A2]])
     return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
 
 
 def of_settings(settings: Mapping[str, Any]) -> Bank | None:
-    """The bank that an experiment's firmware settings (`_core.inputs(...)["firmware"]`) select, or
-    None: the laws of the thesis."""
+    """The bank that an experiment's firmware settings (`_core.inputs(...)["firmware"]`) select;
+    None if they select a law of the thesis."""
     number = int(settings.get("force_bank", 0))
     if not number:
         return None

@@ -1,7 +1,7 @@
 """Beams in bending (2.4.4) and the two-link arm (6.2.3): their transfer functions have real zeros.
 
-They are linear only; none of them has a time simulation. Positive displacement and force point the
-same way; transfer functions are of velocity over the actuator force, in m/s per N.
+These models are linear only and have no time simulation. Displacement and force are positive in the
+same direction; transfer functions are velocity per actuator force, in m/s per N.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,7 +34,8 @@ class Factored:
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
         for zero, pole in zip_longest(self.zeros, self.poles):
-            # Alternately, so that the product stays near its value.
+            # Zeros and poles alternate in the product, so that its intermediate values stay near
+            # the result.
             if zero is not None:
                 value = value * (1 - s / zero)
             if pole is not None:
@@ -42,11 +43,12 @@ class Factored:
         return value
 
     def response(self, frequency_hz: ArrayLike) -> np.ndarray:
-        """Values at s = 2 pi j frequency_hz."""
+        """Complex values at s = 2 pi j frequency_hz, in the shape of frequency_hz."""
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
     def zpk(self) -> tuple[np.ndarray, np.ndarray, float]:
-        """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole), the origin included."""
+        """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole), including zeros or poles at
+        0."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
         poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])
         gain = self.gain
@@ -55,7 +57,8 @@ class Factored:
         return zeros, poles, float(np.real(gain))
 
     def transfer_function(self) -> Any:
-        """As control.TransferFunction. InputError where its coefficients leave double precision."""
+        """The function as control.TransferFunction. Raises InputError if a coefficient exceeds
+        double precision."""
         import control
 
         zeros, poles, gain = self.zpk()
@@ -70,13 +73,14 @@ class Factored:
 
 
 def _newton(x: np.ndarray, step: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Newton's iteration until it no longer moves but by rounding; step(x) = f / f'."""
+    """Newton's iteration until the steps are at the level of rounding; step(x) = f / f'."""
     for _ in range(40):
         change = step(x)
         x = x - change
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
-    raise ArithmeticError("a root of the beam did not converge")  # a bug: starts are within reach
+    # a programming error: the start values are close to the roots
+    raise ArithmeticError("a root of the beam did not converge")
 
 
 def sliding_free_roots(count: int) -> np.ndarray:
@@ -132,36 +136,42 @@ class Beam:
 
     @property
     def rate(self) -> float:
-        """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam is the frequency rate y^2."""
+        """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam equation has the frequency rate
+        y^2."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return float(a / self.length_m**2)
 
     def natural_frequencies(self, count: int) -> np.ndarray:
-        """rad/s of the first `count` bending modes; the rigid-body mode at 0 is not among them."""
+        """Frequencies of the first `count` bending modes in rad/s, without the rigid-body mode at
+        0."""
         return self.rate * sliding_free_roots(count) ** 2
 
     def poles(self, count: int) -> np.ndarray:
-        """1/s: 0 (rigid body, of velocity over force) and the pairs of `count` modes, ascending."""
+        """Poles in 1/s: 0 (rigid body, velocity per force) and the pairs of `count` modes,
+        ascending."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> np.ndarray:
-        """1/s: `count` pairs of V_act / F_a; there the beam vibrates with its sliding end held."""
+        """`count` pairs of zeros of V_act / F_a in 1/s; at these frequencies the sliding end does
+        not move."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
     def tip_zeros(self, count: int) -> np.ndarray:
-        """1/s: `count` real pairs of V_tip / F_a, +-2 rate ((k - 1/2) pi)^2 without damping."""
+        """`count` real pairs of zeros of V_tip / F_a in 1/s, +-2 rate ((k - 1/2) pi)^2 without
+        damping."""
         k = np.arange(1, count + 1)
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
     def _roots(self, squares: np.ndarray) -> np.ndarray:
-        """Both s of s^2 = square (1 + damping_s s) for each, as a complex array."""
+        """Both roots s of s^2 = square (1 + damping_s s) for each square, as a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
         far = half + np.where(half < 0, -1, 1) * root  # no cancellation
         return np.column_stack([-squares / far, far]).ravel()
 
     def actuator(self, s: ArrayLike) -> np.ndarray:
-        """V_act / F_a at complex s (1/s), any shape; no overflow at any frequency. 0 is a pole."""
+        """V_act / F_a at complex s (1/s) of any shape, without overflow at any frequency; s = 0 is
+        a pole."""
         return self._transfer(s)[0]
 
     def tip(self, s: ArrayLike) -> np.ndarray:
@@ -169,11 +179,10 @@ class Beam:
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        # Thesis 2.4.4, corrected, with X = b l, 4 b^4 = p^2 = rho A s^2 / (E I):
-        #   V_act / F_a = s (cosh^2 X + cos^2 X) / D,  V_tip / F_a = s 2 cosh X cos X / D,
-        #   D = 4 E I b^3 (sinh X cosh X + sin X cos X)
-        # Both are even in p, which is turned into the right half-plane: there |arg X| <= pi/4 and
-        # everything is bounded after multiplication by exp(-2X).
+        # Thesis 2.4.4, corrected, with X = b l, 4 b^4 = p^2 = rho A s^2 / (E I): V_act / F_a = s
+        # (cosh^2 X + cos^2 X) / D, V_tip / F_a = s 2 cosh X cos X / D, D = 4 E I b^3 (sinh X cosh
+        # X + sin X cos X). Both are even in p, so p is chosen in the right half-plane. There |arg
+        # X| <= pi/4, and all terms are bounded after multiplication by exp(-2X).
         s = np.asarray(s, dtype=complex)
         stiffness = self.bending_stiffness_Nm2 * (1 + self.damping_s * s)
         p = s * np.sqrt(self.mass_per_length_kg_per_m / stiffness)
@@ -186,18 +195,20 @@ class Beam:
         # 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
-        with np.errstate(over="ignore", invalid="ignore"):  # of the half that is not chosen
-            small = e * (np.sinh(z) + np.sin(z)) / 2  # nothing cancels near 0
+        # overflow in the half that is not selected
+        with np.errstate(over="ignore", invalid="ignore"):
+            small = e * (np.sinh(z) + np.sin(z)) / 2  # no cancellation near 0
         large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
         bending = np.where(np.abs(z) < 1, small, large)
         factor = s / (4 * stiffness * b**3 * bending)
         return factor * act, factor * tip
 
     def polynomial(self, modes: int, output: str = "actuator") -> Factored:
-        """The rational approximation through mode `modes`, a Factored, of V_act or V_tip over F_a.
+        """The rational approximation of V_act or V_tip over F_a with the modes up to `modes`, as a
+        Factored.
 
-        It has the exact poles and zeros of the first `modes` modes, as many of either, and the
-        exact low-frequency gain 1 / (rho A l s).
+        It has the exact poles and zeros of the first `modes` modes, the same number of each, and
+        the exact low-frequency gain 1 / (rho A l s).
         """
         zeros = {"actuator": self.actuator_zeros, "tip": self.tip_zeros}
         if output not in zeros:
@@ -209,9 +220,10 @@ class Beam:
     def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
         """Largest |approximation / true - 1| of the complex response from 0 through a mode.
 
-        Taken on 4000 frequencies from a thousandth of the first to the pole of mode `through`, and
-        1e-6 beside each pole and zero on the way. Nothing is left out: poles and zeros up to there
-        are shared, so the ratio has no peak at them and grows steadily to its value at the last.
+        The error is evaluated at 4000 frequencies from a thousandth of the first pole to the pole
+        of mode `through`, and at a relative distance of 1e-6 from each pole and zero between. No
+        frequency is excluded: the approximation shares these poles and zeros, so the ratio has no
+        peak there and its error increases up to the last frequency.
         """
         if modes < through:
             raise InputError(f"beam modes: expected at least {through}, got {modes}")
@@ -226,7 +238,8 @@ class Beam:
     def approximation_errors(
         self, modes: Iterable[int] = range(4, 41), through: int = 4
     ) -> list[dict[str, float]]:
-        """[{"modes", "actuator", "tip"}]: approximation_error of both outputs for each number."""
+        """[{"modes", "actuator", "tip"}]: the approximation_error of both outputs for each number
+        of modes."""
         outputs = ("actuator", "tip")
         return [
             {"modes": n} | {o: self.approximation_error(n, o, through) for o in outputs}
@@ -234,11 +247,11 @@ class Beam:
         ]
 
     def lumped(self, elements: int) -> "LumpedBeam":
-        """A LumpedBeam of `elements` bending elements with this beam's mass at their ends.
+        """A LumpedBeam of `elements` bending elements that have this beam's mass at their ends.
 
-        Each body stands for the beam's parts next to it, at their common centre: the beam is cut
-        into 2 `elements` equal parts, one for the sliding body, two for each one within, one for
-        the last. With more elements its modes tend to the beam's.
+        The beam is divided into 2 `elements` equal parts: one for the sliding body, two for each
+        inner body, one for the last body. Each body is located at the common centre of mass of its
+        parts. With more elements the modes approach those of the beam.
         """
         if elements < 1:
             raise InputError(f"beam elements: expected at least 1, got {elements}")
@@ -249,7 +262,7 @@ class Beam:
         inertias = 2 * m * (2 * part) ** 2 / 12 * np.ones(elements)
         inertias[-1] = m * part**2 / 12
         lengths = np.full(elements, 2 * part)
-        lengths[-1] -= part / 2  # the last body's centre lies half a part before the tip
+        lengths[-1] -= part / 2  # the last body's centre is half a part before the tip
         return LumpedBeam(
             self.bending_stiffness_Nm2, tuple(lengths), tuple(masses), tuple(inertias), part / 2
         )
@@ -259,13 +272,14 @@ class Beam:
 class LumpedBeam:
     """Lumped-parameter bending beam; with one element that of Figure 2.24.
 
-    A mass that slides without turning, then masses that move and turn, each joined to the one
-    before by a massless element in bending. The tip is `tip_offset_m` beyond the last centre.
+    The model has one mass that slides without turning, and masses that move and turn. Each mass is
+    joined to the previous one by a massless bending element. The tip is `tip_offset_m` beyond the
+    last centre.
     """
 
     bending_stiffness_Nm2: float  # E I of the elements
     lengths_m: tuple[float, ...]  # of each element, between centres
-    masses_kg: tuple[float, ...]  # one more than elements, the sliding one first
+    masses_kg: tuple[float, ...]  # one value more than elements; the sliding mass is the first
     inertias_kgm2: tuple[float, ...]  # of all but the sliding mass
     tip_offset_m: float = 0.0
 
@@ -299,8 +313,9 @@ class LumpedBeam:
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        whole = np.zeros((2 * n + 2, 2 * n + 2))  # with the angle of the sliding mass
-        # Of (x, angle length) at both ends of an element without mass.
+        # the matrix includes the angle of the sliding mass
+        whole = np.zeros((2 * n + 2, 2 * n + 2))
+        # Stiffness of a massless element for (x, angle length) at both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
         for i, length in enumerate(self.lengths_m):
             scale = np.array([1, length, 1, length])
@@ -312,7 +327,8 @@ class LumpedBeam:
         return np.diag(diagonal), whole[np.ix_(keep, keep)]
 
     def system(self) -> linear.System:
-        """Force on the sliding mass (N) to velocities of it and of the tip (m/s), undamped."""
+        """From the force on the sliding mass (N) to the velocities of this mass and of the tip
+        (m/s), without damping."""
         M, K = self.matrices()
         tip = np.zeros(len(M))
         tip[-2:] = 1.0, self.tip_offset_m
@@ -325,9 +341,10 @@ class LumpedBeam:
         )
 
     def nonminimum_phase(self) -> bool:
-        """Of Figure 2.24 (one element): the tip has a real +- pair of zeros iff e (l/2) m2 > J2.
+        """Whether the tip of Figure 2.24 (one element) has a real +- pair of zeros: e (l/2) m2 >
+        J2.
 
-        The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); at equality there are none.
+        The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); if both sides are equal there are no zeros.
         """
         if len(self.lengths_m) != 1:
             raise InputError("LumpedBeam.nonminimum_phase: expected one element; look at the zeros")
@@ -338,10 +355,11 @@ class LumpedBeam:
 class TwoLinkArm:
     """Rigid two-link arm of Figure 6.3 in a horizontal plane, linearised at rest.
 
-    Motor 1 turns link 1 against ground, motor 2 link 2 against link 1. A joint that is not driven
-    is held by its servo's stiffness k (N m/rad) and damping d (N m s/rad). Lengths l, distances c
-    of the centres of mass from their joints (m), masses m (kg), inertias I about those centres
-    (kg m^2). The defaults are chosen: two uniform links.
+    Motor 1 turns link 1 against ground, and motor 2 turns link 2 against link 1. A joint without a
+    drive torque is held by its servo with the stiffness k (N m/rad) and the damping d (N m s/rad).
+    Lengths l and distances c of the centres of mass from their joints in m, masses m in kg,
+    inertias I about these centres in kg m^2. The defaults are two uniform links, not values of the
+    thesis.
     """
 
     l1: float = 0.5
@@ -384,7 +402,8 @@ class TwoLinkArm:
         return np.array([x, y, normal])
 
     def system(self) -> linear.System:
-        """Torques 1 and 2 (N m) to both angles (rad) and the endpoint's x, y and normal (m)."""
+        """From the torques 1 and 2 (N m) to both angles (rad) and to x, y and normal of the
+        endpoint (m)."""
         outputs = ["joint1", "joint2", "x", "y", "normal"]
         names = ["joint1", "joint2"]
         rows = np.vstack([np.eye(2), self.jacobian()])
@@ -394,11 +413,13 @@ class TwoLinkArm:
         )
 
     def nonminimum_phase(self) -> bool:
-        """Torque 1 to the endpoint's normal, joint 2 held with k2 > 0: has it a real zero > 0?
+        """Whether the response from torque 1 to the endpoint's normal has a real zero > 0 while
+        joint 2 is held with k2 > 0.
 
         The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
-        is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)), so for an angle below 90 degrees one zero is
-        positive iff I2 < m2 c2 (l2 - c2): link 2's centre of percussion lies before the endpoint.
+        is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)). For an angle below 90 degrees one zero is
+        positive if and only if I2 < m2 c2 (l2 - c2), that is if the centre of percussion of link 2
+        lies before the endpoint.
         """
         j1, j2 = self.jacobian()[2]
         M = self.mass_matrix()
@@ -429,7 +450,8 @@ def _mechanical(
 
 
 def summary(beam: Beam, modes: int) -> dict[str, Any]:
-    """What `forceaxis beam --json` prints: the first `modes` modes and the errors of 2.4.4."""
+    """The content of `forceaxis beam --json`: the first `modes` modes and the approximation errors
+    of 2.4.4."""
     roots = sliding_free_roots(modes)
     poles = beam.natural_frequencies(modes)
     zeros, tip = beam.actuator_zeros(modes)[1::2], beam.tip_zeros(modes)[1::2]

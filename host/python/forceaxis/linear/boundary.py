@@ -1,8 +1,8 @@
-"""A system of one input and output along the boundary of stability: its response there, frequencies
-of interest, and the states that matter.
+"""A system with one input and one output on the stability boundary: its response there, important
+frequencies, and the states that act on this response.
 
-Frequencies are those of a plane whose imaginary axis is the boundary: s = j w, or of a sampled
-system w = (2/T) (z - 1)/(z + 1).
+Frequencies belong to a plane whose imaginary axis is the stability boundary: s = j w, or w = (2/T)
+(z - 1)/(z + 1) for a sampled system.
 """
 
 from dataclasses import replace
@@ -13,7 +13,8 @@ from forceaxis import _core
 from forceaxis.linear.bank import StateSpace
 from forceaxis.linear.system import Matrix, System
 
-UNREACHED = 1e-15  # share of a new direction below which it is made of the entries' rounding
+# smallest share of a new direction that is not caused by rounding of the entries
+UNREACHED = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
@@ -30,11 +31,13 @@ def _reachable(A: Matrix, B: Matrix) -> Matrix:
 
 
 def minimal(system: System) -> System:
-    """Without the states that are not controllable or not observable.
+    """The system without the states that are not controllable or not observable.
 
-    Their poles do not move with the gain, even on the boundary (a position that drifts).
+    The poles of these states do not depend on the gain, even on the stability boundary (for example
+    a position that drifts).
     """
-    # Balanced together with input and output; otherwise the state of a delay can look unobservable.
+    # The system is balanced together with input and output, because otherwise the state of a delay
+    # can appear unobservable.
     n = len(system.A)
     scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
     scale = scale[:n] / scale[n]
@@ -55,8 +58,8 @@ def minimal(system: System) -> System:
 
 
 def plane(system: System) -> StateSpace:
-    """(A, B, C, D) of a System of one input and output with the imaginary axis as boundary,
-    balanced, np.longdouble: of a sampled one in w = (2/T) (z - 1)/(z + 1)."""
+    """Balanced (A, B, C, D) as np.longdouble, with the imaginary axis as stability boundary, of a
+    System with one input and output; for a sampled system in w = (2/T) (z - 1)/(z + 1)."""
     A, B, C = (matrix.astype(np.longdouble) for matrix in system.balanced)
     D = system.D
     if system.dt is not None and len(A):
@@ -69,19 +72,21 @@ def plane(system: System) -> StateSpace:
 
 
 def response(system: System) -> _core.BoundaryResponse:
-    """The response of a System of one input and output along the boundary of stability, a
-    `_core.BoundaryResponse`, over frequencies of the plane."""
+    """The response of a System with one input and output along the stability boundary, over
+    frequencies of the plane."""
     return _core.BoundaryResponse(
         system.A, system.B, system.C, float(system.D[0, 0]), system.dt or 0.0
     )
 
 
 def marks(roots: Matrix, fastest: float) -> Matrix:
-    """Frequencies of the plane around and between those of roots, >= 0; fastest: of the poles."""
+    """Frequencies of the plane, >= 0, at and between those of the roots; fastest: of the poles."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    found = found[np.diff(found, prepend=0.0) > 1e-9 * found]  # nothing between one that is double
+    # no frequency between two equal roots
+    found = found[np.diff(found, prepend=0.0) > 1e-9 * found]
     if not len(found):
         found = np.array([fastest or 1.0])
     middle = np.sqrt(found[:-1] * found[1:])
-    around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]  # where rounding hides the middle
+    # frequencies beside a root at which rounding hides the response
+    around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
     return np.unique(np.concatenate([middle, *around]))

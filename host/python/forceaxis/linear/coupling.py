@@ -1,9 +1,11 @@
-"""Actuator and load apart, coupled by the rule of 2.3.2: F_s/V = G_lf G_af / (1 - G_av G_lv).
+"""Couples the separate models of actuator and load by the rule of 2.3.2: F_s/V = G_lf G_af / (1 -
+G_av G_lv).
 
-G_af and G_av, force of the drive per volt of command and per m/s of its body against the reaction,
-come from the drive's parameters in the model file; G_lf and G_lv, output and velocity per newton of
-the drive's force, from the equations of the model without its drive. The result equals
-that of the assembled model, which is computed otherwise.
+G_af and G_av are the force of the drive per volt of the command and per m/s of its body relative to
+the reaction body; they follow from the drive's parameters in the model file. G_lf and G_lv are
+output and velocity per newton of the drive's force; they follow from the equations of the model
+without its drive. The result has to equal that of the assembled model, which is computed in another
+way.
 """
 
 from pathlib import Path
@@ -20,7 +22,7 @@ from forceaxis.linear.working import States
 def actuator(model: str | Path, overrides: Overrides | None = None) -> tuple[Any, Any]:
     """(G_af in N/V, G_av in N s/m) of a model's drive as control.TransferFunction.
 
-    Linear about zero current error: k_amp, not k_amp_outer (4.1.2).
+    They are linearised about a current error of 0, so they use k_amp and not k_amp_outer (4.1.2).
     """
     import control
 
@@ -33,7 +35,8 @@ def actuator(model: str | Path, overrides: Overrides | None = None) -> tuple[Any
         k, a = value("k_act"), value("a_act")  # 2.3.3
         lag = control.tf(k * a, [1, a])
         return value("velocity_per_volt") * lag, -lag
-    # 4.1.1 with the sign, r^2 and factor a that the print lacks; b_m sits in the drive here.
+    # Equation 4.1.1 with the sign, r^2 and factor a that are missing in print; b_m belongs to the
+    # drive here.
     r, a, k_t = value("r_trans"), value("a_preamp_fdbk"), value("k_torque")
     k_amp, k_tach = value("k_amp"), value("k_preamp_fdbk") * value("k_tach")
     loop = [value("L"), value("R") + k_amp * value("k_current")]
@@ -51,7 +54,8 @@ def load(
     modes: States | None = None,
     free: bool = False,
 ) -> linear.System:
-    """G_lf and G_lv as one linear.System without the drive: drive.force to (`output`, velocity).
+    """G_lf and G_lv as one linear.System without the drive, from drive.force to (`output`,
+    velocity).
 
     The velocity is that of the drive's body against its reaction, in m/s.
     """
@@ -79,7 +83,7 @@ def coupled(
     modes: States | None = None,
     free: bool = False,
 ) -> linear.Matrix:
-    """`output` per volt of command at complex s (1/s), by the rule of 2.3.2."""
+    """The response from the command in V to `output`, by the rule of 2.3.2, at complex s in 1/s."""
     points = np.asarray(s, complex)
     g_af, g_av = (g(points) for g in actuator(model, overrides))
     values: linear.Matrix = load(model, output, overrides, modes, free).at(points)[..., 0]

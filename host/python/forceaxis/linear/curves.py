@@ -1,4 +1,4 @@
-"""Frequency responses of models as curves, and what `forceaxis bode` and `nyquist` print."""
+"""Frequency responses of models as curves; results of `forceaxis bode` and `forceaxis nyquist`."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# What of a loop at a gain is drawn -> the System.
+# {part of a loop at a gain: function that returns its System}
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -38,10 +38,11 @@ PARTS: dict[str, Callable[[Loop, float], System]] = {
 
 
 def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
-    """Phase in degrees without jumps of 360, starting at the value of the low-frequency slope.
+    """Phase in degrees without jumps of 360 degrees; the phase at the lowest frequency follows from
+    the slope there.
 
-    A gain that is flat at the lowest frequencies starts at 0 (-180 if negative), one with an
-    integrator at -90, one that rises with the frequency at +90.
+    A response with a constant magnitude at the lowest frequencies starts at 0 degrees (-180 if
+    negative), one with an integrator at -90, and one that increases with the frequency at +90.
     """
     phase: Numbers = np.degrees(np.unwrap(np.angle(response)))
     if len(phase) < 2:
@@ -49,7 +50,7 @@ def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    # A negative gain, nearly a tie, counts as lag.
+    # A negative gain with a nearly constant magnitude counts as phase lag.
     result: Numbers = phase + 360 * np.ceil(turns - 0.55)
     return result
 
@@ -57,10 +58,11 @@ def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
 def grid_hz(
     low_hz: float, high_hz: float, roots: Iterable[complex] = (), points: int = 400
 ) -> Numbers:
-    """Frequencies, Hz: evenly in the logarithm, and closer together beside lightly damped roots.
+    """Frequencies in Hz with equal logarithmic steps, and with smaller steps about lightly damped
+    roots.
 
-    roots: poles and zeros in 1/s. The refinement is in units of each root's own width, so that
-    neither a peak nor a turn of the phase falls between two frequencies.
+    roots: poles and zeros in 1/s. The smaller steps are proportional to each root's own width, so
+    that no peak and no phase change falls between two frequencies.
     """
     grid = [np.geomspace(low_hz, high_hz, points)]
     widths = np.concatenate([[0.0], np.geomspace(0.1, 60, 32)])
@@ -93,7 +95,7 @@ class Curve:
         return phase_deg(self.frequency_hz, self.response)
 
     def summary(self) -> Summary:
-        """What --json prints."""
+        """The curve as --json prints it."""
         return {
             "label": self.label,
             "unit": self.unit,
@@ -120,7 +122,7 @@ def curve(
 
 @dataclass(frozen=True)
 class Channel:
-    """From which input to which output of a model, at which parameter values, in which mode.
+    """Input, output, parameter values and mode of a model's response.
 
     input, output, overrides, modes, free, drive: as in `linear.linearise`. timing: "continuous", or
     as in LoopSpec.
@@ -143,7 +145,7 @@ def model_curve(
 ) -> Curve:
     """A model's open-loop response over a channel (None: command to reading), in SI units.
 
-    Raises InputError where the input does not act on the output.
+    Raises InputError if the input does not act on the output.
     """
     own = channel or Channel()
     input = "drive.force" if not own.drive and own.input == "drive.command" else own.input
@@ -171,13 +173,14 @@ def unit_of(model: str | Path, input: str, output: str, settings: Overrides | No
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal
-    above = facts.signals.get(output, "count")  # else an ADC or the encoder
+    # the signal is an ADC or the encoder, both in counts
+    above = facts.signals.get(output, "count")
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"
 
 
 def check_span(span_hz: tuple[float, float], timing: str) -> None:
-    """Refuse frequencies at which there is no response."""
+    """Raises InputError for frequencies at which the response is not defined."""
     low_hz, high_hz = span_hz
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
@@ -189,7 +192,7 @@ def check_span(span_hz: tuple[float, float], timing: str) -> None:
 
 @dataclass(frozen=True)
 class BodeView:
-    """What of a plant or loop a Bode plot shows.
+    """The selection of a Bode plot.
 
     part: "plant", or a name of PARTS; None: the plant of a model, the loop of an experiment.
     input, outputs: of the plant. span_hz: lowest and highest frequency, Hz. vary: texts
@@ -235,7 +238,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             detail: Summary = {"output": output} | one.summary()
-            if view.input == "drive.command":  # where a force loop would act
+            if view.input == "drive.command":  # the input on which a force loop would act
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
                 detail["loop"] = limits.limit_summary(loop, request.gain_of(loop))
@@ -248,7 +251,8 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]
 
 
 def nyquist_of(request: LoopRequest) -> Summary:
-    """What `forceaxis nyquist` prints; without a gain at half the critical one, or 1."""
+    """The content of `forceaxis nyquist --json`. Without a gain, the loop has half the critical
+    gain, or 1 if it has none."""
     loop = request.loop()
     gain = request.drawn_gain(loop)
     c = curve(loop.open, "", NYQUIST_HZ, points=1200)

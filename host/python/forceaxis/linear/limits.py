@@ -1,4 +1,4 @@
-"""The results of `forceaxis limit`, `poles` and `step`, and their texts."""
+"""Results of `forceaxis limit`, `poles` and `step`."""
 
 import math
 from dataclasses import asdict, replace
@@ -15,13 +15,13 @@ from forceaxis.linear.settings import ModelSettings
 from forceaxis.linear.stability import Limit, Loop
 from forceaxis.linear.system import Matrix, System
 
-# The result of an analysis as a verb prints it in JSON: {key: value}.
+# The result of an analysis as a verb prints it to JSON: {key: value}.
 Summary = dict[str, Any]
 
 
 def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
-    """The largest force_gain that the firmware can be set to below the limit; None: there is none
-    (or no reading)."""
+    """The largest value of force_gain below the limit that the firmware can store; None if there is
+    none or if the model has no measured force."""
     gain = limit.stable_to
     if loop.codes_per_gain is None or gain == 0:
         return None
@@ -32,7 +32,7 @@ def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
 
 
 def describe_loop(loop: Loop) -> Summary:
-    """The loop that was analysed, for the summary of a verb."""
+    """The entry about the analysed loop in the summary of a verb."""
     return {
         "model": paths.display(loop.model),
         "law": loop.law,
@@ -44,7 +44,7 @@ def describe_loop(loop: Loop) -> Summary:
 
 
 def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
-    """What `forceaxis limit` prints as JSON; with a gain also the margins there."""
+    """The content of `forceaxis limit --json`; with a gain, also the margins at that gain."""
     limit = loop.limit()
     reading = loop.codes_per_gain is not None
     summary: Summary = {
@@ -74,7 +74,7 @@ def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
 
 
 def hz_text(hz: float | None, digits: int = 4) -> str:
-    """At which frequency, None: an infinite one."""
+    """A frequency as text, such as "at 12 Hz"; None stands for an infinite frequency."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
 
@@ -83,8 +83,8 @@ def _figures(
 ) -> tuple[float | None, float | None, float | None]:
     """(rise_s, settle_s, overshoot) of a step response that goes on after `duration_s`.
 
-    None: not reached within duration_s, or relative to a final value of 0. Settled: stays within
-    2 % to the end of `value`.
+    Settled: the signal stays within 2 % to the end of `value`. A figure is None if it is not
+    reached within duration_s, or if the final value is 0.
     """
     if final == 0:
         return None, None, None
@@ -102,11 +102,11 @@ def _figures(
 
 
 def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
-    """What `forceaxis step` prints as JSON. Raises InputError."""
+    """The content of `forceaxis step --json`. Raises InputError."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)
-    # Twice as long shows whether what is within 2 % stays there.
+    # Twice the duration is computed to verify that a signal within 2 % stays there.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None
@@ -137,7 +137,7 @@ def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
 
 
 def _root(value: complex, dt: float | None) -> Summary:
-    """One pole or zero for JSON; what is not finite is null."""
+    """One pole or zero for JSON; an infinite value is null."""
 
     def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
@@ -157,7 +157,7 @@ def _root(value: complex, dt: float | None) -> Summary:
 
 
 def poles_summary(system: System, described: Summary) -> Summary:
-    """What `forceaxis poles` prints as JSON: of a System with one input and output."""
+    """The content of `forceaxis poles --json` for a System with one input and one output."""
 
     def ordered(values: Matrix) -> list[complex]:
         return sorted(
@@ -179,8 +179,9 @@ def poles_summary(system: System, described: Summary) -> Summary:
 
 
 def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Summary:
-    """What `forceaxis poles` shows: of the loop of `request` closed at its gain; without a gain, or
-    with an input, of the plant from input (None: drive.command) to output (None: reading)."""
+    """The result of `forceaxis poles`: of the loop of `request`, closed at its gain. Without a
+    gain, or with an input: of the plant from input (None: drive.command) to output (None: measured
+    force)."""
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
@@ -190,7 +191,7 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Sum
         raise ParameterError("input", "expected without a gain; a loop starts at its set-point")
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
-    assert gain is not None  # the request or its experiment has one
+    assert gain is not None  # the request or its experiment has a gain
     codes = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
     described = describe_loop(loop) | {
         "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": codes}
@@ -199,7 +200,7 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Sum
 
 
 def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: str) -> Summary:
-    """What `forceaxis poles` shows of a plant."""
+    """The result of `forceaxis poles` for a plant."""
     path, overrides = linear.find_model(own.model), own.overrides
     if output == "reading" and linear.facts(path, overrides).reading is None:
         raise loops.no_reading(str(path))

@@ -1,4 +1,4 @@
-"""Root loci and pole-zero arrays, and what `forceaxis rlocus` prints."""
+"""Root loci and pole-zero arrays; results of `forceaxis rlocus`."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -19,14 +19,14 @@ Roots = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Array:
-    """Poles and zeros, 1/s, of one transfer function."""
+    """Poles and zeros of one transfer function, in 1/s."""
 
     label: str
     poles: Roots
     zeros: Roots
 
     def summary(self) -> Summary:
-        """What --json prints: 1/s."""
+        """The array as --json prints it, in 1/s."""
         return {
             "label": self.label,
             "poles": pairs(self.poles),
@@ -47,7 +47,8 @@ def array(system: System, label: str = "") -> Array:
 
 @dataclass(frozen=True)
 class Locus:
-    """Closed-loop poles over the gain: `branches` (gains, poles) in 1/s, and where they cross."""
+    """Closed-loop poles over the gain: `branches` (gains, poles) in 1/s, and their crossings of the
+    stability boundary."""
 
     label: str
     gains: Numbers
@@ -56,12 +57,13 @@ class Locus:
     crossings: list[Crossing]  # every gain at which a pole is on the boundary
     limit: Limit
     unit: str  # of the gain
-    codes: float | None  # firmware gain of one unit
+    codes: float | None  # DAC codes per 8-bit count of a gain of 1
     span_hz: float
     at_gain: Roots  # closed-loop poles at a given gain, 1/s
 
     def summary(self) -> Summary:
-        """What --json prints: roots in 1/s as [real, imaginary], not finite ones as null."""
+        """The locus as --json prints it: roots in 1/s as [real, imaginary], null for infinite
+        ones."""
         return {
             "label": self.label,
             "unit": self.unit,
@@ -80,10 +82,11 @@ class Locus:
 
 
 def span_of(ends: Array, critical_hz: float | None) -> float:
-    """Half-width, Hz, of a frame that accentuates the structural dynamics.
+    """Half-width in Hz of a figure that shows the structural dynamics.
 
-    It holds the crossing and the lightly damped (below .3) poles and zeros up to three times its
-    frequency; the motor's electrical poles are beyond it, as in 4.3.
+    The figure contains the crossing of the stability boundary and the lightly damped (below 0.3)
+    poles and zeros up to three times its frequency. The electrical poles of the motor are outside,
+    as in 4.3.
     """
     roots = np.concatenate([ends.poles, ends.zeros])
     light = roots[(np.abs(roots.real) < 0.3 * np.abs(roots)) & (np.abs(roots) > 0)]
@@ -98,16 +101,17 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
 def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
 ) -> Locus:
-    """The root locus of a `stability.Loop`, fine inside a frame of span_hz (default: span_of).
+    """The root locus of a `stability.Loop`, with small gain steps inside a figure of half-width
+    span_hz (default: span_of).
 
-    gain: that at which the closed-loop poles are marked, in the loop's unit.
+    gain: at this gain, in the unit of the loop, the closed-loop poles are marked.
     """
     if span_hz is not None and not (np.isfinite(span_hz) and span_hz > 0):
         raise ParameterError("span_hz", f"expected a number > 0, got {span_hz:g}")
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
-    # Inside the frame the largest gain is that of the frame's edge: 1 / |L| on it.
+    # The largest gain inside the figure is that of a branch at its edge, 1 / |L|.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(
@@ -122,7 +126,7 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # finer where a branch moves far
+    for _ in range(6):  # smaller gain steps where a branch moves far
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))
@@ -145,7 +149,8 @@ def loci(
     span_hz: float | None = None,
     gains: Sequence[float | None] | None = None,
 ) -> list[Locus]:
-    """A locus for each loop, all in one frame: span_hz, or the widest of their own frames."""
+    """A locus for each loop, all with the same frame: span_hz, or the widest of their own
+    frames."""
     if span_hz is None:
         span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
     gains = gains or [None] * len(found)
@@ -158,8 +163,8 @@ def loci(
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
 ) -> tuple[list[Locus], Summary]:
-    """(Loci, summary) of `forceaxis rlocus`: a locus for each combination of `vary`, texts
-    NAME=VALUE,VALUE; span_hz: as in `loci`."""
+    """(loci, summary) of `forceaxis rlocus`, with a locus for each combination of `vary`, texts
+    NAME=VALUE,VALUE; span_hz as in `loci`."""
     runs = varied(request.overrides, vary)
     found = [replace(request, overrides=values).loop() for _, values in runs]
     gains = [request.gain_of(loop) for loop in found]

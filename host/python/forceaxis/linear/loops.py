@@ -1,6 +1,6 @@
 """Force loops: control laws around a plant; `stability.Loop` analyses them.
 
-A law is u = k e - K_v v, in volts, with e the set-point less the feedback, in newtons:
+A law is u = k e - K_v v, in volts; e is the set-point minus the feedback, in newtons:
 
     p           k (f_d - f)                             Fig 1.3
     pi          k (1 + w_i / s) (f_d - f)               1.1.3
@@ -12,11 +12,12 @@ A law is u = k e - K_v v, in volts, with e the set-point less the feedback, in n
     impedance   k (K_fs (x_d - x) + K_fd (v_d - v) + f_d - f)   Fig 1.7
     bank        k (integral and sections) (f_d - f), the firmware's general law, see `bank`
 
-f is the signal of ADC 0, x and v are the encoder's (the drive's body against its reaction). K_v is
-the inner damping of Figs 1.3 and 1.5, optional. With zoh and zoh+1 the law runs once a tick: the
-integral is a sum with the present error in it, f' of pd and v are backward differences as the
-firmware's velocity, lead is transformed bilinearly, derivative samples its sensor. A code acts from
-the tick of its reading on (zoh), or one tick later (zoh+1, firmware.latency_ticks = 1).
+f is the signal of ADC 0; x and v are position and velocity of the encoder (drive's body relative to
+its reaction body). K_v is the optional inner damping of Figs 1.3 and 1.5. With zoh and zoh+1 the
+law runs once per tick. The integral is then a sum that includes the present error. f' of pd and v
+are backward differences, as the firmware's velocity. lead is transformed bilinearly, and derivative
+samples its sensor. A code is output in the tick of its measurement (zoh), or one tick later (zoh+1,
+firmware.latency_ticks = 1).
 """
 
 import math
@@ -36,7 +37,7 @@ from forceaxis.linear.system import TICK_S, Matrix, System, facts, find_model, l
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# Law -> its parameters; all are required but the inner damping.
+# {law: its parameters}; all are required except the inner damping.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
@@ -48,15 +49,15 @@ LAWS: dict[str, tuple[str, ...]] = {
     "impedance": ("stiffness_N_per_m", "damping_Ns_per_m"),
     "bank": (),
 }
-MOTION = ("stiffness", "damping", "impedance")  # laws that feed back motion besides force
+MOTION = ("stiffness", "damping", "impedance")  # laws that feed back motion in addition to force
 INNER = "velocity_gain_Vs_per_m"
-FIRMWARE_STEP = 1 / 256  # DAC codes per 8-bit count
+FIRMWARE_STEP = 1 / 256  # resolution of the gain, DAC codes per 8-bit count
 FIRMWARE_HIGHEST = 65535 / 256
 
 
 @dataclass(frozen=True)
 class LoopSpec:
-    """A force loop without its plant: the control law, its timing, and the signal that it controls.
+    """A force loop without its plant: control law, timing, and controlled signal.
 
     law: a name of LAWS. timing: a name of TIMINGS. output: the signal that takes the place of the
     force; "reading" is the input of ADC 0. free: contacts are open. parameters: those of the law in
@@ -78,7 +79,7 @@ class LoopSpec:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the law runs without sampling."""
+        """Whether the law acts in continuous time, without sampling."""
         return self.timing == "continuous"
 
     def around(
@@ -86,8 +87,8 @@ class LoopSpec:
     ) -> Loop:
         """The loop around a model; model, overrides, modes as in `linear.linearise`.
 
-        Raises InputError where the model lacks what the law needs, and ParameterError for a wrong
-        field of this specification.
+        Raises InputError if the model lacks something that the law needs, and ParameterError for a
+        wrong field of this specification.
         """
         _check(self)
         known = facts(model, overrides)
@@ -122,7 +123,7 @@ def force_loop(
     free: bool = False,
     **parameters: float | None,
 ) -> Loop:
-    """The loop of a law around a model; a LoopSpec has all that a loop can be made of.
+    """The loop of a law around a model; LoopSpec has further fields of a loop.
 
     model, overrides, modes, free: as in `linear.linearise`. law, timing, output: as in LoopSpec.
     parameters: integral_rad_per_s, derivative_s, lead_zero_hz, lead_pole_hz, stiffness_N_per_m,
@@ -133,13 +134,13 @@ def force_loop(
 
 
 def _first_order(a: float, b: float, c: float, d: float) -> StateSpace:
-    """The state space of one state whose matrices are these numbers."""
+    """The state space with one state whose matrices are the numbers a, b, c, d."""
     A, B, C, D = (np.array([[float(value)]]) for value in (a, b, c, d))
     return A, B, C, D
 
 
 def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpace:
-    """The part of the law between error and command: pi's integral, the lead filter."""
+    """The part of the law between error and command: the integral of pi, or the lead filter."""
     if law == "pi":
         w = p["integral_rad_per_s"]
         return _first_order(0, 1, w, 1) if dt is None else _first_order(1, w * dt, 1, 1 + w * dt)
@@ -152,7 +153,7 @@ def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpa
 
 
 def _check(spec: LoopSpec) -> None:
-    """Raise ParameterError for a field of the specification that the others do not allow."""
+    """Raises ParameterError for a field of the specification that contradicts the others."""
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
         raise ParameterError("law", "expected bank with an experiment that selects one")
@@ -175,7 +176,7 @@ def _check(spec: LoopSpec) -> None:
 
 
 def _check_number(name: str, value: float) -> None:
-    """Raise ParameterError for a parameter of a law that is not finite or has the wrong sign."""
+    """Raises ParameterError for a parameter of a law that is not finite or has the wrong sign."""
     may_be_0 = name in (INNER, "stiffness_N_per_m", "damping_Ns_per_m")
     if not (math.isfinite(value) and (value >= 0 if may_be_0 else value > 0)):
         wanted = ">= 0" if may_be_0 else "> 0"
@@ -183,7 +184,7 @@ def _check_number(name: str, value: float) -> None:
 
 
 class _Site(NamedTuple):
-    """Where a loop is closed: the model's facts and file, its overrides, the states of its mode."""
+    """The plant of a loop: facts and file of the model, its overrides, the states of its mode."""
 
     known: PlantFacts
     where: str
@@ -192,7 +193,7 @@ class _Site(NamedTuple):
 
 
 class _Plant(NamedTuple):
-    """A plant and the rows that a law can feed back: the reading f, its rate, x and v."""
+    """A plant and the rows of its outputs that a law can feed back: force f, its rate, x and v."""
 
     A: Matrix
     B: Matrix
@@ -200,13 +201,13 @@ class _Plant(NamedTuple):
     rate: Matrix
     x: Matrix
     v: Matrix
-    direct: Matrix  # of f and of its rate on the command
+    direct: Matrix  # direct path from the command to f and to its rate
     rate_direct: Matrix
     states: tuple[str, ...]
 
 
 def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
-    """(signal, unit) that a loop controls. Raises InputError where the model has none."""
+    """(signal, unit) that a loop controls. Raises InputError if the model has no such signal."""
     if known.drive is None:
         raise _core.InputError(f"{where}: drive: expected a model with a drive, there is none")
     if output == "reading" and known.reading is None:
@@ -226,7 +227,7 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
 
 
 def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
-    """The signal of a force's rate, of a spring or contact."""
+    """The name of the signal that is the rate of a force of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
         raise ParameterError(
@@ -237,7 +238,7 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
 
 
 def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
-    """The velocity gain K_v of the law or of its bank, V s/m."""
+    """The velocity gain K_v of the law or of its bank, in V s/m."""
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S
@@ -245,7 +246,7 @@ def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
 
 
 def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
-    """The plant with inner damping, sampled as `timing` asks, and what the law can feed back."""
+    """The plant with inner damping, sampled as `timing` requires, with its feedback signals."""
     law, moves = spec.law, bool(spec.law in MOTION or inner)
     names = [spec.output]
     if law == "derivative":
@@ -267,7 +268,7 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
 def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list[str]) -> System:
     """The plant as a System with the outputs f, f', x and v.
 
-    names: the output, and the signal of its rate where the law needs it.
+    names: the output, and the name of its rate if the law needs the rate.
     """
     known, where = site.known, site.where
 
@@ -318,7 +319,7 @@ def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list
 
 
 def _continuous(system: System, law: str, where: str) -> _Plant:
-    """The _Plant of a law that runs without sampling."""
+    """The _Plant for a law without sampling."""
     A, B, C, D = system.A, system.B, system.C, system.D
     f, rate, x, v = (C[[i]] for i in range(4))
     direct, rate_direct = D[:1], D[1:2]
@@ -333,11 +334,13 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
 
 
 def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) -> _Plant:
-    """The _Plant of a law that runs once a tick: velocity, pd's rate are backward differences."""
+    """The _Plant for a law that runs once per tick; velocity and the rate of pd are backward
+    differences."""
     system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    if D.any():  # the ADC converts just before the new code: a direct path shows one tick later
+    # the ADC converts just before the new code acts, so a direct path acts one tick later
+    if D.any():
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])
         B = np.vstack([B, np.ones((1, 1))])
@@ -361,7 +364,7 @@ def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) 
 
 
 def _late_motion(plant: _Plant) -> _Plant:
-    """The _Plant with x and v of the tick before."""
+    """The _Plant with x and v of the previous tick."""
     A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
     A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
     states = (*plant.states, "x late", "v late")
@@ -369,7 +372,8 @@ def _late_motion(plant: _Plant) -> _Plant:
 
 
 def _with_law(spec: LoopSpec, plant: _Plant) -> System:
-    """The law before the plant, from the error to (feedback of the law, the signal itself)."""
+    """The law in series with the plant, from the error to (feedback of the law, controlled
+    signal)."""
     law, given = spec.law, spec.parameters
     dt = None if spec.is_continuous else spec.tick_s
     fed, fed_direct = plant.f.copy(), plant.direct.copy()
@@ -394,7 +398,7 @@ def _with_law(spec: LoopSpec, plant: _Plant) -> System:
 
 
 def no_reading(where: str) -> _core.InputError:
-    """The refusal of a model without an ADC on channel 0."""
+    """The error for a model without an ADC on channel 0."""
     return _core.InputError(
         f"{where}: adc: expected an ADC on channel 0, there is none; choose another output"
     )
@@ -403,7 +407,8 @@ def no_reading(where: str) -> _core.InputError:
 def _with_last(
     A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
 ) -> tuple[Matrix, Matrix, list[Matrix]]:
-    """The sampled system with a state for the last sample of row `kept`; rows widened, and its."""
+    """The sampled system with an additional state for the last sample of row `kept`; returns the
+    rows for the larger state, and the row of that sample."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])
     B = np.vstack([B, np.zeros((1, B.shape[1]))])

@@ -1,18 +1,22 @@
 """Modes of vibration of a model, and which of them are dynamically colocated (2.4-2.6, 6.1.4).
 
-The labels come from the undamped mechanics, M x'' + K x = force, with the drive removed. Between
-the drive's pair of forces and an output that is a function of positions (the sensed force, or the
-endpoint's position while apart) the response is sum r_i / (s^2 + w_i^2), and the sign of the
-residue r_i says whether actuator and sensor move together in mode i:
+The labels follow from the undamped mechanics without the drive, M x'' + K x = force. The output has
+to be a function of positions: the measured force, or the position of the endpoint out of contact.
+The response from the drive's pair of forces to this output is sum r_i / (s^2 + w_i^2). The sign of
+the residue r_i states whether actuator and sensor move in the same direction in mode i:
 
-* against the lowest mode, the reference: same sign colocated, opposite sign noncolocated. This is
-  the mode's label: the thesis asks for motion opposite to that of the rigid-body mode.
-* against the next mode below: same sign means that a pair of zeros lies between the two, so that
-  the phase comes back; opposite sign that there is none, and 180 degrees are lost.
+* relative to the lowest mode, the reference: colocated with the same sign, noncolocated with the
+opposite sign. This is the mode's label: the thesis requires motion opposite to that of the
+rigid-body mode.
 
-Compared are modes with a residue. A mode whose residue is 0 has its zeros exactly on its poles. If
-dampers still couple it to input and output, poles and zeros lie side by side, as those of the base
-in Figure 2.16a: colocated. If nothing does, it is neither and has no effect on the loop.
+* relative to the next lower mode: with the same sign, a pair of zeros lies between the two modes,
+so that the phase recovers; with the opposite sign there is no zero, and the phase decreases by 180
+degrees.
+
+Only modes with a residue are compared. A mode with the residue 0 has its zeros exactly on its
+poles. If dampers couple it to input and output, poles and zeros are close together, as those of the
+base in Figure 2.16a, and the mode is colocated. Otherwise the mode has no label and no effect on
+the loop.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,17 +38,17 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Residues below this share of their sum are rounding.
+# Smaller residues, as a share of their sum, are caused by rounding.
 NO_RESIDUE = 1e-9
-# Frequencies below this share of the highest are rounding of rigid-body modes.
+# Smaller frequencies, as a share of the highest, are rigid-body modes with rounding errors.
 NO_STIFFNESS = 1e-6
-# Slower poles than this (rad/s) count as equally slow when modes and poles are matched.
+# Poles slower than this (rad/s) count as equally slow when modes and poles are assigned.
 SLOW = 0.06
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Undamped modes of a model, drive removed; columns of `shapes` have unit modal mass.
+    """Undamped modes of a model without the drive; columns of `shapes` have unit modal mass.
 
     masses (b,) kg; w (n,) rad/s ascending; shapes (b, n) of `bodies`; damping_ratio (n,), nan for
     w = 0; drive (n,) and output (n,): gains of input and output of each mode.
@@ -67,7 +71,7 @@ def mechanics(
     states: Mapping[str, str] | None = None,
     free: bool = False,
 ) -> Mechanics:
-    """The undamped modes of a model between `input` and a position-like `output`: Mechanics."""
+    """The undamped modes of a model between `input` and an `output` that depends on positions."""
     masses = linear.facts(model, overrides).masses_kg
     bodies = tuple(masses)
     pushes = [f"{body}.force" for body in bodies]
@@ -77,8 +81,8 @@ def mechanics(
     x = [system.states.index(f"{body}.position") for body in bodies]
     v = [system.states.index(f"{body}.velocity") for body in bodies]
     root = np.sqrt(np.array([masses[body] for body in bodies]))
-    # In coordinates sqrt(m) x everything is symmetric. What a friction holds together leaves a
-    # projection P in M x'' = P (force - K x): the modes are those within it.
+    # In coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P in
+    # M x'' = P (force - K x); the modes lie within this projection.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -92,7 +96,8 @@ def mechanics(
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
     push = shapes.T @ (root * system.B[v, 0])
-    # Modes of one frequency (two bodies that are both free): one takes all of the input.
+    # If two modes have one frequency (two free bodies), the modes are rotated so that only one is
+    # excited by the input.
     highest = squares.max(initial=0.0)
     w = np.sqrt(np.where(squares > NO_STIFFNESS**2 * highest, squares, 0.0))
     first = 0
@@ -112,22 +117,23 @@ def mechanics(
 
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
-    """Output of the force loop: the reading's signal, or the position of the body that would touch.
+    """Output of the force loop: the measured signal, or the position of the body that would touch
+    the workpiece.
 
-    facts: as of linear.facts; apart: the model's contacts if none of them is pressed.
+    facts: from linear.facts; apart: the model's contacts if all of them are open.
     """
     for contact in apart:
         return next(end for end in contact.between if end != "ground") + ".position"
     reading = facts.reading
     if reading and not reading.signal.startswith("drive."):
         return reading.signal
-    # A tachometer or current shows the motion of the drive itself.
+    # A tachometer or current follows the motion of the drive itself.
     body = facts.required_drive.body if facts.drive else next(iter(facts.masses_kg))
     return f"{body}.position"
 
 
 def as_positions(output: str) -> str:
-    """The output whose residues have the signs of positions: a rate's integral."""
+    """The output whose residues have the signs of positions; for a rate, its integral."""
     for ending, plain in (
         (".velocity", ".position"),
         (".acceleration", ".position"),
@@ -162,7 +168,7 @@ def modes(
     pressed = any(states.get(c.name, otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
-        input = "drive.force"  # the force that a command becomes
+        input = "drive.force"  # the force that a command causes
     if output in ("reading", "adc0") and facts.reading:
         output = facts.required_reading.signal  # before any filter
     if output is None:
@@ -232,16 +238,17 @@ def modes(
 
 
 def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[Pole]]:
-    """The pole of the damped `system` for each undamped mode: ([pole or None], [others]).
+    """Assigns a pole of the damped `system` to each undamped mode: ([pole or None], [other
+    poles]).
 
-    Poles (of a pair that with positive imaginary part) are dictionaries; those whose displacements
-    look like the mode's and that lie near it in frequency are matched, each once.
+    A pole is a dictionary; of a pair it is the one with positive imaginary part. A pole is assigned
+    at most once, to a mode with similar displacements and a similar frequency.
     """
     poles, vectors = linalg.eig(system.A)
     keep = poles.imag >= 0
     poles, vectors = poles[keep], vectors[:, keep]
     pairs = _assign(m, system, poles, vectors)
-    # A rigid body's pole at 0 is found within rounding of it.
+    # The computed pole of a rigid body differs from 0 by rounding.
     poles = np.where(np.abs(poles) > 1e-12 * np.abs(poles).max(), poles, 0)
     names = [_pole(p) for p in poles]
     others = sorted((p for j, p in enumerate(names) if j not in pairs.values()), key=_frequency)
@@ -251,7 +258,7 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """{mode: index of its pole}."""
+    """{number of a mode: number of its pole}."""
     x = [system.states.index(f"{body}.position") for body in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)
@@ -268,7 +275,7 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)
         residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
-    # A free body without damping has a double pole at 0, and that no residue.
+    # A free body without damping has a double pole at 0, at which this residue is not defined.
     residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])

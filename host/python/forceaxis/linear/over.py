@@ -1,9 +1,10 @@
-"""Figures of a loop, and their worst over a set of plants, its modes and the delays.
+"""Figures of a loop, and the worst figures over a set of plants, its modes and the delays.
 
-The frequencies are of the loop from set-point to reading, S = 1 / (1 + k L): the bandwidth fS is
-the lowest frequency at which |S| reaches -3 dB (half the power), fT the one at which |T| last falls
-through it. Where |S| or |T| takes a value is an eigenvalue problem, as in stability.Loop.margins:
-nothing falls between the points of a grid.
+The frequencies belong to the loop from set-point to measured force, S = 1 / (1 + k L). The
+bandwidth fS is the lowest frequency at which |S| reaches -3 dB (half the power); fT is the
+frequency at which |T| last falls through -3 dB. The frequencies at which |S| or |T| has a given
+value are an eigenvalue problem, as in stability.Loop.margins, so no value is missed between the
+points of a grid.
 """
 
 import itertools
@@ -31,14 +32,15 @@ from forceaxis.linear.system import Matrix, System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
-Entry = tuple[Member, str, T]  # a member, its timing, and the analysis of its loop
+Entry = tuple[Member, str, T]  # member, timing, and the analysis of its loop
 
 HALF_POWER = math.sqrt(0.5)
-RANDOM = 24  # members analysed before the search, besides nominal and corners
-REFINED = 2  # members in whose neighbourhood the worst of each figure is sought
-COARSE, FINE = 1 / 16, 1 / 2048  # steps of that search in half-widths of a range, where it ends
+RANDOM = 24  # random members in addition to nominal and corners, analysed before the search
+REFINED = 2  # number of members about which the search for the worst of each figure begins
+# first and last step of the search, as a share of half the width of a range
+COARSE, FINE = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-# Figure -> whether its worst is the largest.
+# {figure: True if the largest value is the worst}
 FIGURES = {
     "fS_Hz": False,
     "fT_Hz": False,
@@ -50,19 +52,23 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one loop at one gain; of an unstable loop only `stable`, the others are None, False."""
+    """Figures of one loop at one gain. For an unstable loop only `stable` is defined; the others
+    are None or False."""
 
     stable: bool
-    fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: it starts above
-    fT_Hz: float | None = None  # None: |T| ends above -3 dB; 0: it never is
+    fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: |S| is above -3 dB at frequency 0
+    fT_Hz: float | None = None  # None: |T| stays above -3 dB; 0: |T| is never above -3 dB
     Ms: float | None = None  # largest |S|, up to half the tick rate
-    gain_margin: float | None = None  # factor up to the next crossing; None: none to known_to
-    phase_margin_deg: float | None = None  # smallest in size; None: |L| is nowhere 1
+    # gain factor up to the next crossing; None: there is none up to known_to
+    gain_margin: float | None = None
+    # the value with the smallest magnitude; None: |L| is 1 at no frequency
+    phase_margin_deg: float | None = None
     sag: bool = False  # |T| is below -3 dB somewhere below fS
-    known_to: float | None = None  # factor above which rounding decides; None: it decides nowhere
+    # gain factor above which rounding hides crossings; None: there is no such factor
+    known_to: float | None = None
 
     def badness(self, name: str) -> float:
-        """A number that grows as figure `name` gets worse; inf of an unstable loop."""
+        """A number that increases as the figure `name` gets worse; inf for an unstable loop."""
         if not self.stable:
             return math.inf
         value = getattr(self, name)
@@ -74,7 +80,7 @@ class Figures:
 
 
 class _Response:
-    """|H| along the boundary of stability, for a stable System H."""
+    """|H| along the stability boundary, for a stable System H."""
 
     def __init__(self, system: System) -> None:
         system = boundary.minimal(system)
@@ -85,21 +91,22 @@ class _Response:
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
 
     def size(self, w: ArrayLike) -> Matrix:
-        """|H| at frequencies w of the plane, array like w."""
+        """|H| at frequencies w of the plane; the result has the shape of w."""
         at = np.asarray(w, float)
         result: Matrix = np.abs(self.response(at.ravel())[0]).reshape(at.shape)
         return result
 
     def ends(self) -> tuple[float, float]:
-        """|H| at frequency 0 and at the end of the axis (z = -1)."""
+        """|H| at frequency 0 and at the other end of the axis (z = -1 or infinity)."""
         return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level: float) -> Matrix:
-        """Points s near which |H(jw)| = level: zeros of level^2 - H(s) H(-s)."""
+        """Points s near which |H(jw)| = level: the zeros of level^2 - H(s) H(-s)."""
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
         if abs(rest) < 1e-9 * level**2:
-            rest = 1e-9 * level**2  # the end of the axis is on the level: the root is far out
+            # |H| at the end of the axis equals the level, so that one root is very large
+            rest = 1e-9 * level**2
         matrix = np.block(
             [
                 [A + B @ C * (D / rest), B @ B.T / rest],
@@ -110,12 +117,13 @@ class _Response:
         return result
 
     def marks(self, level: float) -> Matrix:
-        """Frequencies of the plane, 0 first, between which |H| crosses `level` at most once."""
+        """Frequencies of the plane, beginning with 0; between two of them |H| crosses `level` at
+        most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
         return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level: float) -> list[tuple[float, bool]]:
-        """[(w, rises)] where |H| = level, in order."""
+        """[(w, True if |H| rises)] at which |H| = level, in ascending order."""
         grid = self.marks(level)
         apart = self.size(grid) - level
         found = []
@@ -127,7 +135,8 @@ class _Response:
         return found
 
     def peak(self) -> float:
-        """Largest |H|: rises from the grid's highest points until no point exceeds the level."""
+        """Largest |H|: the level rises from the highest points of the grid until no point exceeds
+        it."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
         for _ in range(20):
@@ -149,7 +158,8 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        for share in (1e-7, 1e-6, 1e-5, 1e-4):  # that minimiser has half the digits of w
+        # the minimiser determines w only to half of the digits
+        for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
                 summit = optimize.brentq(self._rise, *ends, xtol=1e-300, rtol=1e-15)
@@ -179,8 +189,9 @@ def figures(loop: Loop, gain: float) -> Figures:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst of each figure over a set; None where no member has it, or one is unstable.
-    known_to: factor up to which no member has a gain margin, where one is not known further."""
+    """The worst of each figure over a set; None if no member has the figure, or if one member is
+    unstable. known_to: gain factor up to which no member has a gain margin, if the margin is
+    unknown above it."""
 
     stable: bool
     fS_Hz: float | None = None
@@ -191,13 +202,13 @@ class Worst:
     sag: bool = False
     member: dict[str, tuple[Member, str]] = field(
         default_factory=dict
-    )  # figure or "stable", "sag" -> (Member, timing)
-    members: int = 0  # loops that were analysed
+    )  # {figure, "stable" or "sag": (Member, timing)}
+    members: int = 0  # number of analysed loops
     known_to: float | None = None
 
 
 class _Set(Generic[T]):
-    """Loops over a PlantSet, each analysed once, and the search for the worst of something."""
+    """Loops over a PlantSet, each analysed once, and the search for the worst loop."""
 
     def __init__(
         self,
@@ -211,7 +222,7 @@ class _Set(Generic[T]):
         self.found: dict[tuple[Any, ...], Entry[T]] = {}
 
     def at(self, member: Member, timing: str) -> Entry[T]:
-        """What `analyse` gives for one loop."""
+        """The analysis of the loop of one member."""
         key = (*member.values.values(), *sorted(member.modes.items()), timing)
         if key not in self.found:
             loop = self.plants.loop(member, timing, self.spec)
@@ -219,12 +230,13 @@ class _Set(Generic[T]):
         return self.found[key]
 
     def cover(self, members: Iterable[Member]) -> None:
-        """Analyse members with every timing."""
+        """Analyses members with every timing."""
         for member, timing in itertools.product(members, self.timings):
             self.at(member, timing)
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
-        """The entry with the largest badness, sought for also around the worst few."""
+        """The entry with the largest badness, after a search in the neighbourhood of the worst
+        entries."""
         for member, timing, _ in self._few(badness):
             self._climb(member, timing, badness, (0.5, COARSE))
         member, timing, _ = self._first(badness)
@@ -250,8 +262,9 @@ class _Set(Generic[T]):
         badness: Callable[[T], float],
         steps: tuple[float, float],
     ) -> None:
-        """Pattern search within the ranges, from one member; steps: the first and the last, in
-        half-widths of a range. A fine one leaves alone what stands at the end of its range."""
+        """Pattern search within the ranges, beginning at one member. steps: first and last step, as
+        a share of half the width of a range. With a small first step, values at the end of their
+        range are not changed."""
         ranges = self.plants.ranges
         best, (step, last) = badness(self.at(member, timing)[2]), steps
         if step == COARSE:
@@ -278,21 +291,21 @@ class _Set(Generic[T]):
 
 
 def sample(plants: PlantSet) -> list[Member]:
-    """Members analysed before the search: nominal, corners, random ones."""
+    """Members that are analysed before the search: nominal, corners, random ones."""
     return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
 
 
 def _explored(
     plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
 ) -> _Set[T]:
-    """A _Set with nominal, corners and random members analysed."""
+    """A _Set whose nominal, corner and random members are analysed."""
     group = _Set(plants, timings, spec, analyse)
     group.cover(sample(plants))
     return group
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
-    """k of a loop: `gain`, or that of a force_gain, or of the loop's bank."""
+    """The gain k of a loop: `gain`, or that of a force_gain, or that of the loop's bank."""
     if gain is not None:
         return gain
     if force_gain is not None:
@@ -309,11 +322,12 @@ def worst(
     gain: float | None = None,
     force_gain: float | None = None,
 ) -> Worst:
-    """The Worst of a PlantSet over its modes and `timings`, of the loop of `spec` (None: law p).
+    """The Worst of a PlantSet over its modes and `timings`, for the loop of `spec` (None: law
+    p).
 
-    gain: k, V/N; or force_gain, DAC codes per 8-bit count; or that of the bank. Nominal, corners,
-    seeded random members, then a pattern search around the worst of each figure: some hundred loops
-    of 3 to 5 ms.
+    gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the bank. The nominal
+    members, corners and random members (with a fixed seed) are analysed first; then a pattern
+    search begins at the worst of each figure. This takes some hundred loops of 3 to 5 ms each.
     """
 
     def analyse(loop: Loop) -> Figures:
@@ -327,7 +341,7 @@ def worst(
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # Where no margin is reached before, the one that is known least far.
+    # If no crossing is known, the smallest known range counts.
     doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):
@@ -344,9 +358,10 @@ def worst(
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest gain, k, below which all of a set are stable, from 0 on; who loses stability
-    there, or of whom rounding decides above `known_to`. `gain` None: every member bears every
-    gain, or every one up to `known_to`; 0: one bears none."""
+    """The largest gain k up to which all members of a set are stable, from 0 on, and the member
+    that becomes unstable there, or for which rounding hides crossings above `known_to`. `gain` is
+    None if all members are stable at every gain, or at every gain up to `known_to`; it is 0 if one
+    member is stable at no gain."""
 
     gain: float | None
     member: Member
@@ -358,7 +373,8 @@ class Largest:
 def largest_gain(
     plants: PlantSet, timings: Sequence[str] = ("zoh",), spec: LoopSpec | None = None
 ) -> Largest:
-    """The Largest gain that all of a PlantSet bear with the loop of `spec` (None: law p)."""
+    """The largest gain at which all members of a PlantSet are stable, with the loop of `spec`
+    (None: law p)."""
 
     def analyse(loop: Loop) -> tuple[float, Limit]:
         limit = loop.limit()
@@ -373,7 +389,7 @@ def largest_gain(
 def _equations(
     model: str | Path, overrides: Overrides | None, modes: States, output: str
 ) -> StateSpace | None:
-    """(A, B, C, D) from the command to the output in a mode; None: without a path."""
+    """(A, B, C, D) from the command to the output in a mode; None if there is no path."""
     plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
@@ -384,8 +400,8 @@ def distinct(
     output: str,
     candidates: Iterable[dict[str, str]],
 ) -> tuple[dict[str, str], ...]:
-    """One of each of the modes that have the same equations, if these have a path; each with as few
-    of its states as say the same."""
+    """One of each group of modes with the same equations, if these have a path; each mode is given
+    with the fewest states that define it."""
 
     def same(modes: States, equations: StateSpace) -> bool:
         own = _equations(model, overrides, modes, output)
@@ -406,8 +422,8 @@ def distinct(
 
 
 def _lasts(known: PlantFacts, modes: States) -> bool:
-    """Whether a law can be in this mode for long: pressed, if the model has contacts, and nothing
-    saturated. (A saturated feedback inside the drive leaves a loop that no gain holds.)"""
+    """Whether a force law can stay in this mode: in contact, if the model has contacts, and without
+    saturation. (With a saturated feedback inside the drive, no gain makes the loop stable.)"""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
     names = [contact.name for contact in known.contacts]
@@ -420,12 +436,13 @@ def modes_visited(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """The modes, {element: state}, that one run of an experiment (a path; overrides: texts
-    NAME=VALUE) visits, in contact, unsaturated, and with a path for its loop; at least that of
-    `fixed`, whose states all have.
+    """The modes, {element: state}, that a run of an experiment visits in contact, without
+    saturation and with a path for its loop; at least the mode of `fixed`, whose states all modes
+    have. experiment: a path; overrides: texts NAME=VALUE.
 
-    Frictions stuck and sliding count whether or not the run visits both: one that was never broken
-    loose is by a larger step, one that never stuck does at the set-point.
+    Each friction counts as both stuck and sliding, even if the run visits only one of these states:
+    a friction that always sticks slides after a larger step, and one that always slides sticks at
+    the set-point.
     """
     path, texts = str(experiment), list(overrides)
     events = _core.run(path, texts).events
@@ -457,7 +474,8 @@ def modes_all(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """The same of all states of all elements that switch. Raises InputError if there is none."""
+    """All combinations of states of all elements that switch, otherwise as modes_visited(). Raises
+    InputError if there is none."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)
     if output == "reading" and known.reading is None:

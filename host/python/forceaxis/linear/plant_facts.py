@@ -37,8 +37,8 @@ class DriveFacts:
 
 @dataclass(frozen=True)
 class SensorFacts:
-    """The sensor that the firmware reads: the signal it measures, in which unit of the signal one
-    ADC code is `per_count`, and the ADC's resolution in bits."""
+    """The sensor that the firmware reads: its signal, the size of one ADC code in the unit of the
+    signal (`per_count`), and the resolution of the ADC in bits."""
 
     signal: str
     per_count: float
@@ -61,10 +61,8 @@ class PlantFacts:
 
     `path` is the model's file. `masses_kg` has every body, `signals` the unit of every signal,
     `switches` the states of every element that has several ("sensor": ("apart", "pressed",
-    "overlap")). `drive`, `reading` and
-    `encoder` are None where the model has none; `required_drive` and so on raise InputError
-    there. `volts_per_code` is the drive command of one DAC
-    code.
+    "overlap")). `drive`, `reading` and `encoder` are None if the model has none; `required_drive`
+    and so on then raise InputError. `volts_per_code` is the drive command of one DAC code in V.
     """
 
     path: str
@@ -81,21 +79,21 @@ class PlantFacts:
 
     @property
     def required_drive(self) -> DriveFacts:
-        """The drive; raises InputError where the model has none."""
+        """The drive; raises InputError if the model has no drive."""
         if self.drive is None:
             raise _core.InputError(f"{self.path}: expected a [drive]")
         return self.drive
 
     @property
     def required_reading(self) -> SensorFacts:
-        """The sensor; raises InputError where the model has none."""
+        """The sensor; raises InputError if the model has no sensor."""
         if self.reading is None:
             raise _core.InputError(f"{self.path}: expected an [[adc]] of channel 0")
         return self.reading
 
     @property
     def required_encoder(self) -> EncoderFacts:
-        """The encoder; raises InputError where the model has none."""
+        """The encoder; raises InputError if the model has no encoder."""
         if self.encoder is None:
             raise _core.InputError(f"{self.path}: expected an [encoder]")
         return self.encoder
@@ -106,7 +104,8 @@ def _optional(kind: type, table: Mapping[str, Any] | None) -> Any:
 
 
 def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
-    """The facts of the model file at `path`; `_core.InputError` where the file is not a model."""
+    """The facts of the model file at `path`; raises `_core.InputError` if the file is not a
+    model."""
     table = _core.facts(path, dict(overrides or {}))
     return PlantFacts(
         path=path,

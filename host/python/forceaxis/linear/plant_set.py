@@ -1,7 +1,7 @@
 """A set of plants: ranges of a model's parameters, and the modes that a run visits.
 
-`--over k_w=30%,m_w=200..500` names ranges about the model's own values. A Member is one choice of
-values in one mode; a loop around each, for one delay or several, is what margins are taken over.
+`--over k_w=30%,m_w=200..500` defines ranges about the values of the model. A Member is one choice
+of values in one mode. Margins are computed over the loops of all members, for one delay or several.
 """
 
 import itertools
@@ -31,7 +31,7 @@ class Member:
     modes: dict[str, str] = field(default_factory=dict)
 
     def label(self) -> str:
-        """For people: "k_w = 288,900, drive.amplifier = high outer"; "nominal"."""
+        """Text for a user: "k_w = 288,900, drive.amplifier = high outer"; "nominal"."""
         parts = [f"{n} = {plain(v, 4)}" for n, v in self.values.items()]
         parts += [f"{n} = {state}" for n, state in self.modes.items()]
         return ", ".join(parts) or "nominal"
@@ -40,8 +40,9 @@ class Member:
 @dataclass(frozen=True)
 class PlantSet:
     """model: a path or stem; overrides: {parameter: value} of all members; ranges: {parameter:
-    (nominal, low, high)}, SI; together: {parameter: SI value} that change together; modes: each
-    choice of values in the ranges is taken with each of `together` and in each mode."""
+    (nominal, low, high)}, SI; together: {parameter: SI value} that change together; modes:
+    {element: state}. Each choice of values in the ranges is combined with each entry of `together`
+    and with each mode."""
 
     model: str
     overrides: dict[str, Any] = field(default_factory=dict)
@@ -50,18 +51,19 @@ class PlantSet:
     together: tuple[dict[str, float], ...] = ({},)
 
     def nominal(self) -> list[Member]:
-        """The nominal values, in each mode."""
+        """The members with the nominal values, one for each mode."""
         return self._in_modes({name: r[0] for name, r in self.ranges.items()})
 
     def corners(self) -> list[Member]:
-        """All choices of ends of the ranges, in each mode; empty without ranges."""
+        """The members at all combinations of the ends of the ranges, in each mode; empty without
+        ranges."""
         ends = [[(name, end) for end in r[1:]] for name, r in self.ranges.items()]
         if not ends:
             return []
         return [m for c in itertools.product(*ends) for m in self._in_modes(dict(c))]
 
     def random(self, count: int, seed: int = 1988) -> list[Member]:
-        """Members of `count` choices of values, uniform within the ranges."""
+        """Members of `count` random choices of values, uniform within the ranges."""
         rng = random.Random(seed)
         chosen = [
             {name: rng.uniform(r[1], r[2]) for name, r in self.ranges.items()} for _ in range(count)
@@ -74,7 +76,7 @@ class PlantSet:
         ]
 
     def loop(self, member: Member, timing: str = "zoh", spec: LoopSpec | None = None) -> Loop:
-        """The loop of `spec` around a member, with another timing; spec None: law p."""
+        """The loop of `spec` (None: law p) around a member, with the timing `timing`."""
         overrides = {**self.overrides, **member.values}
         own = replace(spec or LoopSpec(), timing=timing)
         return own.around(self.model, overrides, member.modes or None)
@@ -83,8 +85,8 @@ class PlantSet:
 def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
-    """{parameter: (nominal, low, high)} of texts NAME=PERCENT% or NAME=LOW..HIGH, each perhaps
-    several with commas between. Raises InputError."""
+    """{parameter: (nominal, low, high)} from texts NAME=PERCENT% or NAME=LOW..HIGH; a text may
+    contain several, separated by commas. Raises InputError."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}
     for text in (part for given in over for part in given.split(",")):

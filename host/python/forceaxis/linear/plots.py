@@ -1,7 +1,7 @@
 """Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes, in the thesis's form.
 
-The arguments are data of other modules: `curves.Curve`, `locus.Locus` and `locus.Array`, or what a
-verb prints with --json.
+The arguments are data of other modules: `curves.Curve`, `locus.Locus` and `locus.Array`, or the
+content that a verb prints with --json.
 """
 
 from dataclasses import replace
@@ -41,8 +41,8 @@ def bode(
 ):
     """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude.
 
-    others: curves of the other members of a set, thin. margins: of a loop gain, what `forceaxis
-    limit` prints at that gain; they are marked at the first curve.
+    others: curves of the other members of a set, drawn thin. margins: the content of `forceaxis
+    limit` at the gain of the curve; the margins are marked at the first curve.
     """
     rows = 1 if phase_only else 2
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
@@ -72,7 +72,7 @@ def bode(
     plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # a decade at least, so that a flat curve looks flat
+        if high < 10 * low:  # at least a decade, so that a constant curve appears constant
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         plain_ticks(axes[0, 0].yaxis)
@@ -93,13 +93,14 @@ def bode(
 
 
 def members_key(ax, **more):
-    """What the curves over a set are."""
+    """Adds the legend of the curves over a set."""
     thin = Line2D([], [], label="corners and random members", **MEMBER)
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best", **more)
 
 
 def mark_margins(size, phase, curve, loop):
-    """Gain and phase margin of a loop gain, as distances from |L| = 1 and from -180 degrees."""
+    """Marks gain and phase margin of a loop gain, as distances from |L| = 1 and from -180
+    degrees."""
     at = loop["at"]
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     look = {"color": GOT, "linewidth": 1.4, "zorder": 4, "marker": "_", "markersize": 5}
@@ -133,8 +134,8 @@ def mark_margins(size, phase, curve, loop):
 def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     """Figure of a loop gain's `values`, both signs of frequency, around the point -1.
 
-    The frame shows the unit circle and as much of the curve as fits within 2.5. others: curves of
-    the other members of a set, thin.
+    The figure contains the unit circle and the curve within a distance of 2.5. others: curves of
+    the other members of a set, drawn thin.
     """
     figure, ax = plt.subplots(figsize=size)
     style(ax)
@@ -156,7 +157,7 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
         at = int(np.argmin(np.abs(frequency_hz - hz)))
         point = values[at]
         ax.plot(point.real, point.imag, "o", color=INK, markersize=2.5)
-        # Across the curve, away from the other half of it and from the origin.
+        # The label is at right angles to the curve, away from its other half and from the origin.
         along = values[min(at + 1, len(values) - 1)] - values[max(at - 1, 0)]
         out = along * 1j / abs(along)
         out *= 14 if (out * point.conjugate()).real > 0 else -14
@@ -177,7 +178,8 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
 
 
 def decades(frequency_hz, values, span):
-    """Frequencies to write beside a Nyquist curve: round ones, inside the frame, apart."""
+    """Round frequencies for labels at a Nyquist curve, inside the figure and with a distance
+    between them."""
     shown = []
     for hz in (1, 2, 5, 10, 20, 30, 50, 70, 100, 200, 500):
         if not frequency_hz[0] < hz < frequency_hz[-1]:
@@ -192,13 +194,13 @@ def decades(frequency_hz, values, span):
 
 
 def hz(roots):
-    """Real and imaginary part over 2 pi."""
+    """Real and imaginary part divided by 2 pi."""
     roots = np.asarray(roots) / (2 * np.pi)
     return roots.real, roots.imag
 
 
 def mark(ax, ends, size=5.5):
-    """x at the poles and o at the zeros."""
+    """Marks poles with x and zeros with o."""
     ax.plot(*hz(ends.poles), "x", color=INK, markersize=size, markeredgewidth=1.3, zorder=4)
     ax.plot(
         *hz(ends.zeros), "o", color=GOT, markersize=size, markerfacecolor="none",
@@ -229,7 +231,7 @@ def panels(labels, wide, tall):
 
 
 def headline(figure, title):
-    """The title above panels; the figure leaves pyplot's list."""
+    """Writes the title above the panels; pyplot no longer lists the figure."""
     figure.suptitle(
         title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top", y=0.985
     )
@@ -237,11 +239,11 @@ def headline(figure, title):
 
 
 def rlocus(loci, title="", wide=2.7):
-    """Figure of root loci side by side, upper half-planes in Hz; the critical gain is marked."""
+    """Figure of root loci side by side, upper half-planes in Hz, with the critical gain marked."""
     span = max(one.span_hz for one in loci)
     figure, axes = panels(
         [one.label for one in loci], wide, 1.05 * wide
-    )  # equal scales on both axes
+    )  # both axes have the same scale
     for ax, one in zip(axes, loci, strict=True):
         x, y = hz(np.where(one.branches.imag >= 0, one.branches, np.nan))
         ax.plot(x, y, color=WANTED, linewidth=1.1)
@@ -253,7 +255,7 @@ def rlocus(loci, title="", wide=2.7):
         if len(one.at_gain):
             closed = one.at_gain[one.at_gain.imag > -1e-6]
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
-        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles beyond are not drawn
+        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther away are not drawn
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
@@ -270,13 +272,14 @@ def rlocus(loci, title="", wide=2.7):
 
 
 def gain_text(gain, one):
-    """A gain with its unit, and the firmware's number for it where it has one."""
+    """A gain with its unit, and the force_gain of the firmware if there is one."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
     return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 
 
 def label_crossings(ax, one, span):
-    """Marks where branches cross, the critical gain with its frequency and the firmware's gain."""
+    """Marks the crossings of the stability boundary, and the critical gain with its frequency and
+    force_gain."""
     limit = one.limit
     if not limit.gain:
         note = limit.reason.replace(" at ", "\nat ").replace(", above", ",\nabove")
@@ -318,13 +321,14 @@ def label_crossings(ax, one, span):
 def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
 
-    span_hz: half-width of the frame; by default a frame that accentuates the structural dynamics,
-    as 4.3.1 does. What is beyond is counted below.
+    span_hz: half-width of the figure; by default it shows the structural dynamics, as in 4.3.1. The
+    number of poles and zeros outside is printed below.
     """
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # Light and nonminimum-phase roots; real ones in the left half are mostly the drive's.
+        # Lightly damped and nonminimum-phase roots; most real roots in the left half-plane belong
+        # to the drive.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
@@ -343,8 +347,10 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
 
 
 def frame(sizes):
-    """A frame, 1/s, around all roots but outer ones that a gap of six sets apart."""
-    ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])  # not what rounding leaves of 0
+    """Half-width in 1/s of a figure around all roots, except outer ones that are separated by a
+    factor of six."""
+    # without values that are 0 except for rounding
+    ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):
         return 2 * np.pi
     gaps = np.flatnonzero(ordered[1:] > 6 * ordered[:-1])
@@ -353,10 +359,11 @@ def frame(sizes):
 
 
 def mode_shapes(result, title=""):
-    """Figure of `modes.modes()`: a row a mode, each body at rest (dashed) and displaced.
+    """Figure of `modes.modes()` with a row for each mode; each body is shown at rest (dashed) and
+    displaced.
 
-    Bodies stand in the model's order, one beside the other; displacements are along the axis, the
-    largest of a mode drawn equally long in each.
+    The bodies are side by side in the order of the model; displacements are along the axis. The
+    largest displacement has the same length in each mode.
     """
     rows = result["modes"]
     bodies = list(rows[0]["shape"]) if rows else []
@@ -410,7 +417,8 @@ def step_response(result):
 
 
 def with_units(label, model):
-    """The label of a curve, "b_w = 8.25, m_w = 5", with the units of the model's parameters."""
+    """The label of a curve, "b_w = 8.25, m_w = 5", with the units of the model's parameters
+    added."""
     known = facts(model).parameters
     parts = (part.partition(" = ") for part in label.split(", "))
     return ", ".join(f"{n} = {v} {known[n][1]}" if n in known else n for n, _, v in parts)
@@ -428,7 +436,7 @@ def loop_title(summary):
 
 
 def bode_figure(curves, summary):
-    """Figure of what `forceaxis bode --json` prints; over a set the first curve is nominal."""
+    """Figure of the content of `forceaxis bode --json`; over a set the first curve is nominal."""
     if "over" not in summary:
         curves = [replace(c, label=with_units(c.label, summary["model"])) for c in curves]
     if summary["of"] != "plant":
@@ -447,13 +455,13 @@ def bode_figure(curves, summary):
 
 
 def rlocus_figure(loci, summary):
-    """Figure of what `forceaxis rlocus --json` prints."""
+    """Figure of the content of `forceaxis rlocus --json`."""
     named = [replace(one, label=with_units(one.label, summary["model"])) for one in loci]
     return rlocus(named, loop_title(summary))
 
 
 def nyquist_figure(summary):
-    """Figure of what `forceaxis nyquist --json` prints."""
+    """Figure of the content of `forceaxis nyquist --json`."""
     at = summary["at"]
     own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
     title = f"{loop_title(summary)}\nk = {at['gain']:.3g} {summary['unit']}{own}"
@@ -462,7 +470,7 @@ def nyquist_figure(summary):
 
 
 def nyquist_set_figure(curves, summary):
-    """Figure of what `forceaxis nyquist --json` prints over a set."""
+    """Figure of the content of `forceaxis nyquist --json` over a set."""
     at, first = summary["at"], curves[0]
     own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
     title = f"{loop_title(summary)}\nk = {at['gain']:.3g} {summary['unit']}{own}"
@@ -477,7 +485,7 @@ def step_set_figure(summary):
     for one in others:
         ax.plot(one["time_s"], one["value"], **MEMBER)
     ax.plot(first["time_s"], first["value"], color=INK, linewidth=1.2)
-    if not summary["stable"]:  # what grows would hide the others
+    if not summary["stable"]:  # an unstable response grows and would hide the others
         shown = [m for m in summary["members"] if m["stable"]] or [first]
         reach = 1.5 * max(np.abs(m["value"]).max() for m in shown)
         ax.set_ylim(-reach, reach)
@@ -488,7 +496,7 @@ def step_set_figure(summary):
 
 
 def poles_figure(summary, span_hz=None):
-    """Figure of what `forceaxis poles --json` prints."""
+    """Figure of the content of `forceaxis poles --json`."""
 
     def roots(kind):
         found = [r for r in summary[kind] if r["re_per_s"] is not None]

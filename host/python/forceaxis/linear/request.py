@@ -1,4 +1,4 @@
-"""A force loop as a user asks for it: around a model, or that of an experiment's firmware."""
+"""A force loop as a user specifies it: around a model, or that of an experiment's firmware."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -46,11 +46,11 @@ class LoopRequest:
         return self.gain is not None or self.firmware_gain is not None
 
     def settings(self, plant: bool = False) -> ModelSettings:
-        """What the model or experiment describes; plant: without a force loop."""
+        """The settings of the model or experiment; plant: True if the loop is not needed."""
         return settings.of(self.model, self.overrides, plant)
 
     def spec(self, own: ModelSettings) -> LoopSpec:
-        """The specification of the loop: fields of the request, else those of `own`."""
+        """The specification of the loop: fields of the request, otherwise those of `own`."""
         law = self.law or own.law
         return LoopSpec(
             law=law,
@@ -72,18 +72,18 @@ class LoopRequest:
         return loop
 
     def gain_of(self, loop: Loop) -> float | None:
-        """The gain k: that of the request, or that of the experiment; None: neither has one."""
+        """The gain k of the request, or that of the experiment; None if neither has a gain."""
         return one_gain(loop, self.gain, self.firmware_gain)
 
     def drawn_gain(self, loop: Loop) -> float:
-        """The gain k of a loop that is drawn; without one half the critical gain, or 1."""
+        """The gain k with which a loop is drawn; without a gain half the critical gain, or 1."""
         return drawn_gain(loop, self.gain, self.firmware_gain)
 
 
 def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
     """The gain k of a loop from k or from force_gain, or that of its experiment; None: no gain.
 
-    Raises ParameterError where both are given, or a gain is out of range.
+    Raises ParameterError if both are given, or if a gain is out of range.
     """
     if gain is not None and firmware_gain is not None:
         raise ParameterError("gain", "expected either `gain` or `firmware_gain`, got both")
@@ -103,7 +103,7 @@ def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> flo
 
 
 def drawn_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float:
-    """As `one_gain`; without a gain half the critical gain, or 1 where the loop has no limit."""
+    """As `one_gain`; without a gain half the critical gain, or 1 if the loop has no limit."""
     given = one_gain(loop, gain, firmware_gain)
     return (loop.limit().gain or 2.0) / 2 if given is None else given
 

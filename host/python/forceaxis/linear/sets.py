@@ -18,7 +18,7 @@ BOTH = ("zoh", "zoh+1")
 
 
 def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
-    """Whether ranges, modes and timing ask for more than one loop."""
+    """Whether ranges, modes and timing specify more than one loop."""
     return bool(over or modes or request.timing == "both")
 
 
@@ -29,7 +29,7 @@ class LoopSet:
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
     spec: LoopSpec
-    gain: float | None  # k, or force_gain, or neither is given
+    gain: float | None  # k; None: force_gain is given, or no gain
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:
@@ -41,8 +41,8 @@ class LoopSet:
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """(k, force_gain) of the loops to draw: the given one, else half of the largest gain at
-        which all are stable, or k = 1."""
+        """(k, force_gain) of the loops to draw: the given gain, otherwise half of the largest gain
+        at which all loops are stable, or k = 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
         largest = over.largest_gain(self.plants, self.timings, self.spec).gain
@@ -52,9 +52,9 @@ class LoopSet:
 def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None = None) -> LoopSet:
     """The LoopSet of a request over ranges, texts NAME=RANGE as in `plant_set.ranges_of`.
 
-    modes: "visited" (those of a run of the experiment), "all", "nominal" (that of the request), or
-    None: nominal if the request names states, else visited with an experiment, else all. Raises
-    InputError.
+    modes: "visited" (the modes of a run of the experiment), "all", "nominal" (that of the request).
+    None: nominal if the request has states, otherwise visited for an experiment and all for a
+    model. Raises InputError.
     """
     own = request.settings()
     spec = request.spec(own)
@@ -66,14 +66,14 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     timings = BOTH if request.timing == "both" else (spec.timing,)
     plants = plant_set.PlantSet(own.model, own.overrides, spans, states)
     found = LoopSet(plants, timings, spec, gain, force_gain)
-    one_gain(found.nominal(), gain, force_gain)  # refuses what is out of range
+    one_gain(found.nominal(), gain, force_gain)  # raises ParameterError for a gain out of range
     return found
 
 
 def _modes_of(
     request: LoopRequest, own: ModelSettings, modes: str | None
 ) -> tuple[dict[str, str], ...]:
-    """The modes of a set, as `loop_set` describes them."""
+    """The modes of a set, as described in `loop_set`."""
     fixed = dict(request.states)
     if fixed and modes:
         raise ParameterError("modes", "expected without `states`, which names one of them")
@@ -96,7 +96,7 @@ def _one(member: Member, timing: str) -> Summary:
 
 
 def described(found: LoopSet) -> Summary:
-    """The set that was analysed, for the summary of a verb."""
+    """The entry about the analysed set in the summary of a verb."""
     ranges = {n: dict(zip(("nominal", "low", "high"), r, strict=True))
               for n, r in found.plants.ranges.items()}  # fmt: skip
     modes = [dict(m) for m in found.plants.modes]
@@ -107,7 +107,7 @@ def described(found: LoopSet) -> Summary:
 
 
 def worst_summary(found: LoopSet, gain: float | None, force_gain: float | None) -> Summary:
-    """The worst of each figure at a gain, and who it is."""
+    """The worst of each figure at a gain, and the member that has this worst figure."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
     worst = over.worst(found.plants, found.timings, found.spec, gain, force_gain)
@@ -123,7 +123,7 @@ def worst_summary(found: LoopSet, gain: float | None, force_gain: float | None) 
 
 
 def limit_summary(found: LoopSet) -> Summary:
-    """What `forceaxis limit --over` prints as JSON."""
+    """The content of `forceaxis limit --over --json`."""
     largest = over.largest_gain(found.plants, found.timings, found.spec)
     gain, loop = largest.gain, found.loop(largest.member, largest.timing)
     own = found.nominal().limit()
@@ -145,7 +145,8 @@ def limit_summary(found: LoopSet) -> Summary:
 
 
 def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
-    """(member, timing, loop) of what is drawn: the nominal in each mode first."""
+    """(member, timing, loop) of the loops to draw; the nominal members of all modes are the
+    first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
             yield member, timing, found.loop(member, timing)
@@ -157,9 +158,9 @@ def _curves_over(
     span_hz: tuple[float, float],
     points: int,
 ) -> tuple[list[curves.Curve], Summary]:
-    """(Curves, summary) of response(loop, k), a System with one input and output, over the set.
+    """(curves, summary) of response(loop, k), a System with one input and output, over the set.
 
-    The first Curve is the nominal one; the summary has the worst of each figure.
+    The first curve is nominal; the summary contains the worst of each figure.
     """
     gain, force_gain = found.drawn_gain()
     drawn, rows = [], []
@@ -178,7 +179,7 @@ def _curves_over(
 
 
 def nyquist_of(found: LoopSet) -> tuple[list[curves.Curve], Summary]:
-    """(Curves, summary) of `forceaxis nyquist` over a set: loop gains."""
+    """(curves, summary) of `forceaxis nyquist` over a set: loop gains."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
@@ -188,7 +189,7 @@ def bode(
     ranges: Sequence[str] = (),
     modes: str | None = None,
 ) -> tuple[list[curves.Curve], Summary]:
-    """(Curves, summary) of `forceaxis bode`, of a plant, of a loop, or of a set of loops.
+    """(curves, summary) of `forceaxis bode`, for a plant, for a loop, or for a set of loops.
 
     ranges, modes: as in `loop_set`.
     """
@@ -217,7 +218,8 @@ def bode(
 
 
 def step_of(found: LoopSet, duration_s: float) -> Summary:
-    """What `forceaxis step` prints over a set: the nominal response, and those of the others."""
+    """The result of `forceaxis step` over a set: the nominal response and those of other
+    members."""
     given = found.drawn_gain()
     rows = []
     for member, timing, loop in _members(found):

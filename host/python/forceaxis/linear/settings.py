@@ -1,7 +1,8 @@
-"""MODEL|EXPERIMENT of the command line: a plant, and the loop that an experiment's firmware closes.
+"""MODEL|EXPERIMENT of the command line: a plant, and the loop that an experiment's firmware
+closes.
 
-Of an experiment count its model, [set], and the values that [firmware] starts with, as the firmware
-holds them: law, bank, gain, latency. What it writes later ([[at]]) is ignored.
+The analysis uses the experiment's model, its [set], and the initial values of [firmware] as the
+firmware stores them: law, bank, gain, latency. Later writes of the experiment ([[at]]) are ignored.
 """
 
 from collections.abc import Mapping
@@ -14,16 +15,16 @@ from forceaxis.linear import bank as banks
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 
-Firmware = Mapping[str, Any]  # {object: the value that an experiment starts with}
+Firmware = Mapping[str, Any]  # {object: initial value in an experiment}
 
 NATIVE_FORCE = 3  # of object mode
-# Of modes_of_operation, those that control force.
+# Values of modes_of_operation that control the force.
 FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
 
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """What a loop is closed around, and the firmware's law if an experiment describes one."""
+    """The plant of a loop, and the firmware's law if an experiment specifies one."""
 
     model: str
     overrides: dict[str, Any]  # {parameter: SI value, or a text}
@@ -32,17 +33,19 @@ class ModelSettings:
     timing: str = "zoh"
     bank: banks.Bank | None = None
     force_gain: float | None = None  # of the thesis's laws, DAC codes per 8-bit count
-    parameters: dict[str, float] = field(default_factory=dict)  # of `law`, SI
+    # gain of a law of the thesis, DAC codes per 8-bit count
+    parameters: dict[str, float] = field(default_factory=dict)
     texts: tuple[str, ...] = ()  # the experiment's overrides, NAME=VALUE
 
     @property
     def firmware_gain(self) -> float | None:
-        """The gain in use, DAC codes per 8-bit count; None: a model, or no gain is set."""
+        """The active gain in DAC codes per 8-bit count; None for a model, or if no gain is set."""
         return self.bank.force_gain if self.bank else self.force_gain
 
 
 def find(text: str | Path) -> Path:
-    """The path of a model or experiment given as a path or as a stem; a model's goes first."""
+    """The path of a model or experiment given as a path or as a stem; a model has precedence over
+    an experiment of the same stem."""
     if Path(text).suffix != ".toml" and Path(text).parent == Path():
         for folder in (paths.MODELS, paths.EXPERIMENTS):
             if (folder / f"{text}.toml").exists():
@@ -51,14 +54,14 @@ def find(text: str | Path) -> Path:
 
 
 def is_experiment(table: Mapping[str, Any]) -> bool:
-    """Whether a file's table is an experiment's: it names a model and runs."""
+    """Whether the table of a file is that of an experiment, which names a model and a run."""
     return "model" in table and "duration_s" in table
 
 
 def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
-    """The ModelSettings of MODEL|EXPERIMENT under {name: value} of --set; with an experiment also
-    firmware.NAME. Raises InputError, also for an experiment that closes no force loop unless its
-    plant alone is wanted."""
+    """The ModelSettings of MODEL|EXPERIMENT with {name: value} of --set; for an experiment also
+    firmware.NAME. Raises InputError, also for an experiment without a force loop unless only its
+    plant is needed (plant)."""
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
@@ -84,7 +87,7 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
 
 
 def _law(path: Path, firmware: Firmware) -> str:
-    """The law of the mode that the firmware starts in."""
+    """The control law of the mode of operation in which the firmware starts."""
     drive = int(firmware.get("modes_of_operation", 0))
     if drive in FORCE_MODES:
         return FORCE_MODES[drive]
@@ -100,7 +103,7 @@ def _law(path: Path, firmware: Firmware) -> str:
 
 
 def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
-    """The bank that is selected, or None."""
+    """The bank that the experiment selects, or None."""
     try:
         return banks.of_settings(firmware)
     except KeyError:
@@ -111,7 +114,7 @@ def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
 
 
 def _parameters(path: Path, law: str, firmware: Firmware, known: PlantFacts) -> dict[str, float]:
-    """SI parameters of stiffness, damping and impedance."""
+    """Parameters in SI units of the laws stiffness, damping and impedance."""
     if law not in ("stiffness", "damping", "impedance"):
         return {}
     if known.reading is None or known.encoder is None:

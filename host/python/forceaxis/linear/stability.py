@@ -1,8 +1,8 @@
 """Stability of a force loop: its critical gains, margins, root locus and step response.
 
-A `Loop` is a law around a plant, as `loops.force_loop` makes it. Every figure is read from the
-response along the boundary, each value of which is right to the rounding of single entries of the
-matrices (`_core.BoundaryResponse`); eigenvalues only tell where to look.
+A `Loop` is a law around a plant, as `loops.force_loop` makes it. Every figure is computed from the
+response along the stability boundary, whose values are accurate to the rounding of single entries
+of the matrices (`_core.BoundaryResponse`). Eigenvalues only give the places at which to compute.
 """
 
 import itertools
@@ -23,14 +23,16 @@ from forceaxis.linear.system import TICK_S, Matrix, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# A crossing counts where rounding of the matrices' entries, in double, moves its gain by less: then
-# the gain of these matrices is known a thousand times better.
+# A crossing counts if rounding of the matrices' entries in double precision changes its gain by a
+# smaller share than this. The gain of these matrices is then known a thousand times more
+# accurately.
 KNOWN = 1e-7
 GAIN_MAX = 1e15  # of a loop
 
 
 def known_text(known_to: float, unit: str) -> str:
-    """The gain up to which nothing happens to a loop as far as is known, and why no further."""
+    """Text about the gain up to which it is known that a loop has no crossing, and the reason for
+    this limit."""
     return f"{plain(known_to)} {unit}".rstrip() + ", above which rounding decides"
 
 
@@ -40,45 +42,52 @@ class Crossing:
 
     gain: float
     frequency_hz: float | None  # None: at infinity (continuous, direct path with negative sign)
-    direction: int  # sign of Re ds/dk: 1 out of the stable region, -1 into it, 0 touches
+    # sign of Re ds/dk: 1 leaves the stable region, -1 enters it, 0 touches the boundary
+    direction: int
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest stable gain from 0 on. `gain` None: stable at every gain, or up to `known_to`."""
+    """The largest stable gain from 0 on. `gain` is None if the loop is stable at every gain, or at
+    every gain up to `known_to`."""
 
     gain: float | None
     frequency_hz: float | None
     crossings: list[Crossing]
     stable_ranges: list[tuple[float, float | None]]  # (from, to), to None: no upper end
     reason: str
-    known_to: float | None = None  # gain above which rounding decides; None: it decides nowhere
+    # gain above which rounding hides crossings; None: there is no such gain
+    known_to: float | None = None
 
     @property
     def stable_to(self) -> float | None:
-        """The gain up to which the loop is known to be stable; None: it is at every gain."""
+        """The gain up to which the loop is known to be stable; None: it is stable at every gain."""
         return self.known_to if self.gain is None else self.gain
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins at one gain. `gain_margin` None: no crossing above, or none up to `known_to`."""
+    """Margins at one gain. `gain_margin` is None if there is no crossing above, or none up to
+    `known_to`."""
 
-    gain_margin: float | None  # factor up to the next crossing above
-    gain_reduction: float | None  # factor (< 1) down to the next crossing below; None: none
-    phase_margin_deg: float | None  # smallest in size; None: |L| is nowhere 1
+    gain_margin: float | None  # gain factor up to the next crossing above
+    # gain factor (< 1) down to the next crossing below; None: there is no crossing
+    gain_reduction: float | None
+    # the value with the smallest magnitude; None: |L| is 1 at no frequency
+    phase_margin_deg: float | None
     crossover_hz: float | None  # where that is
     crossovers: list[tuple[float, float]]  # all (frequency_hz, phase_margin_deg)
-    known_to: float | None = None  # factor above which rounding decides; None: it decides nowhere
+    # gain factor above which rounding hides crossings; None: there is no such factor
+    known_to: float | None = None
 
 
 @dataclass
 class Loop:
     """A law around a plant, without its gain k.
 
-    whole: from the error, times k, to the feedback of the law and to the signal itself.
-    unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count) per k.
-    working: the mode that the plant is in.
+    whole: system from the error, multiplied by k, to the feedback of the law and to the controlled
+    signal. unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count)
+    per k. working: the mode of the plant.
     """
 
     model: str
@@ -90,12 +99,12 @@ class Loop:
     codes_per_gain: float | None
     parameters: dict[str, float] = field(default_factory=dict)
     bank: Bank | None = None
-    own_gain: float | None = None  # k of the experiment that the loop is of
+    own_gain: float | None = None  # k of the experiment from which the loop was made
     working: Working = field(default_factory=lambda: Working({}))
 
     @cached_property
     def open(self) -> System:
-        """L / k, one input and one output."""
+        """L / k as a System with one input and one output."""
         return self.whole.select(outputs=("feedback",))
 
     @property
@@ -114,9 +123,11 @@ class Loop:
         return firmware_gain / self.firmware_gain(1.0)
 
     def closed(self, gain: float) -> System:
-        """From the set-point (in what is fed back: N) to the signal, with the loop closed."""
+        """The closed loop as a System from the set-point (in the unit of the feedback, N) to the
+        signal."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
-        share = gain / (1 + gain * D[0, 0])  # of the set-point less C x in gain (r - C x - D u)
+        # share of the set-point minus C x in gain (r - C x - D u)
+        share = gain / (1 + gain * D[0, 0])
         return replace(
             self.whole,
             A=A - share * B @ C[:1],
@@ -128,17 +139,18 @@ class Loop:
         )
 
     def sensitivity(self, gain: float) -> System:
-        """S = 1 / (1 + k L), from the set-point to the error, of a loop closed at a gain."""
+        """S = 1 / (1 + k L) as a System from the set-point to the error, for a loop closed at a
+        gain."""
         A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
         share = gain / D[0, 0]
         return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
 
     def closed_poles(self, gain: float) -> Matrix:
-        """Closed-loop poles, 1/s (of a sampled loop log(z) / T)."""
+        """Closed-loop poles in 1/s (of a sampled loop log(z) / T)."""
         return self.closed(gain).poles_s()
 
-    # Critical gains are where L / k, on the boundary, is real and negative. A sampled loop is
-    # mapped onto w = (2/T) (z - 1)/(z + 1), which takes the unit circle to the imaginary axis.
+    # At a critical gain, L / k on the stability boundary is real and negative. A sampled loop is
+    # mapped to w = (2/T) (z - 1)/(z + 1), which maps the unit circle to the imaginary axis.
 
     @cached_property
     def _minimal(self) -> System:
@@ -146,11 +158,11 @@ class Loop:
 
     @cached_property
     def _plane(self) -> StateSpace:
-        """(A, B, C, D) with the imaginary axis as boundary, balanced."""
+        """Balanced (A, B, C, D) with the imaginary axis as stability boundary."""
         return plane(self._minimal)
 
     def hz(self, w: float) -> float:
-        """The frequency, Hz, of a frequency w of the plane, rad/s."""
+        """The frequency in Hz of a frequency w of the plane in rad/s."""
         if self.dt is None:
             return w / (2 * math.pi)
         return math.atan(w * self.dt / 2) / (math.pi * self.dt)
@@ -164,10 +176,10 @@ class Loop:
         return response(self._minimal)
 
     def _known(self, w: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
-        """(G, dG/dw, by how much rounding of the matrices' entries moves G) at frequencies w of the
-        plane, each like w in shape."""
+        """(G, dG/dw, change of G by rounding of the matrices' entries) at frequencies w of the
+        plane, each in the shape of w."""
         at = np.asarray(w, float)
-        # Only at rest a pole that nothing sees is in the way.
+        # Only at w = 0 does a pole without effect on the output prevent the computation.
         whole = self._boundary if np.all(at) else self._boundary_minimal
         G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
         return G, slope, rounding
@@ -176,10 +188,12 @@ class Loop:
         return self._known(w)[0]
 
     def _static_rounding(self, static: float) -> float:
-        """What G(0) = `static` must exceed to be known to 1 %; infinite of an integrator.
+        """The value that G(0) = `static` must exceed to be known to 1 %; infinite for an
+        integrator.
 
-        G(0) is computed again with states in other units, which rounds everything differently: more
-        than `_known` knows of where a pole and a zero at 0 Hz were removed.
+        G(0) is computed again with states in other units, whose rounding differs. The difference
+        also contains errors that `_known` does not include, from a pole and a zero at 0 Hz that
+        were removed.
         """
         n = len(self.open.A)
         apart = 0.0
@@ -195,8 +209,8 @@ class Loop:
         return float(100 * max(apart, self._known(0.0)[2].item()))
 
     def _marks(self, zeros: Matrix) -> Matrix:
-        """Frequencies of the plane between which the sign of a real function of w changes at most
-        once, from estimates of its zeros in s; poles lie on none of the intervals' ends."""
+        """Frequencies of the plane between which a real function of w changes its sign at most
+        once. zeros: estimates of its zeros in s; no frequency of the result is a pole."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
@@ -207,8 +221,8 @@ class Loop:
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
-        """(frequency of the plane, how a small gain moves it or None) of each pole that is on the
-        boundary without a gain, to rounding. None: a multiple pole."""
+        """(frequency of the plane, its change by a small gain or None) of each pole that lies on
+        the stability boundary at gain 0, within rounding. None: a multiple pole."""
         A, B, C, _ = self._plane
         size = np.linalg.norm(A)
         there = np.abs(self._poles.real) <= np.maximum(1e-12 * np.abs(self._poles), 1e-17 * size)
@@ -220,14 +234,14 @@ class Loop:
         found = []
         for w in there:
             i = np.argmin(np.abs(poles - 1j * w))
-            turn = left[i] @ right[:, i]  # of the eigenvectors, 0 where two poles are one
+            turn = left[i] @ right[:, i]  # product of the eigenvectors; 0 if two poles are equal
             move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
             found.append((float(w), None if move is None else complex(move)))
         return found
 
     @property
     def _at_gain_0(self) -> list[Crossing]:
-        """Crossings at gain 0: simple poles of the plant that nothing damps."""
+        """Crossings at gain 0: simple poles of the plant without damping."""
         found = [(w, move) for w, move in self._boundary_poles if move is not None]
         sideways = [abs(move.real) < 1e-9 * abs(move) for _, move in found]
         return [
@@ -236,7 +250,7 @@ class Loop:
         ]
 
     def _phase(self, w: float) -> float:
-        """Sine of the phase of G: 0 where G is real or 0, and on a pole."""
+        """Sine of the phase of G, which is 0 where G is real or 0, and at a pole."""
         G = self._at(w)
         return float(G.imag / np.abs(G)) if np.isfinite(G) and G else 0.0
 
@@ -246,7 +260,7 @@ class Loop:
 
     @cached_property
     def _real_points(self) -> Matrix:
-        """Zeros of G(s) - G(-s), which on the axis are where G is real."""
+        """Zeros of G(s) - G(-s); on the axis these are the points at which G is real."""
         A, B, C, _ = self._plane
         zero = np.zeros((len(A), len(A)))
         both = System(
@@ -256,11 +270,12 @@ class Loop:
         return both.zeros() if both.has_path() else np.zeros(0, complex)
 
     def crossings(self) -> list[Crossing]:
-        """All gains > 0 at which a closed-loop pole is on the boundary, smallest first.
+        """All gains > 0 at which a closed-loop pole is on the stability boundary, smallest
+        first.
 
-        There G is real and negative, k = -1 / G. Where it is real is an eigenvalue problem, which
-        misses nothing; each point is then refined on G itself. An axis that G never leaves
-        (nothing is damped) has no crossings.
+        At these points G is real and negative, and k = -1 / G. The points at which G is real are an
+        eigenvalue problem, so no point is missed; each point is then refined with G itself. If G is
+        real on the whole axis (a plant without damping), there are no crossings.
         """
         return list(self._crossings)
 
@@ -270,7 +285,8 @@ class Loop:
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
-        """(all crossings up to the gain above which rounding decides, that gain or None)."""
+        """(all crossings up to the gain above which rounding hides crossings, that gain or
+        None)."""
         if not len(self._minimal.A):
             return [], None
         zeros = self._real_points
@@ -288,12 +304,12 @@ class Loop:
         crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                continue  # the pole turns the phase, at no gain
+                continue  # the phase changes at a pole, and there is no gain
             G, slope, rounding = self._known(w)
             value = G.real
-            if abs(G.imag) < 1e-12 * w * abs(slope.imag):  # w has the digits of a double only
+            if abs(G.imag) < 1e-12 * w * abs(slope.imag):  # w is known only to double precision
                 value -= slope.real * G.imag / slope.imag
-            # A zero on the axis turns the phase too, at an infinite gain.
+            # At a zero on the axis the phase changes too, but the gain is infinite.
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
             if rounding < KNOWN * abs(value):
@@ -305,8 +321,8 @@ class Loop:
         return crossings, doubt if doubt < GAIN_MAX else None
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
-        """The least gain of a crossing that would not be seen: where rounding hides the sign of
-        Im G and more of G than KNOWN, from where it begins to."""
+        """The smallest gain of a crossing that rounding could hide: rounding exceeds Im G and the
+        share KNOWN of G. The gain is that at the beginning of such an interval."""
         hidden = rounding > KNOWN * np.abs(G)
         gains = 1 / (np.abs(G) + rounding)
         least = math.inf
@@ -331,7 +347,7 @@ class Loop:
         return float(optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15))
 
     def _touches(self, zeros: Matrix, grid: Matrix, values: Matrix) -> list[tuple[float, int]]:
-        """Pairs of zeros of Im G on the axis: [(w, 0)]. values: Im G of the grid."""
+        """Double zeros of Im G on the axis: [(w, 0)]. values: Im G on the grid."""
         found = []
         for zero in zeros:
             w = abs(zero.imag)
@@ -345,8 +361,8 @@ class Loop:
         return found
 
     def _ends(self, values: Matrix, least: float) -> list[Crossing]:
-        """Crossings at the ends of the axis: s = 0 unless there is an integrator; infinity, z = -1.
-        values: Im G of the grid; least: a direct path that is more than rounding."""
+        """Crossings at the ends of the axis: s = 0 unless the plant integrates; infinity or z = -1.
+        values: Im G on the grid; least: smallest direct path that is not caused by rounding."""
         crossings = []
         static = float(self._at(0.0).real)
         if -math.inf < static < 0 and static < -self._static_rounding(static):  # less is a zero
@@ -358,14 +374,14 @@ class Loop:
         return crossings
 
     def stable(self, gain: float) -> bool:
-        """Whether the closed loop is stable, apart from states that are not in the loop."""
+        """Whether the closed loop is stable; states outside the loop are ignored."""
         A = self._closed_minimal(gain)
         poles = _core.eigenvalues(A)
         rounding = 1e-18 * len(A) * max(float(np.linalg.norm(A)), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain: float) -> float:
-        """1/s: decay rate of the slowest pole in the loop; < 0 if it grows."""
+        """Decay rate in 1/s of the slowest pole in the loop; < 0 if its response grows."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
@@ -381,7 +397,7 @@ class Loop:
 
     @cached_property
     def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """Gains (from, to) between which the loop is stable; to None: no upper end."""
+        """Gain ranges (from, to) in which the loop is stable; to is None without an upper end."""
         if not len(self._minimal.A):
             return [(0.0, None)]
         crossings, known_to = self._crossed
@@ -393,7 +409,8 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
-            # Anywhere within: all or none of it is stable, but rounding may hide it at high gains.
+            # The loop is stable in the whole range or nowhere in it, so one gain is checked; a
+            # small one, because rounding may hide the result at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
             else:
@@ -403,8 +420,9 @@ class Loop:
         return ranges
 
     def limit(self) -> Limit:
-        """The smallest gain at which stability is lost on the way from 0, with all crossings; where
-        that is 0 also the plant's own poles on the boundary, as crossings at gain 0."""
+        """The smallest gain at which the loop becomes unstable, beginning at 0, with all crossings.
+        If this gain is 0, the crossings also contain the plant's own poles on the stability
+        boundary."""
         crossings, ranges = self.crossings(), self.stable_ranges
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
@@ -419,7 +437,7 @@ class Loop:
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
     def margins(self, gain: float) -> Margins:
-        """Margins of the loop at a gain that it is stable at."""
+        """Margins of the loop at a gain at which it is stable."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
         crossings, known_to = self._crossed
@@ -427,7 +445,7 @@ class Loop:
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
-        # Zeros of 1 - k^2 G(s) G(-s): poles of that product with its output fed back.
+        # Zeros of 1 - k^2 G(s) G(-s): poles of this product with its output as feedback.
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [
@@ -454,9 +472,12 @@ class Loop:
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
-        """(time_s, signal): from rest, after a unit step of the set-point, every 1/1500 s or tick.
+        """(time_s, signal): response to a unit step of the set-point from rest, every 1/1500 s or
+        tick.
 
-        The set-point is f_d; of stiffness K_fs x_d, of damping K_fd v_d. Exact at these times."""
+        The set-point is f_d; for the law stiffness K_fs x_d, for damping K_fd v_d. The values at
+        these times are exact.
+        """
         closed = self.closed(gain)
         if self.dt is None:
             closed = closed.sampled()
@@ -464,16 +485,17 @@ class Loop:
         time_s = np.arange(math.floor(duration_s / period_s) + 1) * period_s
         A, B, C, D = (getattr(closed, name).astype(float) for name in "ABCD")
         x, y = np.zeros(len(A)), np.empty(len(time_s))
-        with np.errstate(over="ignore", invalid="ignore"):  # an unstable one may leave the range
+        # an unstable response may exceed the range of numbers
+        with np.errstate(over="ignore", invalid="ignore"):
             for i in range(len(time_s)):
                 y[i] = C[0] @ x + D[0, 0]
                 x = A @ x + B[:, 0]
         return time_s, y
 
     def locus(self, gains: Matrix, plane: str = "s") -> Matrix:
-        """Closed-loop poles at rising gains, (len(gains), poles), each column one branch.
+        """Closed-loop poles at ascending gains, (len(gains), poles); each column is one branch.
 
-        1/s, or z of a sampled loop with plane "z". A branch that leaves z = 0 starts at -inf in s.
+        In 1/s, or z of a sampled loop with plane "z". In s, a branch from z = 0 starts at -inf.
         """
 
         def poles(gain: float) -> Matrix:

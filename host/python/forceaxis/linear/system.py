@@ -1,8 +1,10 @@
-"""The plant of one mode as a linear system: matrices, poles, zeros, responses, sampled with hold.
+"""The plant in one mode as a linear system: matrices, poles, zeros, responses, sampling with
+hold.
 
-Everything comes from the equations that the stepper integrates (`_core.linear`). `loops` closes
-control loops around it, `modes` analyses the mechanics alone. Poles, zeros and holds are computed
-in extended precision (sim/linear/extended.hpp): LAPACK's digits hang on the processor.
+All results come from the equations that the time simulation integrates (`_core.linear`). `loops`
+closes control loops around the system, `modes` analyses the mechanics alone. Poles, zeros and holds
+are computed in extended precision (sim/linear/extended.hpp), because the last digits of LAPACK
+depend on the processor.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,7 +28,8 @@ Matrix = NDArray[Any]  # of float, np.longdouble or complex
 
 
 def _complement(rows: Matrix) -> Matrix:
-    """Orthonormal columns (n, n - d) that rows (d, n) leave 0, by Householder's reflections."""
+    """Orthonormal columns (n, n - d) in the null space of rows (d, n), by Householder
+    reflections."""
     work = np.array(rows.T, np.longdouble)
     basis = np.eye(len(work), dtype=np.longdouble)
     for k in range(len(rows)):
@@ -43,8 +46,8 @@ class System:
     """x' = A x + B u, or x(k+1) = A x(k) + B u(k) every `dt` seconds; y = C x + D u.
 
     A (n, n), B (n, m), C (p, n), D (p, m): float arrays in SI units; `states`, `inputs`, `outputs`
-    name their rows and columns. What treats the system as one transfer function (`zeros`,
-    `transfer_function`) wants one input and one output; `select` picks them.
+    name their rows and columns. Methods that use one transfer function (`zeros`,
+    `transfer_function`) need one input and one output; `select` selects them.
     """
 
     A: Matrix
@@ -59,7 +62,7 @@ class System:
     def select(
         self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
     ) -> "System":
-        """The same with these inputs and outputs only."""
+        """The system with these inputs and outputs only."""
         columns = [self.inputs.index(name) for name in inputs or self.inputs]
         rows = [self.outputs.index(name) for name in outputs or self.outputs]
         return replace(
@@ -73,23 +76,23 @@ class System:
 
     @cached_property
     def balanced(self) -> tuple[Matrix, Matrix, Matrix]:
-        """(A, B, C) in units in which A's rows and columns weigh the same."""
+        """(A, B, C) in units of the states in which rows and columns of A have similar sizes."""
         if not len(self.A):
             return self.A, self.B, self.C
         scale = _core.balance(self.A)
         return self.A * scale / scale[:, None], self.B / scale[:, None], self.C * scale
 
     def poles(self) -> Matrix:
-        """Eigenvalues of A: 1/s, or z of a sampled system."""
+        """Eigenvalues of A, in 1/s or as z of a sampled system."""
         result: Matrix = _core.eigenvalues(self.A)
         return result
 
     def poles_s(self) -> Matrix:
-        """Poles in 1/s; of a sampled system log(z) / dt (a pole at z = 0 is at -inf)."""
+        """Poles in 1/s; for a sampled system log(z) / dt (a pole at z = 0 becomes -inf)."""
         return self._per_second(self.poles())
 
     def stable(self) -> bool:
-        """All poles inside the stable region."""
+        """Whether all poles are inside the stable region."""
         poles = self.poles()
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
@@ -105,21 +108,22 @@ class System:
             if not row.any():
                 break
             value, size = (row @ B).item(), (bound @ abs(B)).item()
-            if abs(value) > 1e-11 * size:  # what is less is rounding: structural zeros are exact
+            # a smaller value is caused by rounding, because structural zeros are exact
+            if abs(value) > 1e-11 * size:
                 return degree, value
             row, bound = row @ A, bound @ abs(A)
         return len(A) + 1, 0.0  # no path
 
     def has_path(self) -> bool:
-        """Whether the input acts on the output at all."""
+        """Whether the input has an effect on the output."""
         return self._markov()[1] != 0.0
 
     def zeros(self) -> Matrix:
-        """Zeros of the transfer function, 1/s or z, with those that cancel poles.
+        """Zeros of the transfer function, 1/s or z, including those that cancel poles.
 
-        They are the poles of the system that is driven so that its output stays 0: of A with the
-        output's first nonzero derivative fed back, on the states that leave the output and its
-        lower derivatives 0.
+        They are the poles of the system under a feedback that keeps its output at 0. The feedback
+        uses the first nonzero derivative of the output; the states are those for which the output
+        and its lower derivatives are 0.
         """
         degree, value = self._markov()
         if value == 0.0:
@@ -128,7 +132,7 @@ class System:
         if not degree:
             result: Matrix = _core.eigenvalues(A - B @ C / value)
             return result
-        # The output's derivatives below, each without what the ones before it say already.
+        # The lower derivatives of the output, each without its components along the previous ones.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
             row = rows[-1:] @ A
@@ -152,7 +156,7 @@ class System:
             return result
 
     def gain(self) -> float:
-        """What multiplies the product of (s - zeros) / (s - poles)."""
+        """The factor of the product of (s - zeros) / (s - poles)."""
         return float(self._markov()[1])
 
     def transfer_function(self) -> tuple[Matrix, Matrix]:
@@ -168,8 +172,8 @@ class System:
         return result
 
     def at(self, points: ArrayLike) -> Matrix:
-        """Transfer function at complex points s (or z): like `points` in shape; with several inputs
-        or outputs followed by (p, m)."""
+        """Transfer function at complex points s (or z), in the shape of `points`; for several
+        inputs or outputs followed by (p, m)."""
         s = np.asarray(points, complex)
         H, B, C = self._hessenberg
         values: Matrix = _core.hessenberg_response(H, B, C, self.D, s.ravel())
@@ -178,14 +182,14 @@ class System:
         return values.reshape(s.shape + values.shape[1:])
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Frequency response, as `at`."""
+        """Frequency response in the form of `at`."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 
     def sampled(self, delay_ticks: int = 0, dt: float = TICK_S, extended: bool = False) -> "System":
-        """Behind a zero-order hold, read every `dt` s; inputs act `delay_ticks` samples later.
-        extended: A and B keep the digits of np.longdouble, of which doubles lose those of G far
-        below its largest."""
+        """The system with a zero-order hold at its input, sampled every `dt` s; inputs act
+        `delay_ticks` samples later. extended: A and B keep the digits of np.longdouble, because in
+        double precision G loses its digits where it is far below its largest value."""
         if self.dt is not None:
             raise ValueError("expected a continuous system")
         n = len(self.A)
@@ -216,7 +220,8 @@ class System:
         )
 
     def state_space(self) -> Any:
-        """As `control.StateSpace`, with the names (python-control wants _ for each dot)."""
+        """The system as `control.StateSpace` with its names (python-control needs _ in place of
+        dots)."""
         import control
 
         def plain(names: Sequence[str]) -> list[str]:
@@ -233,12 +238,13 @@ class System:
 
 
 def polynomial(roots: Matrix) -> Matrix:
-    """Coefficients of the monic real polynomial of these roots, highest power first."""
-    return np.atleast_1d(np.real(np.poly(roots)))  # of no roots NumPy gives a plain 1
+    """Coefficients of the monic real polynomial with these roots, highest power first."""
+    return np.atleast_1d(np.real(np.poly(roots)))  # without roots NumPy returns a scalar 1
 
 
 def find_model(text: str | Path) -> Path:
-    """The path of a model given as a path or as the stem of a file of sim/models (fig4_19)."""
+    """The path of a model that is given as a path or as the stem of a file in sim/models
+    (fig4_19)."""
     path = Path(text)
     if path.suffix == ".toml" or path.parent != Path():
         return path
@@ -252,7 +258,7 @@ def find_model(text: str | Path) -> Path:
 
 
 def overrides(texts: Iterable[str]) -> dict[str, float | str]:
-    """NAME=VALUE texts of `--set` as {name: number, or a quantity's or a parameter's text}."""
+    """{name: number, or text of a quantity or parameter} from the NAME=VALUE texts of `--set`."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -273,17 +279,17 @@ def overrides(texts: Iterable[str]) -> dict[str, float | str]:
 
 
 def shown(value: float | str) -> str:
-    """An override's value for a reader."""
+    """The value of an override as text for a user."""
     return value if isinstance(value, str) else f"{value:g}"
 
 
 def override_texts(values: Overrides) -> list[str]:
-    """{name: number or text} as `--set` says it."""
+    """{name: number or text} as texts of `--set`."""
     return [f"{n}={v if isinstance(v, str) else repr(float(v))}" for n, v in values.items()]
 
 
 def states(texts: Sequence[str]) -> dict[str, str]:
-    """ELEMENT=STATE texts of `--mode` as {element: state}."""
+    """{element: state} from the ELEMENT=STATE texts of `--mode`."""
     for text in texts:
         if not all(text.partition("=")):
             raise ParameterError("states", f"{text}: expected ELEMENT=STATE")
@@ -304,7 +310,7 @@ def linearise(
     free: bool = False,
     drive: bool = True,
 ) -> System:
-    """One mode of a model as a System, from the equations that the stepper integrates.
+    """One mode of a model as a System, from the equations that the time simulation integrates.
 
     model: a path, or the stem of a file of sim/models. overrides: {parameter: value}. Contacts are
     pressed (apart if `free`), frictions slide, the play of a backlash is taken up (`working`),
@@ -316,7 +322,7 @@ def linearise(
     and adc1 (8-bit counts), encoder (counts).
     `drive` False takes the drive off: the load of 2.3.2, with input drive.force.
 
-    Raises InputError for a model, parameter, name or state that is not there.
+    Raises InputError for a model, parameter, name or state that does not exist.
     """
     if not drive:
         inputs = ["drive.force" if name == "drive.command" else name for name in inputs]
@@ -336,19 +342,19 @@ def linearise(
 
 
 def once(parameter: str, names: Sequence[str]) -> None:
-    """Refuse a name that a parameter has twice."""
+    """Raises InputError for a name that a parameter has twice."""
     if len(set(names)) < len(names):
         raise ParameterError(parameter, f"expected each name once, got {', '.join(names)}")
 
 
 def check_export(path: str | Path | None) -> None:
-    """Refuse a file that matrices cannot be written to, before the work."""
+    """Raises InputError before the computation if matrices cannot be written to this file."""
     if path is not None and Path(path).suffix not in (".npz", ".mat"):
         raise ParameterError("out", f"{path}: expected a file ending in .npz or .mat")
 
 
 def export(system: System, path: str | Path) -> None:
-    """Write A, B, C, D, dt (0: continuous) and the names to .npz or .mat."""
+    """Writes A, B, C, D, dt (0: continuous) and the names to .npz or .mat."""
     arrays: dict[str, Any] = {name: getattr(system, name) for name in "ABCD"}
     arrays["dt"] = system.dt or 0.0
     names: dict[str, Any] = {
@@ -364,7 +370,7 @@ def export(system: System, path: str | Path) -> None:
 
 
 def summary(system: System, mode: Working | None = None) -> dict[str, Any]:
-    """What `forceaxis linearise --json` prints; mode: the working.Working that it is in."""
+    """The content of `forceaxis linearise --json`; mode: the working.Working of the system."""
     return (
         working_mode.summary(mode or Working({}))
         | {

@@ -1,11 +1,11 @@
-"""The mode that a model is linearised in where nobody names another: the one in which it works.
+"""The default mode in which a model is linearised: the mode in which the axis works.
 
-A force law works while the axis presses and moves: contacts are pressed, frictions slide, the play
-of a backlash is taken up, everything else is in the middle of its range. Sliding friction is a
-constant force, so neither its size nor its direction is in the linear equations; either flank of a
-backlash gives the same ones. Friction that the drive cannot break loose never slides and stays
-stuck. At rest frictions stick, which is another mode: `linear.over` takes it as another member of a
-set wherever a path from the command to the reading is left.
+A force law works while the axis presses and moves. In this mode contacts are pressed, frictions
+slide, backlash is closed, and all other elements are in the middle of their range. Sliding friction
+is a constant force, so its size and direction do not change the linear equations; both flanks of a
+backlash give the same equations. A friction that the drive cannot overcome never slides and stays
+stuck. At rest all frictions stick, which is another mode: `linear.over` uses it as a further member
+of a set if it has a path from the command to the measured force.
 """
 
 import math
@@ -25,19 +25,19 @@ STUCK, SLIDING = "stuck", "forward"
 FLANKS = (".low", ".high")
 OPEN, CLOSED = "apart", "pressed"
 DAC_CODES = 2048  # from 0 V to full scale
-SLOW_PER_S = 0.06  # static, also where the axis integrates
+SLOW_PER_S = 0.06  # rate in 1/s that counts as static, also for an axis that integrates
 
 Values = Mapping[str, Any]  # {parameter: SI value or text}
 States = Mapping[str, str]  # {element: state}
-Stamp = tuple[int, int]  # of a file: when it was written, ns; bytes
+Stamp = tuple[int, int]  # of a file: time of the last change in ns; size in bytes
 Used = tuple[tuple[str, Any], ...]  # (parameter, value)
 Tables = tuple[tuple[dict[str, Any], ...], ...]
 
 
 @dataclass(frozen=True)
 class Friction:
-    """A [[friction]] of a model: name, the two ends, N while it slides, N that break it loose, and
-    the parameters that give these two; None: a number of the file's."""
+    """A [[friction]] of a model: name, its two ends, sliding force in N, breakaway force in N, and
+    the parameters of these two forces; None for a number in the file."""
 
     name: str
     between: tuple[str, str]
@@ -48,26 +48,27 @@ class Friction:
 
 @dataclass(frozen=True)
 class Working:
-    """modes: {element: state} to linearise in: what was named, and what is chosen here. text: the
-    same for people, in one line; empty where the model leaves no choice and nothing was named."""
+    """modes: {element: state} in which a model is linearised, given or chosen. text: the chosen
+    states as one line for a user; empty if the model has no choice and no state was given."""
 
     modes: dict[str, str]
     text: str = ""
 
 
 def summary(mode: Working) -> dict[str, Any]:
-    """A Working mode in the summary of a verb; nothing where the model leaves no choice."""
+    """The mode of a Working in the summary of a verb; empty if the model has no choice."""
     return {"mode": dict(mode.modes), "mode_text": mode.text} if mode.text else {}
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:
-    """The same for people: the line of the text, none where it is empty."""
+    """The text of a Working as a list of lines; empty for an empty text."""
     return [f"mode         {found['mode_text']}"] if found.get("mode_text") else []
 
 
 @lru_cache(maxsize=64)
 def _tables(path: str, stamp: Stamp) -> Tables:
-    """([[friction]], [[backlash]]) of a model's file as it was at `stamp`."""
+    """([[friction]], [[backlash]]) of a model's file in the version with the time and size
+    `stamp`."""
     table = toml.read(path)
     return tuple(tuple(table.get(kind, ())) for kind in ("friction", "backlash"))
 
@@ -78,13 +79,13 @@ def _stamp(path: str | Path) -> Stamp:
 
 
 def _own_tables(path: str | Path) -> Tables:
-    if not Path(path).is_file():  # the reader of models says it
+    if not Path(path).is_file():  # the reader of models reports a missing file
         return (), ()
     return _tables(str(path), _stamp(path))
 
 
 def number(given: Any, parameters: Mapping[str, tuple[float, str]]) -> float | None:
-    """A number of a model's file: itself, a quantity's, or its parameter's value; None: neither.
+    """The value of a number, quantity or parameter in a model's file; None for another type.
 
     parameters: as facts has them.
     """
@@ -123,7 +124,8 @@ def backlashes(path: str | Path) -> tuple[str, ...]:
 
 
 def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, ...]:
-    """The frictions that the drive cannot break loose: less than their stiction arrives there."""
+    """The frictions that the drive cannot overcome: the force that arrives there is below their
+    breakaway force."""
     arriving = arriving_N(path, overrides)
     return tuple(
         one
@@ -133,9 +135,9 @@ def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, .
 
 
 def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, float]:
-    """{friction: the force, N, that the drive brings to it while it sticks and everything else
-    slides and is pressed}: at the full scale of the DAC, within the drive's limits; empty without a
-    drive."""
+    """{friction: force in N} that the drive brings to a sticking friction while all others slide
+    and contacts are pressed: at the full scale of the DAC, within the drive's limits; empty without
+    a drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
@@ -155,7 +157,7 @@ def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, f
 
 
 def _stall_N(path: str | Path, known: PlantFacts) -> float:
-    """Largest static force of the drive, N; infinite where the model has no limits."""
+    """Largest static force of the drive in N; infinite if the model has no limits."""
     table, drive = toml.read(path)["drive"], known.required_drive.values
 
     def limit(name: str) -> float:
@@ -176,8 +178,8 @@ def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
 
 @lru_cache(maxsize=512)
 def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
-    """The states of frictions and backlashes where none is named. stamp, used: of the file and the
-    values that it uses, by which the answer is kept."""
+    """The default states of frictions and backlashes. stamp, used: version of the file and the
+    values that it uses; both are the key of the cache."""
     values = dict(overrides)
     stuck = {one.name: STUCK for one in held(path, values)}
     return _sliding(path, frictions(path, values)) | stuck
@@ -189,9 +191,9 @@ def working(
     modes: States | None = None,
     free: bool = False,
 ) -> Working:
-    """The Working mode of the model at `path`, with the states that `modes` names kept.
+    """The Working mode of the model at `path`; states in `modes` keep their given values.
 
-    free: contacts are apart. Raises InputError for a file that is none.
+    free: contacts are open. Raises InputError for a file that is not a model.
     """
     named = dict(modes or {})
     if not any(_own_tables(path)):
@@ -201,7 +203,7 @@ def working(
     given = tuple(sorted((overrides or {}).items()))
     chosen = dict(_chosen(str(path), _stamp(path), used, given))
     for name in backlashes(path):
-        if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank is the one that is closed
+        if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank is closed
             chosen.pop(name + FLANKS[1])
     taken = chosen | named
     contacts = [contact.name for contact in known.contacts]
@@ -211,8 +213,8 @@ def working(
 def friction_states(
     path: str | Path, overrides: Values | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
-    """For each friction of the model ((name, state), ...): sliding and stuck, or stuck alone where
-    the drive does not break it loose. Both directions of sliding are the same linear system."""
+    """For each friction of the model ((name, state), ...): sliding and stuck, or only stuck if the
+    drive does not overcome the friction. Both directions of sliding give the same linear system."""
     stuck = {one.name for one in held(path, overrides)}
     own = frictions(path, overrides)
     return [
@@ -224,9 +226,9 @@ def friction_states(
 def choices(
     path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Values | None = None
 ) -> list[list[dict[str, str]]]:
-    """For each element that switches, the states of it that can last and differ as linear systems,
-    each {switch: state}; switches: as facts has them. Of a backlash or stop with two ends at most
-    one is pressed; of a backlash either is the same."""
+    """For each element that switches, the states that can last and that differ as linear systems,
+    each as {switch: state}. switches: as in facts. A backlash or a stop with two ends has at most
+    one closed end; both flanks of a backlash are equal."""
     found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]
     done = {name for states in found for one in states for name in one}
     plays = backlashes(path)
@@ -263,8 +265,8 @@ def cut_by(
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
-    """Which element cuts the path in the mode `taken`, and what to do: a clause for the end of a
-    refusal; empty where no single element does. has_path(modes): whether a mode has one."""
+    """The end of an error text: the element that interrupts the path in the mode `taken`, and the
+    remedy; empty if not a single element does. has_path(modes): whether a mode has a path."""
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (

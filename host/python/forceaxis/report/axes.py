@@ -1,4 +1,5 @@
-"""Models of a user's folder: in words, with limits, the recommended P gain, and what laws hold."""
+"""Models of a folder for the report: description, limits, recommended P gain, and figures of the
+laws."""
 
 import re
 
@@ -14,8 +15,8 @@ from forceaxis.linear.request import LoopRequest
 from forceaxis.report import pictures
 from forceaxis.words import plain
 
-FEW = 6  # experiments whose pictures stand open, with map and margins
-# Factors of an experiment's gain and set-point for its map, and the longest run, in ticks, for it.
+FEW = 6  # number of experiments up to which pictures, map and margins are visible at once
+# For the map: factors of an experiment's gain and set-point; longest run in ticks.
 MAP_GAINS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_FORCES = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS = 12_000
@@ -25,7 +26,7 @@ def limits(model) -> list[str] | None:
     """The limit of force_gain for each timing, as text; None: no loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    except _core.InputError:  # no sensor of the force, or no response (stuck, no contact)
+    except _core.InputError:  # the model has no force sensor or no response (stuck, no contact)
         return None
     return [limit_text(loop) for loop in found]
 
@@ -42,7 +43,8 @@ def limit_text(loop: stability.Loop) -> str:
 
 
 def described(entries):
-    """One row a model that an experiment runs on: title, words, limits, P, laws (see `laws`)."""
+    """One row for each model of the experiments: title, description, limits, P gain, laws (see
+    `laws`)."""
     users = {}
     for entry in entries:
         if entry.done:
@@ -63,7 +65,8 @@ def described(entries):
 
 
 def _margins(model, row):
-    """[(caption, picture)] of the loop gain at the recommended P gain, around -1; [] without."""
+    """[(caption, picture)] of the loop gain at the recommended P gain around -1; [] if there is
+    none."""
     if not (row.get("p") and row["p"].worst):
         return []
     gain = row["p"].bank.force_gain
@@ -71,7 +74,7 @@ def _margins(model, row):
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
         )
-    except _core.InputError:  # no response in this mode
+    except _core.InputError:  # the model has no response in this mode
         return []
     at = found["at"]
     margin = "" if at["phase_margin_deg"] is None else f", phase {at['phase_margin_deg']:.3g}\u00b0"
@@ -83,8 +86,8 @@ def _margins(model, row):
 
 
 def _map(entries):
-    """[(caption, picture)] of the first P experiment over gain and set-point; [] where none is
-    short enough to be run at every point."""
+    """[(caption, picture)] of the first experiment with P over gain and set-point; [] if no
+    experiment is short enough for a run at every point."""
     for entry in entries:
         given = _core.inputs(str(entry.file))["firmware"]
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
@@ -134,8 +137,8 @@ def words(model):
 
 
 def laws(model, entries):
-    """{"over", "p", "banks"}: the P gain that bears the set of plants at the usual margins, and the
-    worst figures over that set of each bank of the experiments; or {"refused": why}."""
+    """{"over", "p", "banks"}: the P gain that keeps the usual margins over the set of plants, and
+    the worst figures over this set for each bank of the experiments; or {"refused": reason}."""
     try:
         plants = sets.plant_set(str(model))
         bits = linear.facts(model).required_reading.bits

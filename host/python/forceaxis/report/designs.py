@@ -1,4 +1,5 @@
-"""The report's section on design: the thesis's plants, P beside a bank designed over a set."""
+"""The section of the report on design: the plants of the thesis, each with P and with a bank
+designed over a set."""
 
 import matplotlib.pyplot as plt
 
@@ -7,7 +8,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# Plants with a force loop, and the bits of their ADC.
+# Plants with a force loop, and the number of bits of their ADC.
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),
@@ -15,8 +16,8 @@ PLANTS = (
 
 
 def row(model, bits):
-    """{"model", "bits", "over", "modes", "p", "design", "limited_by"} of one of PLANTS: p and
-    design as of reduced.ShortSearch."""
+    """{"model", "bits", "over", "modes", "p", "design", "limited_by"} of one of PLANTS; p and
+    design in the form of reduced.ShortSearch."""
     plants = sets.plant_set(model)
     problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
     found = problem.designed()
@@ -32,7 +33,7 @@ def row(model, bits):
 
 
 def figure(made):
-    """Bandwidth over the set, P and design."""
+    """Figure of the bandwidth over the set, for P and for the designed bank."""
     drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(made)))
     drawing.style(ax)
     for y, row in enumerate(made):

@@ -1,4 +1,4 @@
-"""A folder's experiments, run: what the page shows of each."""
+"""Runs the experiments of a folder for the report."""
 
 import re
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from forceaxis.report import pictures
 
 @dataclass
 class Entry:
-    """An experiment: its run, or the error in one line."""
+    """An experiment with its run, or with the error in one line."""
 
     file: Path
-    name: str  # its path below the folder without the suffix
+    name: str  # path below the folder, without suffix
     done: runs.Run | None = None
-    differs: tuple = ()  # what [expect] says otherwise, one line each
+    differs: tuple = ()  # differences from [expect], one line each
     error: str = ""
 
     @property
     def id(self):
-        """Its anchor."""
+        """The name of the entry's anchor on the page."""
         return re.sub(r"\W", "_", self.name)
 
     @property
@@ -34,7 +34,8 @@ class Entry:
 
     @property
     def status(self):
-        """`error`, `differs` from its [expect], or the verdict: the colour of its card."""
+        """`error`, `differs` (from [expect]), or the verdict; it selects the colour of the
+        entry."""
         return "differs" if self.differs else self.verdict
 
     @property
@@ -43,7 +44,8 @@ class Entry:
 
     @property
     def held(self):
-        """Force held and its error, in words; empty: no force is asked for."""
+        """Controlled force and its error as text; empty if the experiment has no force
+        set-point."""
         held = self.done and self.done.result.metrics.held_force
         if not held:
             return ""
@@ -61,13 +63,14 @@ class Entry:
 
 
 def figure_order(figure):
-    """'2.16a, 5.1' -> (2, 16, 'a'); no figure comes last."""
+    """'2.16a, 5.1' becomes (2, 16, 'a'); an entry without a figure is sorted last."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
 def files(folder):
-    """The experiments below a folder, and files that cannot be read. Raises InputError if none."""
+    """The experiments below a folder, and files that cannot be read. Raises InputError if there are
+    none."""
     if not folder.is_dir():
         raise InputError(
             f"{folder}: expected a folder with experiments, there is none; "
@@ -89,12 +92,12 @@ def files(folder):
 
 
 def begin(pool, folder):
-    """Submit every experiment of a folder to `pool`, for `ended`."""
+    """Submits each experiment of a folder to `pool`, for `ended`."""
     return [pool.apply_async(_drawn, (path, folder)) for path in files(folder)]
 
 
 def ended(begun):
-    """Every experiment as an Entry, in the order of their figures, then names."""
+    """All experiments as entries, in the order of their figures, then names."""
     return sorted(
         (one.get() for one in progress.each(begun, "experiments")),
         key=lambda e: (figure_order(e.done.result.figure if e.done else ""), e.name),
@@ -102,7 +105,8 @@ def ended(begun):
 
 
 def _drawn(path, folder):
-    """The Entry with its pictures, and without the trace, which would cross to another process."""
+    """The Entry with its pictures and without its trace, because the entry is sent to another
+    process."""
     entry = _entry(path, folder)
     if entry.done:
         _ = entry.picture, entry.thumbnail

@@ -1,4 +1,4 @@
-"""What only the thesis's page has: its tables, fit, models by figure, and frequency domain."""
+"""Sections of the thesis's page only: its tables, fit, models by figure, frequency domain."""
 
 import os
 import re
@@ -17,11 +17,11 @@ from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
 
-WIDE_IN = 6.0  # a figure that is wider has a line of its own
+WIDE_IN = 6.0  # a wider figure has its own line
 
 
 def models(entries):
-    """Every model that one of the experiments is of, in the order of its figure."""
+    """Every model of the experiments, in the order of its figure."""
     users = {}
     for entry in entries:
         users.setdefault(entry.done.model, []).append(entry)
@@ -88,12 +88,12 @@ def grid_rest(cells):
 
 
 def mode_rows():
-    """(model, its lowest mode, [the others with their labels]) of every model with a force path."""
+    """(model, its lowest mode, [other modes with their labels]) of each model with a force path."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
         try:
             found = modes.modes(path)
-        except _core.InputError:  # parameters alone, or no drive
+        except _core.InputError:  # the file has only parameters, or the model has no drive
             continue
         if not found["path"] or found["contact"] == "apart":
             continue
@@ -110,7 +110,7 @@ def mode_rows():
 
 
 def begin(pool):
-    """Submit what the frequency domain shows to `pool`, for `ended`."""
+    """Submits the computations of the frequency domain to `pool`, for `ended`."""
     measurements = sorted(
         paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
     )
@@ -144,7 +144,7 @@ def ended(begun):
 
 
 def measured(path):
-    """A measurement of the thesis, made and drawn."""
+    """Measures and draws a measurement of the thesis."""
     done = measure_result.run(path)
     image = pictures.figure(measure_result.figure(done))
     summary = to_json(done.summary)
@@ -152,7 +152,7 @@ def measured(path):
 
 
 def thesis_figure(number):
-    """A figure of the text, drawn."""
+    """Draws a figure of the thesis."""
     drawn = thesis_figures.thesis_figures()[number]
     picture = drawn.draw()
     wide = picture.get_figwidth() > WIDE_IN
@@ -167,11 +167,11 @@ def advised():
 
 
 def check():
-    """Raises InputError where the stored evidence of the fit cannot be read."""
+    """Raises InputError if the stored results of the fit cannot be read."""
     tables.evidence()
 
 
-# Of one axis: what went wrong and what mended it; experiment, heading, reason.
+# For one axis: the fault and its remedy, as (experiment, heading, reason).
 STORY = (
     ("contact_unstable", "1. Force gain 10: it bounces for ever",
      "The arm bends, the sensor rings, and the contact is lost again and again."),
@@ -189,7 +189,8 @@ def story(entries):
 
 
 def by_model(entries):
-    """The models of the experiments: those of the thesis's machines, those of elements."""
+    """The models of the experiments: those of the machines of the thesis, and those of single
+    elements."""
     done = [e for e in entries if e.done]
     elements = [e for e in done if e.done.model.stem.startswith("nl_")]
     return {

@@ -8,7 +8,7 @@ from markupsafe import Markup
 from forceaxis import drawing
 
 WIDTH, HEIGHT = 160, 56  # of a thumbnail
-STEPS = 80  # of a thumbnail's line, each with its lowest and highest value
+STEPS = 80  # steps of the line in a thumbnail; each shows its lowest and highest value
 
 
 def figure(drawn):
@@ -17,7 +17,7 @@ def figure(drawn):
 
 
 def thumbnail(done):
-    """The signal that shows a run best, a force of the model if there is one, as inline SVG."""
+    """The main signal of a run as inline SVG: a force of the model if there is one."""
     name = _shown(done)
     time_s, values = done.columns["time_s"], np.asarray(done.columns[name], float)
     start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
@@ -48,7 +48,7 @@ def thumbnail(done):
     ).format(name)
 
 
-FORCES = ("force", "spring_force")  # last parts of the names of a model's forces, N
+FORCES = ("force", "spring_force")  # last parts of the names of force signals of a model, in N
 
 
 def _shown(done):

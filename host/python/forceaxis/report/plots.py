@@ -1,4 +1,4 @@
-"""Figures of the report alone."""
+"""Figures that only the report uses."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -7,7 +7,7 @@ from forceaxis.drawing import INK, THIN, style
 
 
 def plateau(curves, wanted, label):
-    """Score over each constant, scaled to its fitted value.
+    """Figure of the score over each constant, scaled to its fitted value.
 
     curves: {name: [[ratio, score], ...]}; wanted: the fitted score.
     """
@@ -27,7 +27,8 @@ def plateau(curves, wanted, label):
 
 
 def contact_maps(maps, gains, gaps):
-    """Which runs cycle, over the initial gap and the gain as a part of the linear limit."""
+    """Figure of the runs with a limit cycle, over the initial gap and the gain as a share of the
+    linear limit."""
     size = (5.6, 0.7 + 2.3 * len(maps))
     figure, axes = plt.subplots(len(maps), 1, sharex=True, figsize=size)
     columns, rows = np.meshgrid(np.arange(len(gaps)), gains)

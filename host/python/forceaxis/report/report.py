@@ -1,4 +1,4 @@
-"""The report: one page that needs nothing else, of every experiment below a folder."""
+"""The report: one page without further files about every experiment below a folder."""
 
 import multiprocessing
 import os
@@ -12,7 +12,7 @@ from forceaxis import _core, drawing, objects, paths, words
 from forceaxis.experiments import verdicts
 from forceaxis.report import axes, folder
 
-# What the page calls each status of an experiment.
+# {status of an experiment: its name on the page}.
 WORDS = {
     **verdicts.WORDS,
     "none": "no verdict",
@@ -22,7 +22,7 @@ WORDS = {
 
 
 def template(name):
-    """The text of a file of this package, or of the style sheet of all pages."""
+    """The text of a file of this package, or of the common style sheet."""
     if name == "page.css":
         return drawing.page_style()
     return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
@@ -37,18 +37,18 @@ def counts_by_status(entries: list[folder.Entry]) -> dict[str, int]:
 
 
 def workers(threads):
-    """A pool of processes that an error or an interruption terminates."""
+    """A pool of processes, which are terminated after an error or an interruption."""
     return multiprocessing.get_context("fork").Pool(
         threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
     )
 
 
 def write(source=None, out=None, threads=None):
-    """Run every experiment below `source` and write out/index.html.
+    """Runs every experiment below `source` and writes out/index.html.
 
-    source None: the thesis's own folder, whose page also has its tables and its frequency domain.
-    Returns {"report", "experiments", "counts", "errors"}, of the thesis also {"matched", "total"}.
-    An experiment that cannot be run is an error and a card of its own. Raises InputError.
+    source None: the folder of the thesis, whose page also has its tables and its frequency domain.
+    Returns {"report", "experiments", "counts", "errors"}, for the thesis also {"matched", "total"}.
+    An experiment that cannot be run counts as an error and has its own entry. Raises InputError.
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     if own:
@@ -58,7 +58,7 @@ def write(source=None, out=None, threads=None):
         source = paths.EXPERIMENTS
     else:
         folder.files(source)
-    with paths.replacing(out, "index.html") as (file,):  # what cannot be created fails at once
+    with paths.replacing(out, "index.html") as (file,):  # an impossible path is reported at once
         page, summary = _made(source, out, threads, own)
         file.write_text(page, encoding="utf-8")
     return summary

@@ -4,12 +4,40 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import linear, paths, toml
 from forceaxis.linear import loops
 from forceaxis.thesis import tables
+
+Response = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class CheckedClaim:
+    """A number or statement of the thesis beside ours."""
+
+    where: str
+    what: str
+    thesis: float | str
+    ours: float | str
+    unit: str
+    within: float | None  # fraction of the thesis's number; None for a statement
+    agrees: bool
+    why: str  # the reason of a difference
+
+
+@dataclass(frozen=True)
+class CheckedClaims:
+    """Every claim, with the numbers of those that agree, differ, and differ without a reason."""
+
+    claims: list[CheckedClaim]
+    agree: int
+    differ: int
+    unexplained: int
 
 
 @dataclass(frozen=True)
@@ -30,50 +58,50 @@ class Claim:
     why: str = ""
     at_least: bool = False
 
-    def checked(self):
-        """The claim with our value as a dictionary of `check-thesis --json`."""
+    def checked(self) -> CheckedClaim:
+        """The claim beside our value."""
         ours = self.ours()
-        if isinstance(self.thesis, str):
+        if isinstance(self.thesis, str) or isinstance(ours, str):
             agrees = ours == self.thesis
         else:
             agrees = abs(ours - self.thesis) <= self.within * abs(self.thesis)
             agrees = agrees or (self.at_least and ours > self.thesis)
-        return {
-            "where": self.where,
-            "what": self.what,
-            "thesis": self.thesis,
-            "ours": ours,
-            "unit": self.unit,
-            "within": None if isinstance(self.thesis, str) else self.within,
-            "agrees": bool(agrees),
-            "why": "" if agrees else self.why,
-        }
+        return CheckedClaim(
+            where=self.where,
+            what=self.what,
+            thesis=self.thesis,
+            ours=ours,
+            unit=self.unit,
+            within=None if isinstance(self.thesis, str) else self.within,
+            agrees=bool(agrees),
+            why="" if agrees else self.why,
+        )
 
 
 @functools.cache
-def limit(model, timing="continuous", **overrides):
+def limit(model: str, timing: str = "continuous", **overrides: float) -> Any:
     """The force loop's limit of a model."""
     return loops.force_loop(model, timing=timing, overrides=overrides).limit()
 
 
-def stability(model, **overrides):
+def stability(model: str, **overrides: float) -> str:
     """Stability of the linear model in continuous time at high gains, as a text."""
     gain = limit(model, **overrides).gain
     return "stable at any gain" if gain is None else "unstable at high gain"
 
 
-def crossing_hz(model, **overrides):
+def crossing_hz(model: str, **overrides: float) -> float:
     """Frequency at which the model's force loop becomes unstable in continuous time, Hz."""
-    return limit(model, **overrides).frequency_hz
+    return float(limit(model, **overrides).frequency_hz)
 
 
-def raised(model, experiment, without):
+def raised(model: str, experiment: str, without: str) -> float:
     """Critical gain with the workpiece of an experiment over that of a rigid workpiece."""
     settings = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
-    return limit(model, **settings).gain / limit(without).gain
+    return float(limit(model, **settings).gain / limit(without).gain)
 
 
-def pole(model, near_hz, **linearised):
+def pole(model: str, near_hz: float, **linearised: Any) -> tuple[float, float]:
     """(natural frequency in Hz, damping ratio) of the pole nearest to a frequency."""
     poles = linear.linearise(model, outputs=(), **linearised).poles()
     poles = poles[poles.imag > 0]
@@ -81,37 +109,37 @@ def pole(model, near_hz, **linearised):
     return abs(found) / (2 * math.pi), -found.real / abs(found)
 
 
-def response(model, output, frequency_hz, **linearised):
+def response(model: str, output: str, frequency_hz: ArrayLike, **linearised: Any) -> Response:
     """Response of one output to the drive's command."""
     return linear.linearise(model, outputs=(output,), **linearised).response(frequency_hz)
 
 
-def rolloff_hz(model, output, **overrides):
+def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
     """(gain at DC, frequency where it is down by 3 dB in Hz)."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]
 
 
-def loop_rolloff_hz(k_amp):
+def loop_rolloff_hz(k_amp: float) -> float:
     """-3 dB frequency of the current loop with the shaft locked, k_amp k_cur / (L s + R + ...)."""
     v = {name: value for name, (value, _) in linear.facts("laboratory").parameters.items()}
     return (v["R"] + k_amp * v["k_current"]) / v["L"] / (2 * math.pi)
 
 
-def current_loop_gain(k_amp):
+def current_loop_gain(k_amp: float) -> float:
     """k_amp k_cur / (R + k_amp k_cur), current feedback over command at DC."""
     v = {name: value for name, (value, _) in linear.facts("laboratory").parameters.items()}
     return k_amp * v["k_current"] / (v["R"] + k_amp * v["k_current"])
 
 
-def flatness(output, frequency_hz):
+def flatness(output: str, frequency_hz: float) -> float:
     """Gain of the command to an output of the laboratory's drive, over that at 0.01 Hz."""
     low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
-    return high / low
+    return float(high / low)
 
 
-def phase_crossing_hz(output):
+def phase_crossing_hz(output: str) -> float | str:
     """Where the phase of an acceleration per command falls through 0 degrees, out of contact."""
     f = np.linspace(5.0, 200.0, 39001)
     H = response("fig4_14", output, f, free=True)
@@ -119,7 +147,7 @@ def phase_crossing_hz(output):
     return float(f[np.argmax(falls)]) if falls.any() else "none"
 
 
-def base_dip():
+def base_dip() -> tuple[float, float]:
     """(Hz, degrees) of the first minimum of the tip acceleration's phase, out of contact."""
     f = np.linspace(5.0, 25.0, 8001)
     phase = np.degrees(np.unwrap(np.angle(response("fig4_14", "tip.acceleration", f, free=True))))
@@ -127,7 +155,7 @@ def base_dip():
     return float(f[least]), float(phase[least])
 
 
-def phase_dip_deg(**overrides):
+def phase_dip_deg(**overrides: float) -> float:
     """Largest lag that the moving base adds to the rigid robot's force response, degrees."""
     f = np.linspace(5.0, 60.0, 20001)
     with_base = np.unwrap(np.angle(response("fig4_17", "reading", f, overrides=overrides)))
@@ -135,23 +163,24 @@ def phase_dip_deg(**overrides):
     return float(np.degrees(without - with_base).max())
 
 
-def parameter(model, name):
+def parameter(model: str, name: str) -> float:
     """A parameter's value."""
     return linear.facts(model).parameters[name][0]
 
 
-def workpiece_damping(b_w):
+def workpiece_damping(b_w: float) -> float:
     """Damping ratio of the workpiece by itself."""
     return pole("fig4_19", 39.8, overrides={"b_w": b_w}, free=True)[1]
 
 
 @functools.cache
-def cells():
+def cells() -> list[tables.Cell]:
     """The stability tables, run."""
-    return tables.run()["cells"]
+    cells: list[tables.Cell] = tables.run()["cells"]
+    return cells
 
 
-def highest_stable(test, workpiece):
+def highest_stable(test: str, workpiece: str) -> float:
     """Highest gain of Fig 5.10 that is stable in our run of it."""
     gains = [
         c["force_gain"]
@@ -159,17 +188,17 @@ def highest_stable(test, workpiece):
         if c["figure"] == "5.10" and (c["test"], c["workpiece"]) == (test, workpiece)
         if c["ours"] == "stable"
     ]
-    return max(gains)
+    return float(max(gains))
 
 
-def higher_gains_percent(test):
+def higher_gains_percent(test: str) -> float:
     """Increase of the highest stable gain by the damped workpiece, percent."""
     return 100 * (highest_stable(test, "damped") / highest_stable(test, "original") - 1)
 
 
-def cell(figure):
+def cell(figure: str) -> str:
     """Our outcome of a figure that is one cell."""
-    return next(c["ours"] for c in cells() if c["figure"] == figure)
+    return next(str(c["ours"]) for c in cells() if c["figure"] == figure)
 
 
 ANY, HIGH = "stable at any gain", "unstable at high gain"
@@ -219,7 +248,7 @@ CLAIMS = [
     ),
     Claim(
         "3.2.1, Fig 3.6", "preamplifier, gain of the velocity command", 4.1, "V/V",
-        lambda: abs(response("laboratory", "drive.current_command", 1e-4)), 0.03,
+        lambda: float(abs(response("laboratory", "drive.current_command", 1e-4))), 0.03,
         "Fig 4.4 prints 3.9; 4.1.2 exchanges the two measured gains (3.9 and 4.2)",
     ),
     Claim(
@@ -392,41 +421,27 @@ CLAIMS = [
 ]  # fmt: skip
 
 
-def resonances_below(highest_hz):
+def resonances_below(highest_hz: float) -> int:
     """Lightly damped poles of the whole axis of Fig 4.14, free, below a frequency."""
     poles = linear.linearise("fig4_14", outputs=(), free=True).poles()
     light = (poles.imag > 0) & (-poles.real < 0.3 * abs(poles))
     return int(np.sum(light & (abs(poles) < 2 * math.pi * highest_hz)))
 
 
-def check():
-    """Every claim beside our value: {"claims": [...], "agree", "differ", "unexplained"}."""
+def check() -> CheckedClaims:
+    """Every claim beside our value."""
     claims = [claim.checked() for claim in CLAIMS]
-    return {
-        "claims": claims,
-        "agree": sum(c["agrees"] for c in claims),
-        "differ": sum(not c["agrees"] for c in claims),
-        "unexplained": sum(not c["agrees"] and not c["why"] for c in claims),
-    }
+    return CheckedClaims(
+        claims=claims,
+        agree=sum(c.agrees for c in claims),
+        differ=sum(not c.agrees for c in claims),
+        unexplained=sum(not c.agrees and not c.why for c in claims),
+    )
 
 
-def value(number, unit):
+def value(number: float | str, unit: str) -> str:
     """A value as it is printed."""
     text = (
         number if isinstance(number, str) else f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
     )
     return f"{text} {unit}".strip()
-
-
-def describe(result):
-    """The claims for a terminal."""
-    lines = []
-    for c in result["claims"]:
-        mark = "agrees " if c["agrees"] else "differs"
-        lines.append(f"{mark}  {c['where']:16} {c['what']}")
-        thesis, ours = value(c["thesis"], c["unit"]), value(c["ours"], c["unit"])
-        why = f": {c['why']}" if c["why"] else ""
-        within = f" (within {100 * c['within']:g} %)" if c["within"] else ""
-        lines.append(f"           thesis {thesis}, ours {ours}{within}{why}")
-    lines.append(f"{result['agree']} agree, {result['differ']} differ")
-    return "\n".join(lines)

@@ -1,13 +1,30 @@
 """Every bode plot, root locus and pole-zero array that the thesis defines, one declarative list."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from forceaxis import linear
 from forceaxis.identify import resonance
 from forceaxis.identify.setup import read_setup
 from forceaxis.linear import beam, curves, locus, loops, plots
+from forceaxis.linear.system import System
+
+Response = NDArray[np.complex128]
+Settings = dict[str, float]  # model parameter -> value
+Run = tuple[str, str, Settings | None]  # model, label, settings
+Source = Callable[[], list[Any]]  # gives Curves, Loci or Arrays
+
+
+DRAWINGS: dict[str, Callable[..., Figure]] = {
+    "bode": plots.bode,
+    "rlocus": plots.rlocus,
+    "poles": plots.pole_zero,
+}
 
 
 @dataclass(frozen=True)
@@ -22,29 +39,29 @@ class ThesisFigure:
     kind: str  # "bode", "rlocus" or "poles"
     title: str
     see: str
-    source: object  # a function without arguments
-    options: tuple = ()  # of the drawing, (name, value)
+    source: Source
+    options: tuple[tuple[str, Any], ...] = ()  # of the drawing, (name, value)
 
-    def data(self):
+    def data(self) -> list[Any]:
         """A list of Curve, Locus or Array."""
         return self.source()
 
-    def draw(self, data=None):
+    def draw(self, data: list[Any] | None = None) -> Figure:
         """The matplotlib figure."""
-        drawing = {"bode": plots.bode, "rlocus": plots.rlocus, "poles": plots.pole_zero}[self.kind]
+        drawing = DRAWINGS[self.kind]
         title = f"Fig {self.figure}: {self.title}"
         return drawing(self.source() if data is None else data, title, **dict(self.options))
 
 
-def _channel(overrides, common):
+def _channel(overrides: Settings | None, common: dict[str, Any]) -> curves.Channel:
     """The curves.Channel at these parameter values; common: its other fields."""
     return curves.Channel(overrides=overrides or {}, **common)
 
 
-def responses(*runs, span_hz=(0.5, 200.0), **common):
+def responses(*runs: Run, span_hz: tuple[float, float] = (0.5, 200.0), **common: Any) -> Source:
     """A source of Curves: (model, label, settings or None) each, `common` as for Channel."""
 
-    def source():
+    def source() -> list[curves.Curve]:
         return [
             curves.model_curve(m, label, _channel(settings, common), span_hz)
             for m, label, settings in runs
@@ -53,10 +70,16 @@ def responses(*runs, span_hz=(0.5, 200.0), **common):
     return source
 
 
-def outputs(model, names, span_hz=(0.5, 200.0), settings=None, **common):
+def outputs(
+    model: str,
+    names: dict[str, str],
+    span_hz: tuple[float, float] = (0.5, 200.0),
+    settings: Settings | None = None,
+    **common: Any,
+) -> Source:
     """A source of Curves of one model to several outputs, {output: label}."""
 
-    def source():
+    def source() -> list[curves.Curve]:
         return [
             curves.model_curve(
                 model, label, _channel(settings, common | {"output": output}), span_hz
@@ -67,17 +90,17 @@ def outputs(model, names, span_hz=(0.5, 200.0), settings=None, **common):
     return source
 
 
-def loci(*runs, span_hz=None):
+def loci(*runs: Run, span_hz: float | None = None) -> Source:
     """A source of Loci of force loops in continuous time, (model, label, settings or None)."""
 
-    def source():
+    def source() -> list[locus.Locus]:
         found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
         return locus.loci(found, [label for _, label, _ in runs], span_hz)
 
     return source
 
 
-def damped(model, parameter, values, unit):
+def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
     """Runs of one model under several values of a parameter."""
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
@@ -87,7 +110,7 @@ LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
 ARM = beam.TwoLinkArm()
 
 
-def beam_curves():
+def beam_curves() -> list[curves.Curve]:
     """Fig 2.22: both velocity responses of the distributed beam, exact."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
@@ -102,7 +125,7 @@ def beam_curves():
     ]
 
 
-def beam_arrays():
+def beam_arrays() -> list[locus.Array]:
     """Fig 2.23: both pole-zero arrays through the fourth mode."""
     poles = BEAM.poles(4)
     return [
@@ -111,23 +134,23 @@ def beam_arrays():
     ]
 
 
-def arrays(system, names, input=None):
+def arrays(system: System, names: dict[str, str], input: str | None = None) -> Source:
     """A source of Arrays of one System to several outputs, {output: label}."""
 
-    def source():
+    def source() -> list[locus.Array]:
         inputs = (input,) if input else None
         return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
 
     return source
 
 
-def measured(*runs):
+def measured(*runs: Run) -> Source:
     """A source of Curves: the measurements of 3.2 as the models predict them.
 
     runs: (stem of a file of sim/measurements, label, model parameters or None).
     """
 
-    def source():
+    def source() -> list[curves.Curve]:
         found = []
         for stem, label, settings in runs:
             setup, _ = read_setup(stem, {"set": settings})
@@ -137,16 +160,15 @@ def measured(*runs):
             )
             frequency = curves.grid_hz(*setup.band_hz, system.poles())
             x, y = system.response(frequency).reshape(len(frequency), 2).T
+            ratio = np.asarray(setup.scale * y / x, np.complex128)
             unit = setup.unit or curves.unit_of(setup.model, names[0], names[1])
-            found.append(
-                curves.Curve(label, frequency, setup.scale * y / x, "" if unit == "V/V" else unit)
-            )
+            found.append(curves.Curve(label, frequency, ratio, "" if unit == "V/V" else unit))
         return found
 
     return source
 
 
-def fitted_resonances():
+def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonance.Fit]:
     """Frequencies, tip acceleration of Fig 4.14 apart, the rigid body's System, its fit (4.2)."""
     frequency = np.geomspace(1, 200, 1500)
     tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
@@ -155,7 +177,7 @@ def fitted_resonances():
     return frequency, data, rigid, resonance.fit(frequency, data, rigid.response(frequency))
 
 
-def resonance_curves():
+def resonance_curves() -> list[curves.Curve]:
     """Fig 4.8: the polynomial model beside the response that it was fitted to."""
     frequency, data, rigid, fit = fitted_resonances()
     unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
@@ -166,7 +188,7 @@ def resonance_curves():
     ]
 
 
-def resonance_array():
+def resonance_array() -> list[locus.Array]:
     """Fig 4.9: poles and zeros of the polynomial model."""
     _, _, rigid, fit = fitted_resonances()
     own = locus.array(rigid)
@@ -174,7 +196,7 @@ def resonance_array():
     return [locus.Array("", np.append(own.poles, poles), np.append(own.zeros, zeros))]
 
 
-def three_problems():
+def three_problems() -> list[curves.Curve]:
     """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
@@ -183,13 +205,16 @@ def three_problems():
     ]
 
 
-def thesis_figures():
+def thesis_figures() -> list[ThesisFigure]:
     """Every bode plot, root locus and pole-zero array that the text defines: [ThesisFigure]."""
     both = {"robot.position": "actuator x_r1", "tip.position": "endpoint x_r2"}
     base = (2000.0, 9500.0, 38000.0)
     work = (("fig2_26", "b_w = 8.25", None), ("fig2_26", "b_w = 363", {"b_w": 363.0}),
             ("fig2_26", "k_w x 4", {"k_w": 1650800.0}))  # fmt: skip
-    force = {"drive": False, "output": "reading"}  # a perfect actuator: force per force
+    force: dict[str, Any] = {
+        "drive": False,
+        "output": "reading",
+    }  # a perfect actuator: force per force
     grips = (("fig2_35", "soft, 25 kN/m", None), ("fig2_35", "stiff, 10 MN/m", {"k_g": 1e7}))
     coupled = tuple(("fig2_35_coupled", label, settings) for _, label, settings in grips)
     sensed = (("ylabel", "F_s / F_a"),)

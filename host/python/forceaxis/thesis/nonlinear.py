@@ -2,9 +2,11 @@
 condition."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core, paths
 from forceaxis.experiments.verdicts import NOT_STABLE
@@ -27,23 +29,31 @@ class ContactMap:
     title: str
     limit: float  # linear, with the tick's hold
     hz: float
-    cycles: np.ndarray
+    cycles: NDArray[np.bool_]
     command: str  # one of its runs
 
-    def counts(self, above):
+    def counts(self, above: bool) -> tuple[int, int]:
         """(runs that cycle, all runs) above or below the linear limit."""
         part = self.cycles[(np.array(GAINS) > 1) == above]
         return int(part.sum()), part.size
 
 
-def flexible_robot(b_rf):
+def flexible_robot(b_rf: float) -> tuple[float, float]:
     """Linear limit of Fig 2.42 in contact, gain and Hz."""
     loop = loops.force_loop("fig2_42", overrides={"b_rf": b_rf})
     limit = loop.limit()
+    if limit.gain is None or limit.frequency_hz is None:
+        raise ValueError("fig2_42: expected a force loop with a gain limit")
     return loop.firmware_gain(limit.gain), limit.frequency_hz
 
 
-def cycles(experiment, settings, gains, gaps, threads):
+def cycles(
+    experiment: str,
+    settings: dict[str, float],
+    gains: Sequence[float],
+    gaps: Sequence[float],
+    threads: int,
+) -> tuple[NDArray[np.bool_], str]:
     """Verdicts that are not stable, rows of gains (absolute) and columns of gaps, and one run's
     command."""
     path = paths.EXPERIMENTS / f"{experiment}.toml"
@@ -59,7 +69,7 @@ def cycles(experiment, settings, gains, gaps, threads):
     return np.array(verdicts).reshape(len(gains), len(gaps)), command
 
 
-def contact_maps(threads):
+def contact_maps(threads: int) -> list[ContactMap]:
     """Fig 2.42 with a lightly damped arm, with the laboratory's arm, and that with friction."""
     maps = []
     for title, experiment, b_rf, settings in (
@@ -74,7 +84,7 @@ def contact_maps(threads):
     return maps
 
 
-def friction_limits(threads):
+def friction_limits(threads: int) -> list[tuple[float, float]]:
     """[(F_c, N; gain, of the linear limit, up to which every run of FRICTION_GAPS settles)]."""
     limit, _ = flexible_robot(640.0)
     gains = [g * limit for g in FRICTION_GAINS]

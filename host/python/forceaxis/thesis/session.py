@@ -12,18 +12,27 @@ import shutil
 import signal
 import subprocess
 import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
 
 from forceaxis import _core, paths
 from forceaxis.axis.axis import trigger_on
 from forceaxis.axis.session import Session, seconds
+from forceaxis.bus.capture_assembly import Assembly
 from forceaxis.bus.client import NoAnswer, Refused
+from forceaxis.bus.messages import axis_state_t
 from forceaxis.experiments import link
 from forceaxis.experiments import run as runs
 from forceaxis.results import to_json
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Report = Callable[[str], None]  # called with the name of each step
+
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
-TRAVEL = 36_000  # counts
+TRAVEL_COUNTS = 36_000  # of the encoder
 SETPOINT = 30.0  # counts of an 8-bit reading; the thesis's law settles some counts below it
 RECORDED = ["force", "dac_code"]
 GAINS = {
@@ -35,7 +44,12 @@ GAINS = {
 }
 
 
-def run(url=None, axis=1, strike_within_s=20.0, report=lambda step: None):
+def run(
+    url: str | None = None,
+    axis: int = 1,
+    strike_within_s: float = 20.0,
+    report: Report = lambda step: None,
+) -> tuple[dict[str, Any], list[axis_state_t], Assembly]:
     """Runs the session: ({name: observed value}, states, recording). report: called with the name
     of each step as it begins."""
     report("connecting")
@@ -44,9 +58,9 @@ def run(url=None, axis=1, strike_within_s=20.0, report=lambda step: None):
         session.write_all(GAINS)
         report("homing")
         session.home()
-        report(f"moving {TRAVEL * scales()['mm']:.4g} mm")
+        report(f"moving {TRAVEL_COUNTS * scales()['mm']:.4g} mm")
         session.enable("profile position", trajectory_velocity=60_000)
-        there = session.move(TRAVEL)
+        there = session.move(TRAVEL_COUNTS)
         found["position_after_move_cnt"] = there.position_cnt
         report(f"pressing with {SETPOINT * scales()['N']:.4g} N")
         session.enable("force counts", force_setpoint=SETPOINT)
@@ -77,7 +91,7 @@ def run(url=None, axis=1, strike_within_s=20.0, report=lambda step: None):
 
 
 @functools.cache
-def scales():
+def scales() -> dict[str, float]:
     """mm of an encoder count, N of a count of the force reading at 8 bits, V of a DAC code."""
     known = _core.inputs(str(EXPERIMENT), [])["converters"]
     reading = known["adc0"]
@@ -88,7 +102,7 @@ def scales():
     }
 
 
-def figure(states, held):
+def figure(states: Sequence[axis_state_t], held: Assembly) -> "Figure":
     """Move and contact as published, the strike as recorded."""
     import matplotlib.pyplot as plt
     import numpy as np
@@ -123,12 +137,12 @@ def figure(states, held):
 
 @contextlib.contextmanager
 def machine(
-    folder,
-    duration_s=None,
-    programs=("axis_node", "plant_node", "gateway"),
-    journal=None,
-    endless=False,
-):
+    folder: Path,
+    duration_s: float | None = None,
+    programs: Sequence[str] = ("axis_node", "plant_node", "gateway"),
+    journal: Path | None = None,
+    endless: bool = False,
+) -> Iterator[dict[str, subprocess.Popen[str]]]:
     """Plant, firmware and gateway on vcan0 and vcan1, in real time: {name: process}. The journal
     is folder/axis.journal by default. endless: until they are ended."""
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
@@ -162,7 +176,7 @@ def machine(
                     preexec_fn=_end_with_us,
                 )
                 stack.callback(_stop, process)
-                if "ready" not in process.stdout.readline():
+                if process.stdout is None or "ready" not in process.stdout.readline():
                     process.wait(5)
                     raise link.LinkError(f"{name}: {_text(outputs[name]) or 'ended at once'}")
             yield running
@@ -173,25 +187,26 @@ def machine(
             raise link.LinkError("; ".join([str(error), *reports])) from error
 
 
-def _end_with_us():
+def _end_with_us() -> None:
     """In a child: requests SIGTERM when its parent ends in any way."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
 
 
-def _report(name, process):
+def _report(name: str, process: subprocess.Popen[str]) -> dict[str, Any]:
     """The report of a finished program. Raises link.LinkError unless its run succeeded."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
         raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")
-    return json.loads(out.splitlines()[-1])
+    report: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return report
 
 
-def _text(file):
+def _text(file: IO[str]) -> str:
     file.seek(0)
     return " ".join(file.read().split())
 
 
-def _stop(process):
+def _stop(process: subprocess.Popen[str]) -> None:
     if process.poll() is None:
         process.terminate()
         try:
@@ -201,7 +216,7 @@ def _stop(process):
             process.wait()
 
 
-def whole(folder, report=lambda step: None):
+def whole(folder: Path | str, report: Report = lambda step: None) -> dict[str, Any]:
     """The whole session, files below `folder`, all or none: {name: observed value}. report: as of
     `run`."""
     from forceaxis import drawing
@@ -236,10 +251,10 @@ def whole(folder, report=lambda step: None):
     return found
 
 
-def describe(found):
+def describe(found: dict[str, Any]) -> str:
     """The observed values for a terminal."""
 
-    def force(name):
+    def force(name: str) -> str:
         count = found[name]
         return f"{count * scales()['N']:.4g} N ({count:.2f} counts of force)"
 

@@ -10,9 +10,12 @@ import hashlib
 import itertools
 import json
 import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
@@ -22,6 +25,22 @@ from forceaxis.experiments.verdicts import stability
 
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
+
+
+Cell = dict[str, Any]  # a cell of the file that tables.toml names
+Job = tuple[str, list[str]]  # experiment file, overrides
+Point = tuple[int, ...]  # a number in the grid of each constant
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What another value of a threshold of the verdict changes."""
+
+    threshold: str
+    factor: float
+    value: float
+    score: int
+    changed: list[str]  # key_of the cells
 
 
 class StaleFit(Exception):
@@ -34,39 +53,43 @@ class Constant:
 
     name: str
     how: str
-    groups: tuple  # the groups of cells that depend on it; empty: all
-    grid: tuple
+    groups: tuple[str, ...]  # the groups of cells that depend on it; empty: all
+    grid: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Tables:
     """tables.toml and the measured cells it names."""
 
-    cells: list
-    experiments: dict  # "test/grip" -> file
-    workpieces: dict  # name -> overrides
+    cells: list[Cell]
+    experiments: dict[str, str]  # "test/grip" -> file
+    workpieces: dict[str, list[str]]  # name -> overrides
     unstated_setpoint: str  # the parameter that replaces a set-point of null
-    constants: list
-    fit_on: tuple  # the groups that the constants are fitted to; all others are predictions
-    readings: list  # declared choices, with the alternatives that are reported beside them
-    reasons: dict  # key_of(cell) -> why this cell is not reproduced
+    constants: list[Constant]
+    fit_on: tuple[
+        str, ...
+    ]  # the groups that the constants are fitted to; all others are predictions
+    readings: list[
+        dict[str, Any]
+    ]  # declared choices, with the alternatives that are reported beside them
+    reasons: dict[str, str]  # key_of(cell) -> why this cell is not reproduced
     matched_at_least: int
 
-    def group(self, cell):
+    def group(self, cell: Cell) -> str:
         """The cells that are omitted together: a figure, contact and disturbance separately.
 
         The original half of Fig 5.10 is Fig 3.16, so it goes by that name.
         """
         if cell["figure"] != "5.10":
-            return cell["figure"]
+            return str(cell["figure"])
         figure = "3.16" if cell["workpiece"] == "original" else "5.10"
         return f"{figure} {cell['test']}"
 
-    def groups(self):
+    def groups(self) -> list[str]:
         """All groups, in the order of the cells."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
-    def job(self, cell, constants=None):
+    def job(self, cell: Cell, constants: dict[str, float] | None = None) -> Job:
         """The (experiment, overrides) pair of a cell; constants: {parameter: value} to try."""
         experiment = self.experiments[f"{cell['test']}/{cell['grip']}"]
         setpoint = cell["force_setpoint"]
@@ -80,7 +103,7 @@ class Tables:
 
 
 @functools.cache
-def load():
+def load() -> Tables:
     """Read tables.toml."""
     data = toml.read(FILE)
     cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
@@ -103,18 +126,21 @@ def load():
     )
 
 
-def parameters():
+def parameters() -> dict[str, dict[str, Any]]:
     """The shared parameter file: name -> {value, unit, source}."""
-    return toml.read(paths.MODELS / "thesis.toml")["parameters"]
+    table: dict[str, dict[str, Any]] = toml.read(paths.MODELS / "thesis.toml")["parameters"]
+    return table
 
 
-def fitted():
+def fitted() -> dict[str, float]:
     """The fitted constants' values as the parameter file has them."""
     values = parameters()
     return {c.name: values[c.name]["value"] for c in load().constants}
 
 
-def run_jobs(jobs, threads, title, over=None):
+def run_jobs(
+    jobs: Sequence[Job], threads: int | None, title: str, over: link.LinkOptions | None = None
+) -> list[dict[str, Any]]:
     """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal.
 
     over: a link.LinkOptions; then the firmware is another process and the runs follow each other.
@@ -123,7 +149,7 @@ def run_jobs(jobs, threads, title, over=None):
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task(title, total=len(jobs))
 
-        def progress(done, _):
+        def progress(done: int, _: int) -> None:
             bar.update(task, completed=done)
 
         if over and over.kind != "inproc":
@@ -131,14 +157,14 @@ def run_jobs(jobs, threads, title, over=None):
         return _core.run_many(jobs, threads or os.cpu_count() or 1, progress)
 
 
-def key_of(cell):
+def key_of(cell: Cell) -> str:
     """A cell in words, also the key of `reasons`."""
     setpoint = cell["force_setpoint"]
     words = [cell["figure"], cell["test"], cell["workpiece"], cell["grip"].replace("_", " ")]
     return f"{', '.join(words)}, gain {cell['force_gain']}, set-point {setpoint or 'not stated'}"
 
 
-def run(threads=None, over=None):
+def run(threads: int | None = None, over: link.LinkOptions | None = None) -> dict[str, Any]:
     """Run the cells with the parameter file's constants, over a link.LinkOptions if one is given.
 
     Returns {"cells": [the measured cell with "ours", "metrics", "fault", "trace_hash"], "matched",
@@ -165,7 +191,7 @@ def run(threads=None, over=None):
     }
 
 
-def describe(result):
+def describe(result: dict[str, Any]) -> str:
     """The result for a terminal: one line a row of cells, misses spelled out."""
     lines = []
     for cell in result["cells"]:
@@ -184,13 +210,13 @@ def describe(result):
     return "\n".join(lines)
 
 
-def matches(cells, outcomes):
+def matches(cells: Sequence[Cell], outcomes: Sequence[dict[str, Any]]) -> NDArray[np.bool_]:
     """Per cell: 1 where ours is the thesis's verdict."""
     pairs = zip(cells, outcomes, strict=True)
     return np.array([stability(o["verdict"]) == c["thesis"] for c, o in pairs])
 
 
-def score_with(variants, threads, title):
+def score_with(variants: Sequence[Sequence[str]], threads: int | None, title: str) -> list[int]:
     """Score of the tables under each list of extra overrides; one pool of jobs for all."""
     tables = load()
     jobs = [
@@ -206,7 +232,11 @@ def score_with(variants, threads, title):
     ]
 
 
-def plateau(values, threads=None, steps=(0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1)):
+def plateau(
+    values: dict[str, float],
+    threads: int | None = None,
+    steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
+) -> dict[str, list[list[float]]]:
     """{constant: [[ratio to its value, score], ...]}: one constant moved at a time."""
     pairs = [(name, ratio) for name in values for ratio in steps]
     variants = [sets_of(values | {name: values[name] * ratio}) for name, ratio in pairs]
@@ -217,24 +247,24 @@ def plateau(values, threads=None, steps=(0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1
     }
 
 
-def readings(values, threads=None):
+def readings(values: dict[str, float], threads: int | None = None) -> list[list[Any]]:
     """The declared readings' alternatives, each alone: [[reading, alternative, score], ...]."""
     rows = [(r["name"], a["what"], a["set"]) for r in load().readings for a in r["alternatives"]]
     scores = score_with([sets_of(values) + sets for _, _, sets in rows], threads, "readings")
     return [[name, what, s] for (name, what, _), s in zip(rows, scores, strict=True)]
 
 
-def latest(sets):
+def latest(sets: Sequence[str]) -> list[str]:
     """Overrides with the last value of each name."""
     return list({text.partition("=")[0]: text for text in sets}.values())
 
 
-def sets_of(values):
+def sets_of(values: dict[str, float]) -> list[str]:
     """{parameter: value} as overrides."""
     return [f"{k}={v!r}" for k, v in values.items()]
 
 
-def criterion_sensitivity(cells, threads=None):
+def criterion_sensitivity(cells: Sequence[Cell], threads: int | None = None) -> list[Sensitivity]:
     """The effect of +-20 % on each threshold: [(threshold, factor, value, score, cells changed)].
 
     cells: those of run(). The window is varied by running again; ripple thresholds only re-judge.
@@ -260,13 +290,20 @@ def criterion_sensitivity(cells, threads=None):
     return rows
 
 
-def _sensitivity(name, factor, value, cells, base, verdicts):
+def _sensitivity(
+    name: str,
+    factor: float,
+    value: float,
+    cells: Sequence[Cell],
+    base: Sequence[str],
+    verdicts: Sequence[str],
+) -> Sensitivity:
     score = sum(v == c["thesis"] for v, c in zip(verdicts, cells, strict=True))
     changed = [key_of(c) for c, a, b in zip(cells, base, verdicts, strict=True) if a != b]
-    return {"threshold": name, "factor": factor, "value": value, "score": score, "changed": changed}
+    return Sensitivity(name, factor, value, score, changed)
 
 
-def evidence_hash():
+def evidence_hash() -> str:
     """Hash of the inputs of the fit: grid, cells, models, experiments; no fitted value."""
     tables = load()
     free = {c.name for c in tables.constants}
@@ -284,7 +321,7 @@ def evidence_hash():
     return digest.hexdigest()
 
 
-def fit(threads=None):
+def fit(threads: int | None = None) -> dict[str, Any]:
     """Search the grid of tables.toml on the cells of `fit_on` and write tables_fit.json beside it.
 
     Contact cells run on every grid point that they depend on; strikes run where the contact cells,
@@ -300,7 +337,7 @@ def fit(threads=None):
         for group in tables.fit_on
     }
 
-    def evaluate(group, points):
+    def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
         """{grid coordinates that the group depends on: matches of its cells} for those points."""
         wanted = sorted({tuple(p[i] for i in feels[group]) for p in points})
         jobs = [
@@ -319,12 +356,12 @@ def fit(threads=None):
     late = [g for g in tables.fit_on if g.endswith("disturbance")]
     scores = {g: evaluate(g, everywhere) for g in tables.fit_on if g not in late}
 
-    def total(point, groups):
+    def total(point: Point, groups: Iterable[str]) -> int:
         return sum(scores[g][tuple(point[i] for i in feels[g])] for g in groups)
 
     figures = list(dict.fromkeys(g.split()[0] for g in tables.fit_on))
 
-    def without(figure, groups):
+    def without(figure: str | None, groups: Iterable[str]) -> list[str]:
         return [g for g in groups if g.split()[0] != figure]
 
     promising = set()
@@ -336,18 +373,18 @@ def fit(threads=None):
     for group in late:
         scores[group] = evaluate(group, points)
 
-    def choose(groups):
+    def choose(groups: Sequence[str]) -> Point:
         """The centre of the best plateau: highest score, then highest mean over its neighbours."""
         score = {p: total(p, groups) for p in points}
         best = max(score.values())
 
-        def around(p):
+        def around(p: Point) -> float:
             near = [score.get(q, 0) for q in neighbours(p, grids)]
             return sum(near) / len(near)
 
         return max((p for p in points if score[p] == best), key=lambda p: (around(p), p))
 
-    def values(point):
+    def values(point: Point) -> dict[str, float]:
         return {n: grids[i][j] for i, (n, j) in enumerate(zip(names, point, strict=True))}
 
     chosen = choose(tables.fit_on)
@@ -384,7 +421,7 @@ def fit(threads=None):
     return evidence
 
 
-def neighbours(point, grids):
+def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
     """Grid points at most one step away in every constant, those outside the grid included."""
     steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
     return [
@@ -392,12 +429,12 @@ def neighbours(point, grids):
     ]
 
 
-def evidence():
+def evidence() -> dict[str, Any]:
     """The fit on record. Raises StaleFit where it does not belong to the present files."""
     again = "run `forceaxis tables --fit`, some minutes, and commit what it writes"
     if not EVIDENCE.exists():
         raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
-    found = json.loads(EVIDENCE.read_text())
+    found: dict[str, Any] = json.loads(EVIDENCE.read_text())
     if found["inputs_hash"] != evidence_hash():
         raise StaleFit(
             f"{paths.display(EVIDENCE)}: expected a fit of the present models, experiments and "

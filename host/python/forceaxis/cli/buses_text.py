@@ -1,0 +1,81 @@
+"""Snapshots and summaries of logs as text of the terminal."""
+
+import time
+
+from forceaxis.bus.log import LogSummary
+from forceaxis.bus.log_tables import ExportSummary
+from forceaxis.bus.monitor_state import AxisSnapshot, Snapshot
+
+
+def snapshot_text(shown: Snapshot) -> str:
+    """Return a snapshot as text with one line for each axis."""
+    lines = []
+    for number, a in shown.axes.items():
+        force = "-"
+        if a.force_N is not None:
+            force = f"{a.force_N:.2f} N"
+            if a.target_force_N is not None:
+                force += f" of {a.target_force_N:.2f} N"
+        elif a.force_cnt is not None:
+            force = f"{a.force_cnt:.2f} counts of the force reading"
+        parts = [
+            a.drive_state or "no state",
+            a.mode or "mode -",
+            "no fault" if a.fault in (None, "none") else f"FAULT {a.fault}",
+            f"force {force}",
+            position_text(a),
+            f"output {'-' if a.output_V is None else format(a.output_V, '.3f')} V",
+            f"{a.rate_per_s:.0f}/s",
+            f"lost {a.lost}",
+        ]
+        if a.limit_reason not in (None, "none"):
+            parts.insert(3, f"limit {a.limit_reason}")
+        if a.objects_mismatch:
+            parts.append(a.objects_mismatch)
+        lines.append(f"axis {number}: " + ", ".join(parts))
+    if shown.trouble:
+        lines.append(shown.trouble)
+    return "\n".join(lines)
+
+
+def position_text(a: AxisSnapshot) -> str:
+    if a.position_unit == "count":
+        return f"encoder {'-' if a.position_cnt is None else a.position_cnt} count"
+    value = "-" if a.position is None else f"{a.position:.6g}"
+    return f"position {value} {a.position_unit}"
+
+
+def log_text(summary: LogSummary) -> str:
+    """Return the contents of a log as a table of its channels."""
+    rows: list[tuple[str, ...]] = [("channel", "type", "messages", "per s", "lost", "doubled", "")]
+    for name, row in summary.channels.items():
+        rate = "" if row.rate_per_s is None else f"{row.rate_per_s:.1f}"
+        bad = f"{row.undecodable} of another type" if row.undecodable else ""
+        more = f"{row.runs} runs" if (row.runs or 0) > 1 else ""
+        counts = ["" if n is None else str(n) for n in (row.lost, row.doubled)]
+        notes = ", ".join(t for t in (bad, more) if t)
+        rows.append((name, row.type or "?", str(row.count), rate, *counts, notes))
+    widths = [max(len(r[i]) for r in rows) for i in range(6)]
+    lines = [
+        f"{r[0]:{widths[0]}}  {r[1]:{widths[1]}}"
+        + "".join(f"  {r[i]:>{widths[i]}}" for i in range(2, 6))
+        + (f"  {r[6]}" if r[6] else "")
+        for r in rows
+    ]
+    start = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(summary.start_wall_us / 1e6))
+    lines.append(f"{summary.messages} messages, {summary.span_s:.3f} s from {start}")
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def export_text(summary: ExportSummary) -> str:
+    """Return the written tables, and what was left out, as lines."""
+    lines = []
+    for table in summary.tables:
+        lines.append(f"{' '.join(table.files):44} {table.rows} rows, {len(table.columns)} columns")
+    if summary.not_exported:
+        lines.append(f"left out     {', '.join(summary.not_exported)}")
+    if summary.undecodable:
+        lines.append(
+            f"left out     {summary.undecodable} messages that are damaged or of another type"
+        )
+    return "\n".join(lines)
