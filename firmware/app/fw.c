@@ -308,7 +308,7 @@ static void execute_reset(fw_t *fw) {
   if (fw->canopen.reset == CANOPEN_RESET_NONE) {
     return;
   }
-  /* A reset directly after a save must load the saved values. */
+  /* If a reset follows directly after a save, the saved values must be loaded. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
     return;
   }

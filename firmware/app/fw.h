@@ -123,7 +123,8 @@ typedef struct {
   /* tick in which each inhibited emergency message was last sent */
   uint32_t reported_tick[FW_HELD];
   uint8_t reported[FW_HELD]; /* 1: the message was sent since power-up */
-  uint8_t contact_seen;      /* contact, saturation and limit cycle in the previous tick */
+  /* state of contact, saturation and limit cycle in the previous tick */
+  uint8_t contact_seen;
   /* 1: the tare measurement writes force_tare, so the date 1020h does not change */
   uint8_t tare_is_written;
   uint8_t on_serial;    /* 1: the present write was received over the serial line */

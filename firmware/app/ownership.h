@@ -71,7 +71,7 @@ bool ownership_ends(const fw_t *fw, uint8_t lost);
 
 /* Parts of ownership_tick(). */
 void ownership_watch_canopen(fw_t *fw);
-/* the warning ends when the loss of the owner would be detected */
+/* the warning ends when a loss of the owner would be detected again */
 void ownership_watch_warning(fw_t *fw);
 void ownership_time_out(fw_t *fw);
 

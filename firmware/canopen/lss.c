@@ -119,8 +119,8 @@ static void identify(canopen_t *canopen, uint8_t part, uint32_t value) {
   }
 }
 
-/* Fast scan: nodes whose bits from `check` upwards equal those of `value` answer. The master tests
- * bit by bit downwards, and continues with the next part of the address. */
+/* Fast scan: a node answers if the bits of its address part from `check` upwards equal those of
+ * `value`. The master finds the part from the highest bit to the lowest, then the next part. */
 static void scan(canopen_t *canopen, const uint8_t *data) {
   lss_t *lss = &canopen->lss;
   const uint32_t value = fx_load_le32(&data[1]);

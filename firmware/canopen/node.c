@@ -39,8 +39,8 @@ static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   }
 }
 
-/* `value` is read only after it was sent or received once, and `places` only after it was
- * mapped. */
+/* No function reads `value` before the PDO was sent or received once, or `places` before the PDO
+ * was mapped. */
 static void init_pdo(pdo_t *pdo) {
   pdo->bits = 0;
   pdo->pending = 0;
@@ -133,8 +133,8 @@ static void lose_frames(canopen_t *canopen, uint16_t frames) {
   canopen->requests.frames_lost = (uint16_t)((sum > UINT16_MAX) ? UINT16_MAX : sum);
 }
 
-/* Hands the number of frames that the full output queue refused to the firmware, which counts
- * them. */
+/* Gives the firmware the number of frames that the full output queue refused. The firmware counts
+ * these frames. */
 static void take_output_lost(canopen_t *canopen) {
   lose_frames(canopen, canopen->output.lost);
   canopen->output.lost = 0;

@@ -98,8 +98,9 @@ typedef struct {
   uint8_t selected;     /* matching parts of the address in switch state selective */
   uint8_t identified;   /* matching parts of the address in identify remote slave */
   uint8_t scanned;      /* part of the address that fast scan searches */
-  uint8_t silence;      /* which of the two silences is in progress */
-  uint8_t store;        /* LSS_STORE_ */
+  /* 1 or 2: the first or the second silence of the present change of the bit rate; 0: no change */
+  uint8_t silence;
+  uint8_t store; /* LSS_STORE_ */
 } lss_t;
 
 /* The part of a tick that is deferred: nothing, the part after the PDOs, or all. */

@@ -85,7 +85,8 @@ static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32
   return (at - now < ticks) ? now + ticks : at;
 }
 
-/* Whether a timer that is due still expires; if it does, this call stops the timer. */
+/* Whether a timer that is due has not been restarted or stopped meanwhile; this call then stops the
+ * timer. */
 static inline bool canopen_timer_take(canopen_timers_t *timers, uint32_t timer) {
   const bool due = canopen_timer_runs(timers, timer) && timers->at[timer] == timers->now;
   if (due) {

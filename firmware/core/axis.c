@@ -181,8 +181,8 @@ void axis_init(axis_t *axis) {
   axis->fault_waits = 0;
 }
 
-/* tare_band protects the tare: while the axis is enabled the tare cannot change, and it never
- * exceeds the band. */
+/* Checks a new tare. tare_band protects the tare: while the axis is enabled the tare cannot change,
+ * and it never exceeds the band. */
 static int check_tare(const axis_t *axis, int32_t value) {
   const int32_t band = axis->params.tare_band;
   if (band == 0) {

@@ -76,7 +76,7 @@ typedef struct {
   uint8_t primed; /* 1: signals.position is the encoder count of the last tick */
   /* 1: bumpless transfer makes the next code continue from the last output */
   uint8_t rebase;
-  uint8_t bias_shift; /* bump_decay_shift at the change that set signals.bump_bias */
+  uint8_t bias_shift; /* value of bump_decay_shift when the present bump bias was set */
   /* 1: position_setpoint was written for the next start of position mode */
   uint8_t setpoint_new;
   /* 1: the fault was latched between two ticks and acts in the next tick */

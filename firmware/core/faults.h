@@ -42,7 +42,7 @@ static inline uint8_t fault_detect(const axis_params_t *params, const axis_signa
   if (fault_exceeds(signals->force, params->force_max)) {
     return AXIS_FAULT_FORCE_MAX;
   }
-  /* The position error is 0 in every mode but position mode. */
+  /* The position error is 0 in every mode except position mode. */
   if (fault_exceeds(signals->position_error, params->following_error_max)) {
     return AXIS_FAULT_FOLLOWING_ERROR;
   }

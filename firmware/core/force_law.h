@@ -38,7 +38,7 @@ typedef struct {
    * outputs */
   int32_t x[2];
   int32_t y[2];
-  uint32_t remainder_q26; /* rounding remainder of the last output, in 2^-42 count */
+  uint32_t remainder_q26; /* rounding remainder of the last output of the section, in 2^-42 count */
 } force_section_t;
 
 typedef struct {

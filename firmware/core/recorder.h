@@ -46,7 +46,7 @@ typedef struct {
   uint8_t wide_count;
   uint8_t sample_bytes;
   uint8_t trigger_primed; /* 1: trigger_previous has the value of the last tick */
-  bool trigger_rising;    /* whether rising edges trigger */
+  bool trigger_rising;    /* true: a rising edge starts the recording; next field: a falling edge */
   bool trigger_falling;
   /* mask for level and previous value, so that an unsigned comparison gives their order */
   uint32_t trigger_flip;

@@ -99,7 +99,7 @@ typedef struct {
   uint16_t output_limit;
   uint8_t profile_enable;
   uint8_t bump_decay_shift;
-  uint8_t active; /* 1: the parameters are overridden */
+  uint8_t active; /* 1: the drive overrides these parameters of the axis now */
 } cia402_overridden_t;
 
 typedef struct cia402_mode cia402_mode_t; /* a row of modes.h */

@@ -121,7 +121,7 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
     return;
   }
   if (drive->pressing == 0) {
-    /* Continues from the force that is measured now. */
+    /* The demanded force continues from the force that is measured now. */
     const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
     drive->force_ramp_q16 = fx_scale(bounded_force(drive, reading), 16);
     drive->force_demand_q16 = drive->force_ramp_q16;

@@ -13,8 +13,8 @@
  * or target_force with force_offset in per mille of rated_force. */
 enum { CIA402_HOLDS_NONE, CIA402_HOLDS_SETPOINT, CIA402_HOLDS_TARGET };
 
-/* Object that gives the time for which a target must have been reached before the drive reports
- * it. */
+/* Selects the object with the time for which the axis must stay at its target before the drive
+ * reports target reached. */
 enum { CIA402_WINDOW_NONE, CIA402_WINDOW_POSITION, CIA402_WINDOW_VELOCITY };
 
 struct cia402_mode {

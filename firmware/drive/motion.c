@@ -56,7 +56,7 @@ void motion_follow(cia402_t *drive, axis_t *axis) {
   axis->params.position_setpoint = setpoint;
   axis->params.mode = AXIS_MODE_POSITION;
   if (axis->signals.active_mode != AXIS_MODE_POSITION) {
-    /* The position mode that begins will use this set-point. */
+    /* The position mode that begins will use this value of position_setpoint. */
     axis_parameter_written(axis, AXIS_OBJ_POSITION_SETPOINT, setpoint, setpoint);
   }
 }

@@ -98,8 +98,8 @@ static inline void motion_shape(cia402_t *drive, int32_t before) {
  * Used for stops and when a mode ends. */
 void motion_unshape(cia402_t *drive);
 
-/* Whether the trajectory that the axis follows has reached the position, or the speed, of the
- * unshaped trajectory. */
+/* Input shaping delays the trajectory that the axis follows. The functions return whether it has
+ * reached the position, or the speed, of the trajectory before shaping. */
 static inline bool motion_has_place(const cia402_t *drive) {
   return motion_followed(drive)->position_q32 == drive->trajectory.position_q32;
 }

@@ -22,7 +22,7 @@ typedef struct {
   int32_t history[SHAPER_TICKS]; /* ring buffer of the inputs x */
   int32_t amplitude_q16[SHAPER_IMPULSES];
   int32_t before;         /* value that represents all inputs before the first one in `history` */
-  uint32_t remainder_q16; /* rounding remainder of the last output */
+  uint32_t remainder_q16; /* rounding remainder of the last output of the shaper */
   /* number of inputs since the shaper began, at most SHAPER_TICKS; 0: not begun */
   uint16_t age;
   uint8_t delay_tick[SHAPER_IMPULSES];

@@ -169,8 +169,8 @@ static bool has_reached(const cia402_t *drive, const axis_t *axis) {
   return mode->reached != NULL && mode->reached(drive, axis);
 }
 
-/* Returns 1 in the first tick of a condition, and 2 more in each call while it lasts, because it is
- * checked in every second tick; the count saturates. */
+/* Counts the ticks for which a condition lasts. The count is 1 in the first tick and rises by 2 in
+ * each call, because the condition is checked in every second tick; the count saturates. */
 static uint32_t lasting(uint32_t ticks, bool lasts) {
   if (!lasts) {
     return 0;

@@ -148,7 +148,7 @@ static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) 
   return (uint64_t)side * (uint64_t)side <= room;
 }
 
-/* Ticks per second. The host asserts that its constant has the same value
+/* Number of ticks in a second. The host asserts that its constant has the same value
  * (host/python/binding/core.cpp). */
 enum { FX_TICK_RATE_HZ = 1500 };
 

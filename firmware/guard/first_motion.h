@@ -46,7 +46,8 @@ enum {
   FIRST_MOTION_REST_TICKS = 1500, /* 1 s for the axis to reach standstill */
   FIRST_MOTION_ZERO_TICKS = 90,   /* 60 ms, in which a brake releases */
   FIRST_MOTION_HOLD_TICKS = 300,  /* 200 ms: ten time constants of a slow drive */
-  /* factor of the travel for an axis that slows down later than its code */
+  /* a motion may exceed first_motion_counts by this factor, because the axis slows down later than
+   * its code */
   FIRST_MOTION_REACH = 8,
   FIRST_MOTION_JITTER_CNT = 2 /* largest change of the encoder at standstill, in counts */
 };

@@ -94,7 +94,8 @@ static inline bool guards_need_guided(const guards_t *guards) {
   return guards->sensor.enabled != 0;
 }
 
-/* `guided`: the motion depends on the measured force (cia402_is_guided_by_force()). */
+/* Checks the protections. `guided`: the motion depends on the measured force
+ * (cia402_is_guided_by_force()). */
 static inline void guards_evaluate(guards_t *guards, const drive_params_t *params,
                                    drive_signals_t *signals, const axis_t *axis, bool controlled,
                                    bool guided) {

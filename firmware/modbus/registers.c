@@ -60,7 +60,7 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
   return select_entries(&request, table, first, count);
 }
 
-/* Returns register `n` of a value that has `registers` registers. */
+/* Returns the word of register `n` of a value that has `registers` registers. */
 static uint16_t word_of(uint32_t value, uint16_t registers, uint32_t n, bool low_first) {
   const bool low = registers == 1 || (n == 1) != low_first;
   return (uint16_t)fx_field(value, low ? 0 : 16, 16);
@@ -251,7 +251,7 @@ static void written(modbus_request_t *r) {
     take_back(r);
     return;
   }
-  /* The previous value replaces the written one in the request, for a rollback. */
+  /* The previous value replaces the written value in the request, so that it can be restored. */
   for (uint32_t n = 0; n < registers_of(object); n++) {
     fx_store_be16(&r->place[2 * n], word_of(r->previous, registers_of(object), n, r->low_first));
   }

@@ -12,7 +12,7 @@
 enum {
   MODBUS_OK = 0,
   MODBUS_EXCEPTION_FUNCTION = 1, /* unknown function, or sub-function */
-  MODBUS_EXCEPTION_ADDRESS = 2,  /* no such register, coil or input */
+  MODBUS_EXCEPTION_ADDRESS = 2,  /* no such register, coil or discrete input */
   /* value out of range, write to half of a 32-bit object, or malformed request */
   MODBUS_EXCEPTION_VALUE = 3,
   MODBUS_EXCEPTION_STATE = 4,  /* state does not permit it, or another source owns the axis */
@@ -76,7 +76,7 @@ typedef struct {
   uint8_t *words;      /* words of the first entry to write */
   uint8_t *place;      /* words of the entry in progress */
   uint32_t first;      /* first register, bit or identity number to read */
-  uint32_t after;      /* end of the range to read, after the last number */
+  uint32_t after;      /* number after the last register, bit or identity number to read */
   uint16_t read_first; /* function 23: first register to read after the writes */
   uint16_t read_count; /* number of registers to read; 0: nothing */
   uint16_t and_mask;   /* function 22 */

@@ -55,8 +55,8 @@ void port_can_rate(uint16_t kbit_s);
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room);
 uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count);
 
-/* Mask the tick interrupt and unmask it. A tick may be late meanwhile, so use them only for short
- * sections. */
+/* port_lock() masks the tick interrupt, and port_unlock() unmasks it. A tick may be late meanwhile,
+ * so use them only for short sections. */
 void port_lock(void);
 void port_unlock(void);
 

@@ -70,7 +70,7 @@ typedef struct {
   uint16_t object; /* next object to be programmed */
   uint16_t first;  /* first and last object whose present values are saved */
   uint16_t last;
-  record_t basis; /* record that gives the values of the other objects */
+  record_t basis; /* stored record from which the other objects have their values */
   uint32_t begin; /* address of the record */
   uint32_t at;    /* address of the next bytes */
   uint32_t crc;   /* CRC of the programmed bytes */

@@ -26,8 +26,8 @@ enum { STALE_TICKS = 150 };
 #define BIT_TIMING (CAN_BTR_TS1_11 | CAN_BTR_TS2_2 | CAN_BTR_SJW_2)
 #define BIT_TIMING_INTERNAL (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
 
-/* Frames are sent in the order of their arrival; a full FIFO keeps its frames; frames are repeated;
- * no automatic return from bus off; not in sleep mode. */
+/* Mode of the CAN controller: it sends frames in the order of their arrival, keeps the frames of a
+ * full FIFO, repeats a failed frame, does not return from bus off by itself, and does not sleep. */
 #define MODE (CAN_MCR_TXFP | CAN_MCR_RFLM)
 
 static can_frame_t ring[RING];

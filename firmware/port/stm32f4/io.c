@@ -1,4 +1,4 @@
-/* The inputs and outputs of the board. */
+/* Functions of port.h for the inputs and outputs of the board. */
 
 #include "firmware/fx/bytes.h"
 #include "firmware/port/port.h"

@@ -7,8 +7,8 @@ enum { PIN_TX = 2, PIN_RX = 3, FUNCTION_USART2 = 7, BAUD = MODBUS_BAUD_DEFAULT }
 /* Driver enable of an RS-485 transceiver on port B; high from the first bit to the last bit. */
 enum { PIN_DRIVE = 12 };
 
-/* Sizes, powers of 2. Input: the bytes of 20 ms in which the main loop is delayed. Output: one
- * frame. */
+/* Size in bytes of each ring buffer, a power of 2. The input buffer has room for the bytes that
+ * arrive in 20 ms, if the main loop is delayed; the output buffer has room for one frame. */
 enum { RING = 256 };
 
 typedef struct {
