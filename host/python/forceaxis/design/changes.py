@@ -20,8 +20,8 @@ from forceaxis.linear.stability import Loop
 
 FACTOR = 2.0
 
-Table = Mapping[str, Any]  # of a model file
-Edit = Callable[[Any], None]  # changes the parsed document of a model file in place
+Table = Mapping[str, Any]  # the parsed tables of a model file
+Edit = Callable[[Any], None]  # changes the parsed tables of a model file in place
 
 
 # The two improvements of the thesis (5.1.2, 5.2) and its sensor (Fig 4.26), in SI units.
@@ -96,7 +96,7 @@ class Design:
         if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
             raise InputError(f"{path}: expected a model or an experiment, got the list of tables")
         self.experiment = path if "model" in table else None
-        self.overrides: dict[str, Any] = dict(overrides or {})  # SI values after __init__
+        self.overrides: dict[str, Any] = dict(overrides or {})  # __init__ ends with SI values
         if self.experiment:
             self.model = (path.parent / table["model"]).resolve()
             values = _core.inputs(str(path), linear.override_texts(self.overrides))["parameters"]
