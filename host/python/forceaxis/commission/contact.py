@@ -33,6 +33,7 @@ from forceaxis.commission.tune_results import (
 )
 from forceaxis.design import files
 from forceaxis.design import simulate as simulation
+from forceaxis.design.cases import ContactCase, simulated_contact, why
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import hf_most
 from forceaxis.linear import plant_set
@@ -107,12 +108,12 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
     with fitted_axis.plant() as plant:
         bench = fitted_axis.bench(plant, bank)
         speed, strike = bench.cases[0].speed_m_per_s, simulation.STRIKE_S * bench.rated_N
-        plain = [simulation.ContactCase(force, speed) for force in forces]
+        plain = [ContactCase(force, speed) for force in forces]
         bench.measure_impacts(bank, cases=plain)
-        cases: list[tuple[str, simulation.ContactCase, Values]] = []
+        cases: list[tuple[str, ContactCase, Values]] = []
         cases += [("contact", case, {}) for case in plain]
         for force in sorted(forces)[:-1]:  # as a design is struck
-            cases.append(("strike", simulation.ContactCase(force, speed, strike), {}))
+            cases.append(("strike", ContactCase(force, speed, strike), {}))
         cases += [("set", case, member) for member in members for case in plain]
         jobs = [bench.job(case, bank, member, 0, loss) for _, case, member in cases]
         try:
@@ -122,13 +123,13 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
     found = []
     for (kind, case, member), one in zip(cases, done, strict=True):
         losses_max = bench.losses_permitted(case)
-        row = simulation.simulated_contact("design", case.name, member, 0, one, losses_max)
+        row = simulated_contact("design", case.name, member, 0, one, losses_max)
         found.append(replace(from_json(ContactRow, to_json(row)), kind=kind))
         if not row.is_stable:
             where = "".join(f", {name} = {value:.4g}" for name, value in member.items())
             raise Refusal(
                 f"simulated_{kind}", f"expected {case.name}{where} to settle, it does not "
-                f"({simulation.why(row)}): ask for less by a smaller ms, or for a smaller set"
+                f"({why(row)}): ask for less by a smaller ms, or for a smaller set"
             )  # fmt: skip
     return tuple(found)
 

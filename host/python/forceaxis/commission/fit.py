@@ -350,8 +350,8 @@ def _in_modes(problem: Responses) -> Responses:
     """The problem in those linear ranges of the amplifier whose best start values explain the
     responses best; given states stay fixed."""
     states = problem.states
-    every = sets.slopes(problem.model, fixed=states)
-    slopes = [states, *(modes for modes in every if modes != states)]
+    ranges = sets.slopes(problem.model, fixed=states)
+    slopes = [states, *(modes for modes in ranges if modes != states)]
     pressed = sum(not m.free for m in problem.measured)
     if len(slopes) == 1:
         return problem

@@ -3,10 +3,10 @@
 import contextlib
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import tomlkit
 
@@ -15,8 +15,13 @@ from forceaxis._core import InputError
 from forceaxis.linear import loops, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
+from forceaxis.linear.plant_facts import Overrides
+from forceaxis.linear.stability import Loop
 
 FACTOR = 2.0
+
+Table = Mapping[str, Any]  # the parsed tables of a model file
+Edit = Callable[[Any], None]  # changes the parsed tables of a model file in place
 
 
 # The two improvements of the thesis (5.1.2, 5.2) and its sensor (Fig 4.26), in SI units.
@@ -42,11 +47,11 @@ class Change:
 
     name: str
     kind: str  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
-    overrides: dict = field(default_factory=dict)  # model parameters
-    edit: object = None  # a function that changes the parsed model file in place
-    loop: dict = field(default_factory=dict)  # fields of loops.LoopSpec
-    states: dict = field(default_factory=dict)  # {element: state}
-    firmware: dict = field(default_factory=dict)  # objects that the simulation needs
+    overrides: dict[str, float] = field(default_factory=dict)  # model parameters
+    edit: Edit | None = None  # a function that changes the parsed model file in place
+    loop: dict[str, Any] = field(default_factory=dict)  # fields of loops.LoopSpec
+    states: dict[str, str] = field(default_factory=dict)  # {element: state}
+    firmware: dict[str, int] = field(default_factory=dict)  # objects that the simulation needs
     simulated: bool = True  # False: not run by `advise --simulate`
     in_firmware: bool = True  # False: firmware and simulator do not support it
     thesis: str = ""  # section of the thesis that proposes it
@@ -78,14 +83,20 @@ class Design:
     temporary folder.
     """
 
-    def __init__(self, text, overrides=None, timing=None, states=None):
+    def __init__(
+        self,
+        text: str | Path,
+        overrides: Overrides | None = None,
+        timing: str | None = None,
+        states: working.States | None = None,
+    ) -> None:
         self.states = dict(states or {})
         path = settings.find(text)
         table = toml.read(path)
         if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
             raise InputError(f"{path}: expected a model or an experiment, got the list of tables")
         self.experiment = path if "model" in table else None
-        self.overrides = dict(overrides or {})
+        self.overrides: dict[str, Any] = dict(overrides or {})  # __init__ ends with SI values
         if self.experiment:
             self.model = (path.parent / table["model"]).resolve()
             values = _core.inputs(str(path), linear.override_texts(self.overrides))["parameters"]
@@ -97,25 +108,25 @@ class Design:
             named = toml.read(own).get("model") if own.exists() else None
             if named and (own.parent / named).resolve() == self.model:
                 self.experiment = own
-        values = read_firmware(self.experiment)
-        self.timing = timing or ("zoh+1" if values.get("latency_ticks") == 1 else "zoh")
-        self.present_gain = values.get("force_gain")
+        firmware = read_firmware(self.experiment)
+        self.timing = timing or ("zoh+1" if firmware.get("latency_ticks") == 1 else "zoh")
+        self.present_gain = firmware.get("force_gain")
         self.facts = linear.facts(self.model, self.overrides)
         used = self.facts.parameters
         self.overrides = {n: used[n][0] if n in used else v for n, v in self.overrides.items()}
         self.table = toml.read(self.model)
         self._stack = contextlib.ExitStack()
-        self._folder = None
-        self._files = {}
-        self._runs = {}
+        self._folder: Path | None = None
+        self._files: dict[str, Path] = {}
+        self._runs: dict[Path, Path] = {}
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def file(self, name, text):
+    def file(self, name: str, text: str) -> Path:
         """Writes a file with this text, which exists until the design is closed."""
         if self._folder is None:
             self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
@@ -123,7 +134,7 @@ class Design:
         path.write_text(text, encoding="utf-8")
         return path
 
-    def changed_model(self, change):
+    def changed_model(self, change: Change) -> Path:
         """The path of the changed model."""
         if change.edit is None:
             return self.model
@@ -138,7 +149,7 @@ class Design:
             self._files[change.name] = self.file(name, tomlkit.dumps(document))
         return self._files[change.name]
 
-    def loop(self, change=None):
+    def loop(self, change: Change | None = None) -> Loop:
         """The force loop, with a change or without one."""
         change = change or Change("", "")
         spec = loops.LoopSpec(**{"timing": self.timing} | change.loop)
@@ -146,11 +157,11 @@ class Design:
         states = self.states | change.states
         return spec.around(self.changed_model(change), overrides, states)
 
-    def working(self):
+    def working(self) -> working.Working:
         """The working.Working mode of the unchanged plant."""
         return working.working(self.model, self.overrides, self.states)
 
-    def job(self, change=None, **sets):
+    def job(self, change: Change | None = None, **sets: float) -> tuple[str, list[str]]:
         """(experiment, overrides) of a run with the firmware; sets: firmware objects."""
         change = change or Change("", "")
         model = self.changed_model(change)
@@ -161,7 +172,7 @@ class Design:
         texts = [f"{n}={v!r}" for n, v in (self.overrides | change.overrides).items()]
         return str(experiment), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
 
-    def run_file(self, model):
+    def run_file(self, model: Path) -> Path:
         """The path of an experiment for a model: the given file, or a file with that model and a
         verdict."""
         if self.experiment is None:
@@ -176,7 +187,7 @@ class Design:
             text["duration_s"] = max(text["duration_s"], 4.0)
         return self.file(f"run_{len(self._runs)}.toml", tomlkit.dumps(text))
 
-    def generated(self):
+    def generated(self) -> dict[str, Any]:
         """The text of a first contact for a model without an experiment, as in contact.toml."""
         reading = next(a for a in self.table["adc"] if a["channel"] == 0)
         return {
@@ -195,9 +206,9 @@ class Design:
         }
 
 
-def roles(table):
+def roles(table: Table) -> dict[str, str]:
     """{parameter: its role}: "arm stiffness", "tip mass"."""
-    found = {}
+    found: dict[str, list[str]] = {}
     for kind in ("body", "spring", "damper", "contact"):
         for element in table.get(kind, ()):
             for key in ("mass", "stiffness", "damping"):
@@ -208,7 +219,7 @@ def roles(table):
     return {name: ", ".join(uses) for name, uses in found.items()}
 
 
-def scaled(design, factor):
+def scaled(design: Design, factor: float) -> list[Change]:
     """Changes: each stiffness, mass and damping of the model multiplied and divided by `factor`."""
     known = roles(design.table)
     changes = []
@@ -221,14 +232,14 @@ def scaled(design, factor):
     return changes
 
 
-def contact_of(table):
+def contact_of(table: Table) -> dict[str, Any] | None:
     """The only contact of a model, on which the force loop presses; None if there is not exactly
     one."""
     contacts = table.get("contact", [])
     return contacts[0] if len(contacts) == 1 else None
 
 
-def value_of(design, given):
+def value_of(design: Design, given: float | str | None) -> float | None:
     """The value of a number or parameter in the model file; None for another type."""
     if isinstance(given, str) and given[:1].isidentifier():
         return design.facts.parameters.get(given, (None,))[0]
@@ -237,17 +248,16 @@ def value_of(design, given):
     return given if isinstance(given, int | float) else None
 
 
-def pads(design):
+def pads(design: Design) -> list[Change]:
     """Changes: grip pads between sensor and workpiece (5.1) inserted, exchanged or removed."""
     contact = contact_of(design.table)
-    reading = design.facts.reading
     if contact is None or value_of(design, contact.get("stiffness")) is None:
         return []
-    sensor = reading.signal.rpartition(".")[0]
+    sensor = design.facts.required_reading.signal.rpartition(".")[0]
     bodies = [b["name"] for b in design.table["body"]]
 
-    def pad(stiffness):
-        def edit(document):
+    def pad(stiffness: float) -> dict[str, Any]:
+        def edit(document: Any) -> None:
             (old,) = document["contact"]
             # the contact itself is the sensor, so an additional body gets its mass
             if sensor == old["name"]:
@@ -289,7 +299,7 @@ def pads(design):
     ]  # fmt: skip
 
 
-def workpiece_damping(design):
+def workpiece_damping(design: Design) -> list[Change]:
     """Change: the damper of 5.2, which gives the workpiece's support the damping ratio
     WORKPIECE_ZETA."""
     contact = contact_of(design.table)
@@ -309,7 +319,7 @@ def workpiece_damping(design):
     if given is None:
         return []
 
-    def edit(document):
+    def edit(document: Any) -> None:
         next(s for s in document["spring"] if s["name"] == name)["damping"] = damping
 
     label = f"workpiece damping {given:g} -> {damping:g} N s/m (zeta {WORKPIECE_ZETA:g})"
@@ -318,10 +328,10 @@ def workpiece_damping(design):
     return [Change(label, "damping", edit=edit, thesis="5.2")]
 
 
-def together(one, other):
+def together(one: Change, other: Change) -> Change:
     """A change that contains two changes; they edit different places of the model."""
 
-    def edit(document):
+    def edit(document: Any) -> None:
         for change in (one, other):
             if change.edit is not None:
                 change.edit(document)
@@ -332,7 +342,7 @@ def together(one, other):
     )  # fmt: skip
 
 
-def sampling(design):
+def sampling(design: Design) -> list[Change]:
     """Changes of sample rate, hold and delay."""
     rate = _core.TICKS_PER_SECOND
     rows = []
@@ -362,13 +372,13 @@ def sampling(design):
     return rows
 
 
-def converter(design, bits=12):
+def converter(design: Design, bits: int = 12) -> list[Change]:
     """Change: an ADC with more bits and the same range (6.2.1). The linear limit does not depend on
     it."""
     return [resolution(design, bits)] if design.facts.required_reading.bits < bits else []
 
 
-def resolution(design, bits):
+def resolution(design: Design, bits: int) -> Change:
     """The design with an ADC of `bits` bits and the same range."""
     shift = 2 ** (bits - design.facts.required_reading.bits)
     overrides, literal, zero = {}, {}, 0
@@ -383,7 +393,7 @@ def resolution(design, bits):
             if key == "zero_code" and adc["channel"] == 0:
                 zero = int(new)
 
-    def edit(document):
+    def edit(document: Any) -> None:
         for adc in document["adc"]:
             adc["bits"] = bits
             for (channel, key), value in literal.items():
@@ -396,7 +406,7 @@ def resolution(design, bits):
     )  # fmt: skip
 
 
-def amplifier(design):
+def amplifier(design: Design) -> list[Change]:
     """Change: the other linear range of the amplifier (Fig 4.3)."""
     drive = design.table.get("drive", {})
     gain = value_of(design, drive.get("k_amp_outer"))
@@ -411,7 +421,7 @@ def amplifier(design):
     ]  # fmt: skip
 
 
-def control(frequency_hz, sensor_rate):
+def control(frequency_hz: float | None, sensor_rate: bool) -> list[Change]:
     """Changes to other laws (6.2.1), placed at the frequency at which the present loop becomes
     unstable: laws of a firmware bank, and the derivative of a sensor for which the firmware has no
     input."""
@@ -420,7 +430,7 @@ def control(frequency_hz, sensor_rate):
     span = 4.0
     derivative = 1 / (2 * math.pi * frequency_hz)
     share = derivative / linear.TICK_S
-    rows = [
+    laws = [
         (
             f"lead filter, {frequency_hz:.3g} to {span * frequency_hz:.3g} Hz",
             lead_section(frequency_hz, span * frequency_hz),
@@ -432,7 +442,7 @@ def control(frequency_hz, sensor_rate):
     ]
     rows = [
         banked(text, Bank(1.0, sections=(section,)), thesis="6.2.1")
-        for text, section in rows
+        for text, section in laws
         if max(map(abs, section)) <= COEFFICIENT_MAX
     ]
     if sensor_rate:
@@ -446,7 +456,7 @@ def control(frequency_hz, sensor_rate):
     return rows
 
 
-def lead_section(zero_hz, pole_hz):
+def lead_section(zero_hz: float, pole_hz: float) -> tuple[float, ...]:
     """(1 + s / w_z) / (1 + s / w_p), transformed bilinearly, as a second-order section of a
     bank."""
     (az, bz), (ap, bp) = (
@@ -456,14 +466,14 @@ def lead_section(zero_hz, pole_hz):
     return (az / ap, bz / ap, 0.0, bp / ap, 0.0)
 
 
-def banked(text, bank, thesis=""):
+def banked(text: str, bank: Bank, thesis: str = "") -> Change:
     """The change from the present law to a bank of the firmware."""
     return Change(
         text, "control", loop={"law": "bank", "bank": bank}, simulated=False, thesis=thesis
     )
 
 
-def changes(design, frequency_hz, factor=FACTOR):
+def changes(design: Design, frequency_hz: float | None, factor: float = FACTOR) -> list[Change]:
     """All changes that are possible for the design."""
     rate = design.facts.required_reading.signal.rpartition(".")[0] + ".spring_force_rate"
     pad, damping = pads(design), workpiece_damping(design)

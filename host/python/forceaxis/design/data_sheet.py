@@ -1,12 +1,16 @@
 """Data sheet of `forceaxis new`: its fields, their defaults and derived values."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from forceaxis._core import InputError
 
 GRAVITY = 9.81  # m/s^2
+
+# Data-sheet values by the name of the field; None where the user gave the word of the field.
+SheetValues = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,7 @@ class Field:
     unit: str
     low: float
     high: float
-    default: float | Callable | None  # None: the word
+    default: float | Callable[[SheetValues], float] | None  # None: the word
     why: str  # the origin of the default
     ask: str  # the question: name of the quantity and its place in data sheets
     word: str | None = None  # accepted instead of a number
@@ -27,10 +31,10 @@ class Field:
     instead_of: str | None = None  # ... or is not
 
     @property
-    def option(self):
+    def option(self) -> str:
         return "--" + self.name.lower().replace("_", "-")
 
-    def parse(self, text):
+    def parse(self, text: str) -> float | None:
         """The number in a text; None for the field's word."""
         if self.word and text.strip() == self.word:
             return None
@@ -47,36 +51,36 @@ class Field:
         return value
 
 
-def radius_m(v):
+def radius_m(v: SheetValues) -> float:
     """Travel per radian of the motor."""
     if v["lead_mm_per_rev"] is None:
         return v["pulley_radius_mm"] / 1e3
     return v["lead_mm_per_rev"] / 1e3 / (2 * math.pi)
 
 
-def back_emf_speed(v):
+def back_emf_speed(v: SheetValues) -> float:
     """Speed at which the back EMF equals the supply, m/s."""
     return v["supply_v"] * radius_m(v) / max(v["back_emf_v_s_per_rad"], 1e-12)
 
 
-def motor_side_mass(v):
+def motor_side_mass(v: SheetValues) -> float:
     """Mass that the drive moves directly, kg: the rotor alone if the transmission is elastic."""
     rotor = v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
     return rotor if v["transmission_stiffness_n_per_m"] else rotor + v["moving_mass_kg"]
 
 
-def total_mass(v):
+def total_mass(v: SheetValues) -> float:
     """Moving mass and reflected rotor, kg."""
     return v["moving_mass_kg"] + v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
 
 
-def default_filter(v):
+def default_filter(v: SheetValues) -> float:
     """Velocity filter in Hz, well above the bandwidth that the velocity loop reaches with the
     motor-side mass."""
     return max(6.0, 4.0 * total_mass(v) / motor_side_mass(v)) * v["velocity_loop_hz"]
 
 
-def default_current_loop(v):
+def default_current_loop(v: SheetValues) -> float:
     """Current loop in Hz: above the motor's electrical pole and the velocity filter, and so fast
     that the back EMF adds at most a third of the velocity loop's damping."""
     pole = v["resistance_ohm"] / (2 * math.pi * v["inductance_h"])
@@ -85,13 +89,13 @@ def default_current_loop(v):
     return max(1000.0, 4.0 * pole, 3.0 * v["velocity_filter_hz"], 3.0 * emf)
 
 
-def weight_n(v):
+def weight_n(v: SheetValues) -> float:
     """Component of the weight along the axis in N, positive toward the workpiece."""
     rise = math.radians(v["inclination_deg"] or 0.0)
     return -GRAVITY * v["moving_mass_kg"] * math.sin(rise)
 
 
-def default_brake(v):
+def default_brake(v: SheetValues) -> float:
     """Twice the component of the weight along the axis, and at least 1 N."""
     return max(1.0, 2.0 * abs(weight_n(v)))
 
@@ -206,7 +210,9 @@ BY_NAME = {f.name: f for f in FIELDS}
 BACK = "<"  # answer that returns to the previous question
 
 
-def collect(given, ask=None):
+def collect(
+    given: Mapping[str, str | None], ask: Callable[[Field, str, int], str] | None = None
+) -> tuple[dict[str, float | None], dict[str, str]]:
     """Collects every value and its origin. given: texts by name; ask(field, proposed, number)
     returns a text that can be parsed, or BACK; number: of the field, from 1.
 
@@ -216,7 +222,11 @@ def collect(given, ask=None):
     for field in FIELDS:  # a given alternative answers the other field with "none"
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
-    values, sources, answers, asked, i = {}, {}, {}, [], 0
+    values: dict[str, float | None] = {}
+    sources: dict[str, str] = {}
+    answers: dict[str, str] = {}
+    asked: list[int] = []
+    i = 0
     while i < len(FIELDS):
         field = FIELDS[i]
         text = texts.get(field.name)
@@ -249,10 +259,10 @@ def collect(given, ask=None):
     return values, sources
 
 
-def without_effect(field, values):
+def without_effect(field: Field, values: SheetValues) -> str | None:
     """Reason why a field has no effect beside the fields before it; None if the field has an
     effect."""
-    needs, other = BY_NAME.get(field.needs), BY_NAME.get(field.instead_of)
+    needs, other = BY_NAME.get(field.needs or ""), BY_NAME.get(field.instead_of or "")
     if needs and values[needs.name] is None:
         return f"expected no value while {needs.option} is {needs.word}; give that one too"
     if other and values[other.name] is not None:
@@ -260,6 +270,6 @@ def without_effect(field, values):
     return None
 
 
-def shown(field, default):
+def shown(field: Field, default: float | None) -> str:
     """A default in the form in which a user types it."""
-    return field.word if default is None else f"{default:.6g}"
+    return field.word or "" if default is None else f"{default:.6g}"

@@ -19,6 +19,7 @@ from forceaxis.design import changes, files, friction, search, simulate
 from forceaxis.design.cases import most_losses
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.changes import Design
+from forceaxis.design.grid import Goal
 from forceaxis.design.outcome import (
     LATENCIES,
     MEMBERS,
@@ -157,7 +158,7 @@ def found(
 ) -> tuple[DesignOutcome, Instead]:
     """The outcome of the search, and a function that returns the outcome with another structure."""
     timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
-    goal = search.Goal(
+    goal = Goal(
         ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
         timings=timings, hf_gain=order.hf_gain, ramp_s=order.ramp_s,
     )  # fmt: skip

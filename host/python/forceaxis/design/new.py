@@ -4,9 +4,11 @@ import math
 import os
 import shutil
 import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
 
 import jinja2
 import numpy as np
@@ -16,11 +18,15 @@ from forceaxis._core import InputError
 from forceaxis.design.banks import BankKeys
 from forceaxis.design.data_sheet import (
     BY_NAME,
+    SheetValues,
     back_emf_speed,
     radius_m,
     weight_n,
 )
 from forceaxis.errors import ParameterError
+
+if TYPE_CHECKING:
+    from forceaxis.linear.stability import Loop
 
 APPROACH_M_PER_S = 0.02  # at most
 MOMENTUM_SHARE = 0.1  # share of the sensor's full scale, for the peak force at the first contact
@@ -37,7 +43,7 @@ HELD = "held.toml"  # with a bank
 class AxisConstants:
     """Constants derived from the data sheet."""
 
-    v: dict  # data-sheet values by name
+    v: SheetValues  # data-sheet values by name
     r_trans: float
     rotor_mass: float
     mass: float
@@ -57,7 +63,7 @@ class AxisConstants:
     current_per_count: float
 
 
-def derive(v):
+def derive(v: SheetValues) -> AxisConstants:
     """The gains of the amplifier and the constants of the model. Raises InputError if no values
     satisfy the data sheet."""
     r, rotor = radius_m(v), v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
@@ -104,7 +110,7 @@ def derive(v):
     )  # fmt: skip
 
 
-def doubts(v):
+def doubts(v: SheetValues) -> list[str]:
     """Texts of one line each about data-sheet values that are possible but unlikely."""
     tau, texts = v["inductance_h"] / v["resistance_ohm"], []
     if not SLOWEST_TAU_S >= tau >= FASTEST_TAU_S:
@@ -118,7 +124,7 @@ def doubts(v):
     return texts
 
 
-def stuck(v, first) -> list[str]:
+def stuck(v: SheetValues, first: "First") -> list[str]:
     """Texts of one line each about reasons why the axis does not reach the workpiece with the first
     law."""
     if first.friction_most is not None:
@@ -134,13 +140,13 @@ def stuck(v, first) -> list[str]:
     ]
 
 
-def within(name, value):
+def within(name: str, value: float) -> float:
     """A value of a firmware object, limited to the object's range."""
     taken = next(o for o in objects.OBJECTS if o.name == name)
     return min(max(value, taken.min * taken.scale), taken.max * taken.scale)
 
 
-def fail(name, expected, remedy):
+def fail(name: str, expected: str, remedy: str) -> NoReturn:
     raise InputError(f"{BY_NAME[name].option}: expected {expected}; {remedy}")
 
 
@@ -166,7 +172,7 @@ class First:
     raised: bool  # True if the set-point was raised to overcome the friction
 
 
-def approach_m_per_s(axis):
+def approach_m_per_s(axis: AxisConstants) -> float:
     """Approach speed whose momentum causes the share MOMENTUM_SHARE of the sensor's full scale as
     spring force, v sqrt(k m), at most APPROACH_M_PER_S."""
     v, stiffness = axis.v, axis.v["sensor_stiffness_n_per_m"]
@@ -174,14 +180,14 @@ def approach_m_per_s(axis):
     return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
 
 
-def highest_gain(loop, volts_per_code):
+def highest_gain(loop: "Loop", volts_per_code: float) -> float:
     """The limit of a loop in DAC codes per unit of its signal, at most 256, the limit of the
     firmware."""
     gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 
-def first_gains(axis, model):
+def first_gains(axis: AxisConstants, model: Path) -> First:
     """First gains as a share of the linear limits. The set-point is a quarter of the sensor range
     or of the peak force, whichever is smaller; it is larger if the approach has to overcome the
     weight and twice the dry friction."""
@@ -262,7 +268,13 @@ def friction_most(dry_N: float, pushes_N: float) -> float | None:
     return 2.0 if 2 * dry_N < pushes_N else (1 + pushes_N / dry_N) / 2
 
 
-def render(name, title, axis, sources, first=None):
+def render(
+    name: str,
+    title: str,
+    axis: AxisConstants,
+    sources: Mapping[str, str],
+    first: First | None = None,
+) -> str:
     """The text of one of FILES; the text of the model needs no first gains."""
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
@@ -273,10 +285,10 @@ def render(name, title, axis, sources, first=None):
     )
     v = axis.v
 
-    def entry(key, value, unit, source="derived"):
+    def entry(key: str, value: float, unit: str, source: str = "derived") -> str:
         return f'{key} = {{ value = {float(value)!r}, unit = "{unit}", source = "{source}" }}'
 
-    def given(key, name, unit, scale=1.0):
+    def given(key: str, name: str, unit: str, scale: float = 1.0) -> str:
         return f"# {BY_NAME[name].ask}\n{entry(key, v[name] * scale, unit, sources[name])}"
 
     context = dict(
@@ -359,7 +371,13 @@ class NewAxis:
     marked: int  # number of model values that are defaults
 
 
-def write(folder, values, sources, force=False, design=None):
+def write(
+    folder: str | Path,
+    values: SheetValues,
+    sources: Mapping[str, str],
+    force: bool = False,
+    design: Callable[[Path], tuple[str | None, BankForAxis | NoBank]] | None = None,
+) -> NewAxis:
     """Writes model and experiments to `folder`, all files or none; returns what was written.
 
     design: own_axis.design, or None for an axis without a bank.
@@ -417,19 +435,19 @@ def write(folder, values, sources, force=False, design=None):
     )
 
 
-def held_with(v) -> str:
+def held_with(v: SheetValues) -> str:
     """End of a line: what the settled share of the set-point includes or excludes."""
     text = "" if v["inclination_deg"] is None else ", the weight's part included"
     return text + (", give or take the dry friction" if v["guide_coulomb_n"] else "")
 
 
-def umask():
+def umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
-def refuse_existing(folder, force):
+def refuse_existing(folder: Path, force: bool) -> None:
     """Raises InputError if files would be replaced without --force, or files that `new` does not
     write."""
     if folder.exists() and not folder.is_dir():
