@@ -19,13 +19,14 @@ bool dictionary_has_value(uint16_t object) {
 }
 
 static bool in_range(const axis_object_t *entry, int32_t value) {
-  if (value == 0 && entry->not_zero != 0) {
-    return false;
-  }
   if (entry->type == AXIS_TYPE_U32) {
     return (uint32_t)value >= (uint32_t)entry->min && (uint32_t)value <= (uint32_t)entry->max;
   }
   return value >= entry->min && value <= entry->max;
+}
+
+static bool is_forbidden_zero(const axis_object_t *entry, int32_t value) {
+  return value == 0 && entry->not_zero != 0;
 }
 
 static uint16_t place_of(const dictionary_t *objects, const axis_object_t *entry) {
@@ -68,6 +69,9 @@ static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t obje
   if (refusal != FW_OK || entry->block == AXIS_BLOCK_NONE) {
     return refusal;
   }
+  if (is_forbidden_zero(entry, value)) {
+    return FW_ERROR_RANGE;
+  }
   const dictionary_block_t *block = &objects->owner->blocks[entry->block];
   return (block->check == NULL) ? FW_OK : block->check(objects, source, object, value);
 }
@@ -108,7 +112,7 @@ void dictionary_written_by(dictionary_t *objects, uint8_t source) {
 
 bool dictionary_restorable(uint16_t object, int32_t value) {
   return exists(object) && axis_objects[object].stored != 0 &&
-         in_range(&axis_objects[object], value);
+         in_range(&axis_objects[object], value) && !is_forbidden_zero(&axis_objects[object], value);
 }
 
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value) {

@@ -22,15 +22,23 @@ import ctypes
 import importlib.util
 import os
 import time
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
 from forceaxis import _core, paths
 from forceaxis.bench import scipy_peer
 from forceaxis.thesis import tables
+
+# Force in N, ADC codes, CPU seconds, number of events (None: unknown) of one run.
+TimedRun = tuple[NDArray[np.float64], NDArray[np.integer[Any]], float, int | None]
+Runner = Callable[[], TimedRun | None]
+Row = dict[str, Any]  # of the output in JSON
 
 TOOLS = ("forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy")
 TICKS = 3000
@@ -44,7 +52,7 @@ class Case:
     """A plant and its law: gain in DAC codes per ADC count, set-point in N."""
 
     experiment: str
-    signals: tuple  # contact force, robot's body, workpiece's body
+    signals: tuple[str, str, str]  # contact force, robot's body, workpiece's body
     gain: int
     setpoint_N: int
 
@@ -63,10 +71,10 @@ SIDE = 64
 class Peers:
     """The shared library of tests/bench, which exists only if it was built in a checkout."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
-        self.missing = {}
-        self._call = None
+        self.missing: dict[str, str] = {}
+        self._call: Any = None
         try:
             self._call = ctypes.CDLL(str(path)).bench_peer
             self._call.restype = ctypes.c_long
@@ -78,7 +86,7 @@ class Peers:
         if importlib.util.find_spec("scipy") is None:
             self.missing["scipy"] = "not installed"
 
-    def run(self, tool, case, full, ticks=TICKS):
+    def run(self, tool: str, case: Case, full: bool, ticks: int = TICKS) -> TimedRun | None:
         """(force, counts, CPU seconds, events or None) of one run; None if the tool fails."""
         values = np.zeros((4, TICKS + 1))
         counts = np.zeros(TICKS + 1, np.int32)
@@ -94,17 +102,17 @@ class Peers:
         return values[0], counts, seconds.value, None if events < 0 else events
 
 
-def runners(name, tools, peers):
+def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
     """{tool: function of one run} of a case. The preparation is done before, so that only the run
     is timed."""
     case, full = CASES[name], name == "full"
     own = _core.BenchCase(paths.EXPERIMENTS / case.experiment, *case.signals)
 
-    def ours(firmware):
+    def ours(firmware: bool) -> TimedRun:
         done = own.run(case.gain, case.setpoint_N, firmware)
         return done["force"], done["count"], done["seconds"], done["events"]
 
-    every = {
+    every: dict[str, Runner] = {
         "forceaxis": lambda: ours(False),
         "forceaxis+firmware": lambda: ours(True),
         "odeint": lambda: peers.run("odeint", case, full),
@@ -116,9 +124,9 @@ def runners(name, tools, peers):
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 
 
-def turn(tool, once, last):
+def turn(tool: str, once: Runner, last: dict[str, Any]) -> list[float]:
     """CPU seconds of successive runs during TURN_S."""
-    times = []
+    times: list[float] = []
     while sum(times) < TURN_S:
         last[tool] = once()
         if last[tool] is None:
@@ -127,7 +135,9 @@ def turn(tool, once, last):
     return times
 
 
-def cases(names, tools, repeat, progress):
+def cases(
+    names: Iterable[str], tools: Sequence[str], repeat: int, progress: Callable[[], None]
+) -> tuple[list[Row], dict[str, str]]:
     """Rows of results, one for each case and tool, and {tool: reason why it is missing}."""
     peers = Peers()
     rows = []
@@ -136,8 +146,8 @@ def cases(names, tools, repeat, progress):
         reference = None
         if "reference" not in peers.missing:
             reference = peers.run("reference", CASES[name], name == "full")
-        seconds = {tool: [] for tool in run}
-        last = {}
+        seconds: dict[str, list[float]] = {tool: [] for tool in run}
+        last: dict[str, Any] = {}
         for _ in range(repeat):
             # tools take turns, so that all run under the same conditions
             for tool, once in run.items():
@@ -157,27 +167,29 @@ def cases(names, tools, repeat, progress):
     return rows, asked
 
 
-def sweeps(repeat, progress):
+def sweeps(repeat: int, progress: Callable[[], None]) -> list[Row]:
     """Number of runs per second on one and on two threads: sweeps of 4096 runs, and the 55 cells of
     the thesis."""
     own = _core.BenchCase(paths.EXPERIMENTS / CASES["A"].experiment, *AXIS)
     cells = tables.load()
     jobs = [cells.job(c) for c in cells.cells]
 
-    def cells_once(threads):
+    def cells_once(threads: int) -> tuple[float, float]:
         wall, cpu = time.perf_counter(), time.process_time()
         _core.run_many(jobs, threads)
         return time.perf_counter() - wall, time.process_time() - cpu
 
-    def sweep_once(name, threads):
+    def sweep_once(name: str, threads: int) -> tuple[float, float]:
         done = own.sweep(*SWEEPS[name], SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    work = {n: (SIDE * SIDE, lambda threads, n=n: sweep_once(n, threads)) for n in SWEEPS}
+    work: dict[str, tuple[int, Any]] = {
+        n: (SIDE * SIDE, lambda threads, n=n: sweep_once(n, threads)) for n in SWEEPS
+    }
     work["cells"] = (len(jobs), cells_once)
     rows = []
     for name, (runs, once) in work.items():
-        times = {1: [], 2: []}
+        times: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
         for _ in range(repeat):
             for threads, taken in times.items():
                 taken.append(once(threads))
@@ -197,9 +209,11 @@ def sweeps(repeat, progress):
     return rows
 
 
-def scaling(repeat, gains=range(2, 26)):
+def scaling(repeat: int, gains: Sequence[int] = range(2, 26)) -> dict[str, Any]:
     """CPU time of case B at several gains as a function of its events: seconds = a + b events."""
     own = _core.BenchCase(paths.EXPERIMENTS / CASES["B"].experiment, *AXIS)
+    best: dict[int, float]
+    events: dict[int, int]
     best, events = {}, {}
     for _ in range(max(repeat, 3)):
         for gain in gains:
@@ -226,7 +240,7 @@ RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MOST_S = "full_axis", 10_000, 0.020
 ADVICE_MODELS, ADVICE_MOST_S = ("laboratory", "full_axis"), 1.0
 
 
-def best(repeat, once):
+def best(repeat: int, once: Callable[..., object]) -> float:
     """Wall time in s of the fastest of `repeat` calls."""
     times = []
     for _ in range(repeat):
@@ -236,12 +250,12 @@ def best(repeat, once):
     return min(times)
 
 
-def halved_limit(sampled):
+def halved_limit(sampled: Any) -> float:
     """The critical gain of a sampled control.StateSpace with an error of 1e-9: steps of 5 % from
     1e-4 on, then halving."""
     import control
 
-    def stable(gain):
+    def stable(gain: float) -> np.bool:
         return np.all(np.abs(control.feedback(gain * sampled, 1).poles()) < 1)
 
     low = 1e-4
@@ -254,7 +268,7 @@ def halved_limit(sampled):
     return low
 
 
-def linear_analysis(repeat, progress):
+def linear_analysis(repeat: int, progress: Callable[[], None]) -> list[Row]:
     """Times of a frequency response, a critical gain and the advice table, with forceaxis and with
     python-control.
 
@@ -271,10 +285,10 @@ def linear_analysis(repeat, progress):
     system = linear.linearise(RESPONSE_MODEL)
     theirs = system.state_space()
 
-    def ours():
+    def ours() -> Any:
         return replace(system).response(frequency)
 
-    def peer():
+    def peer() -> Any:
         return theirs(2j * np.pi * frequency)
 
     rows = [
@@ -290,6 +304,7 @@ def linear_analysis(repeat, progress):
     for model in ADVICE_MODELS:
         loop = loops.force_loop(model)
         sampled = loop.open.state_space()
+        limit: Any
         margin, limit = halved_limit(sampled), loop.limit().gain
         rows.append(
             {
@@ -318,7 +333,13 @@ def linear_analysis(repeat, progress):
     return rows
 
 
-def run(names, tools, repeat, with_sweeps, with_linear=False):
+def run(
+    names: Collection[str],
+    tools: Sequence[str],
+    repeat: int,
+    with_sweeps: bool,
+    with_linear: bool = False,
+) -> dict[str, Any]:
     """The complete benchmark; returns the content of `--json`."""
     console = Console(stderr=True)
     sweep_repeat = min(repeat, 5)
@@ -327,7 +348,7 @@ def run(names, tools, repeat, with_sweeps, with_linear=False):
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("bench", total=steps)
         rows, missing = cases(names, tools, repeat, lambda: bar.advance(task))
-        result = {"results": rows, "missing": missing, "load": os.getloadavg()[0]}
+        result: dict[str, Any] = {"results": rows, "missing": missing, "load": os.getloadavg()[0]}
         if with_sweeps:
             result["sweeps"] = sweeps(sweep_repeat, lambda: bar.advance(task))
             result["scaling"] = scaling(repeat)
@@ -336,7 +357,7 @@ def run(names, tools, repeat, with_sweeps, with_linear=False):
     return result
 
 
-def describe(result):
+def describe(result: dict[str, Any]) -> str:
     """The result for a terminal."""
     lines = ["case  tool                x real time   us/tick   spread   force error   events"]
     for r in result["results"]:
@@ -373,20 +394,20 @@ def describe(result):
     return "\n".join(lines)
 
 
-def check(result):
+def check(result: dict[str, Any]) -> list[tuple[str, bool]]:
     """The required figures: [(text, whether it is reached)]; a missing figure is not reached."""
     row = {(r["case"], r["tool"]): r for r in result["results"]}
-    checks = []
+    checks: list[tuple[str, bool]] = []
 
-    def want(text, figure, least=None, most=None):
+    def want(text: str, figure: float | None, least: Any = None, most: float | None = None) -> None:
         held = figure is not None and (figure >= least if most is None else figure <= most)
         text += f" >= {least}" if most is None else f" <= {most}"
         checks.append((f"{text}: {'missing' if figure is None else f'{figure:.3g}'}", held))
 
-    def figure(case, tool, key="real_time_factor"):
+    def figure(case: str, tool: str, key: str = "real_time_factor") -> Any:
         return row.get((case, tool), {}).get(key)
 
-    def ratio(a, b):
+    def ratio(a: float | None, b: float | None) -> float | None:
         return a / b if a and b else None
 
     for case, least in (("A", 2), ("B", 1.4)):

@@ -13,6 +13,8 @@ import secrets
 import statistics
 import subprocess
 import sys
+from collections.abc import Sequence
+from typing import Any
 
 from forceaxis import _core, paths
 from forceaxis.experiments import link
@@ -26,17 +28,17 @@ TIME_LIMIT_S = 120
 LEAST_SHARE, LEAST_REAL_TIME = 0.6, 1.0
 
 
-def _pinned():
+def _pinned() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
-def _start(*command):
+def _start(*command: object) -> Any:
     return subprocess.Popen(
         [str(c) for c in command], stdout=subprocess.PIPE, text=True, preexec_fn=_pinned
     )
 
 
-def raw_rate(kind, where):
+def raw_rate(kind: str, where: str) -> float:
     """Message exchanges per second between the two plain programs."""
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
     program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
@@ -55,7 +57,7 @@ def raw_rate(kind, where):
         pong.communicate()
 
 
-def lock_step(kind, axes):
+def lock_step(kind: str, axes: int) -> dict[str, Any]:
     """The reports of plant_node and axis_node about one run."""
     run_id = secrets.randbelow(2**53)
     common = [EXPERIMENT, "--axes", axes, "--link", kind, "--run-id", run_id]
@@ -77,8 +79,12 @@ def lock_step(kind, axes):
     return reports[0]
 
 
-def measure(kind, turns):
+def measure(kind: str, turns: int) -> dict[str, Any]:
     """One row: raw rate and lock-step rate of a transport on this machine."""
+    raw: list[float]
+    one: list[float]
+    six: list[float]
+    rates: Any
     raw, one, six, repeated = [], [], [], 0
     for _ in range(turns):
         where = _core.lcm_url_of(secrets.randbelow(2**53)) if kind == "lcm" else CAN
@@ -101,7 +107,7 @@ def measure(kind, turns):
     }
 
 
-def run(turns=5):
+def run(turns: int = 5) -> list[dict[str, Any]]:
     """Rows of all transports; CAN runs under tools/vcan."""
     rows = [measure("lcm", turns)]
     command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench_link", str(turns)]
@@ -113,7 +119,7 @@ def run(turns=5):
     return [*rows, json.loads(done.stdout)]
 
 
-def describe(rows):
+def describe(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Lines for a terminal."""
     return [
         f"{r['link']:12} {r['ticks_per_s']:,.0f} ticks/s ({r['real_time']:.1f} x real time), "
@@ -124,7 +130,7 @@ def describe(rows):
     ]
 
 
-def check(rows):
+def check(rows: Sequence[dict[str, Any]]) -> list[tuple[str, bool]]:
     """The required figures: [(text, whether it is reached)]."""
     checks = []
     for r in rows:

@@ -6,8 +6,15 @@ The equations are written again here, independent of the simulator; only for the
 
 import math
 import time
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+State = NDArray[np.float64]
+# A function of time and state with the attributes of an event of solve_ivp, and the region that is
+# entered at the event, as (element, region).
+Guard = tuple[Any, tuple[str, int | str]]
 
 STEP_S = 1 / 1500
 TOLERANCE = 1e-4  # the tolerance of odeint; RK45 uses the same pair of formulas
@@ -18,20 +25,20 @@ K_S, B_S = 110100.0, 16.5
 class _Plant:
     """x = i, vf, xr, vr, xw, vw; regions: current feedback, amplifier, contact."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.volts = 0.0
         self.feedback, self.amplifier, self.contact = 0, 0, "apart"
 
-    def push(self, x):
+    def push(self, x: State) -> float:
         return K_S * (x[2] - x[4]) + B_S * (x[3] - x[5])
 
-    def force(self, x):
+    def force(self, x: State) -> float:
         return self.push(x) if self.contact == "pressed" else 0.0
 
-    def error(self, x):
+    def error(self, x: State) -> float:
         return 3.9 * self.volts - x[1] - (10.0 * self.feedback if self.feedback else x[0] / 3)
 
-    def rate(self, _t, x):
+    def rate(self, _t: float, x: State) -> tuple[float, ...]:
         i, vf, _xr, vr, xw, vw = x = x.tolist()
         e, side = self.error(x), self.amplifier
         vm = 15 * e if side == 0 else 30.0 * side if abs(side) == 2 else 7.5 * (e + 2 * side)
@@ -45,15 +52,16 @@ class _Plant:
             (f - 412700 * xw - 8.25 * vw) / 6.6,
         )
 
-    def enter(self, x):
+    def enter(self, x: State) -> None:
         """Updates the regions for the state x after a step of the command."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
 
-    def guards(self):
+    def guards(self) -> list[Guard]:
         """[(function that falls through 0 at the end of the region, region that is entered
         then)]."""
+        list_: list[Guard]
         side, list_ = self.amplifier, []
         if side > -2:
             low = {-1: -6, 0: -2, 1: 2, 2: 6}[side]
@@ -78,7 +86,7 @@ class _Plant:
             function.terminal, function.direction = True, -1
         return list_
 
-    def cross(self, element, into, x):
+    def cross(self, element: str, into: int | str, x: State) -> None:
         if into == "let go":
             into = "overlap" if x[2] > x[4] else "apart"
         elif into == "met":
@@ -87,7 +95,9 @@ class _Plant:
         setattr(self, element, into)
 
 
-def run(gain, setpoint_N, ticks):
+def run(
+    gain: int, setpoint_N: int, ticks: int
+) -> tuple[NDArray[np.float64], NDArray[np.integer[Any]], float, int]:
     """One run: (force, ADC counts, CPU seconds, crossings) at ticks 0..ticks."""
     from scipy.integrate import solve_ivp
 

@@ -4,11 +4,17 @@ The arguments are data of other modules: `curves.Curve`, `locus.Locus` and `locu
 content that a verb prints with --json.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike
 
 from forceaxis.drawing import (
     COLORS,
@@ -24,21 +30,23 @@ from forceaxis.drawing import (
     plain_ticks,
     style,
 )
-from forceaxis.linear.locus import Array
+from forceaxis.linear.curves import Curve
+from forceaxis.linear.limits import Summary
+from forceaxis.linear.locus import Array, Locus, Numbers, Roots
 from forceaxis.linear.system import facts
 
-MEMBER = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
+MEMBER: dict[str, Any] = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
 
 
 def bode(
-    curves,
-    title="",
-    ylabel="amplitude",
-    phase_only=False,
-    size=(5.6, 4.4),
-    others=(),
-    margins=None,
-):
+    curves: Sequence[Curve],
+    title: str = "",
+    ylabel: str = "amplitude",
+    phase_only: bool = False,
+    size: tuple[float, float] = (5.6, 4.4),
+    others: Sequence[Curve] = (),
+    margins: Summary | None = None,
+) -> Figure:
     """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude.
 
     others: curves of the other members of a set, drawn thin. margins: the content of `forceaxis
@@ -92,18 +100,24 @@ def bode(
     return figure
 
 
-def members_key(ax, **more):
+def members_key(ax: Axes, **more: Any) -> None:
     """Adds the legend of the curves over a set."""
     thin = Line2D([], [], label="corners and random members", **MEMBER)
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best", **more)
 
 
-def mark_margins(size, phase, curve, loop):
+def mark_margins(size: Axes, phase: Axes, curve: Curve, loop: Summary) -> None:
     """Marks gain and phase margin of a loop gain, as distances from |L| = 1 and from -180
     degrees."""
     at = loop["at"]
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
-    look = {"color": GOT, "linewidth": 1.4, "zorder": 4, "marker": "_", "markersize": 5}
+    look: dict[str, Any] = {
+        "color": GOT,
+        "linewidth": 1.4,
+        "zorder": 4,
+        "marker": "_",
+        "markersize": 5,
+    }
     notes = []
     crossover, margin = at["crossover_hz"], at["phase_margin_deg"]
     if crossover and margin is not None:
@@ -131,7 +145,13 @@ def mark_margins(size, phase, curve, loop):
         )  # fmt: skip
 
 
-def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
+def nyquist(
+    frequency_hz: Numbers,
+    values: Roots,
+    title: str = "",
+    size: tuple[float, float] = (4.8, 4.6),
+    others: Sequence[Curve] = (),
+) -> Figure:
     """Figure of a loop gain's `values`, both signs of frequency, around the point -1.
 
     The figure contains the unit circle and the curve within a distance of 2.5. others: curves of
@@ -144,7 +164,7 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     for c in others:
         ax.plot(c.response.real, c.response.imag, **MEMBER)
     whose = "nominal, " if others else ""
-    look = {"color": INK, "label": f"{whose}f > 0"}
+    look: dict[str, Any] = {"color": INK, "label": f"{whose}f > 0"}
     ax.plot(values.real, values.imag, linewidth=1.1, **look)
     look["label"] = f"{whose}f < 0"
     ax.plot(values.real, -values.imag, linewidth=0.7, linestyle="--", **look)
@@ -177,10 +197,10 @@ def nyquist(frequency_hz, values, title="", size=(4.8, 4.6), others=()):
     return figure
 
 
-def decades(frequency_hz, values, span):
+def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
     """Round frequencies for labels at a Nyquist curve, inside the figure and with a distance
     between them."""
-    shown = []
+    shown: list[tuple[float, complex]] = []
     for hz in (1, 2, 5, 10, 20, 30, 50, 70, 100, 200, 500):
         if not frequency_hz[0] < hz < frequency_hz[-1]:
             continue
@@ -193,13 +213,13 @@ def decades(frequency_hz, values, span):
     return [hz for hz, _ in shown]
 
 
-def hz(roots):
+def hz(roots: ArrayLike) -> tuple[Numbers, Numbers]:
     """Real and imaginary part divided by 2 pi."""
     roots = np.asarray(roots) / (2 * np.pi)
     return roots.real, roots.imag
 
 
-def mark(ax, ends, size=5.5):
+def mark(ax: Axes, ends: Array, size: float = 5.5) -> None:
     """Marks poles with x and zeros with o."""
     ax.plot(*hz(ends.poles), "x", color=INK, markersize=size, markeredgewidth=1.3, zorder=4)
     ax.plot(
@@ -208,7 +228,7 @@ def mark(ax, ends, size=5.5):
     )  # fmt: skip
 
 
-def panels(labels, wide, tall):
+def panels(labels: Sequence[str], wide: float, tall: float) -> tuple[Figure, list[Axes]]:
     """A figure and an axes of wide x tall inches for each of the labels, side by side."""
     left, right, gap, low = 0.74, 0.15, 0.4, 0.48
     high = 0.55 if any(labels) else 0.32
@@ -230,7 +250,7 @@ def panels(labels, wide, tall):
     return figure, axes
 
 
-def headline(figure, title):
+def headline(figure: Figure, title: str) -> None:
     """Writes the title above the panels; pyplot no longer lists the figure."""
     figure.suptitle(
         title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top", y=0.985
@@ -238,7 +258,7 @@ def headline(figure, title):
     plt.close(figure)
 
 
-def rlocus(loci, title="", wide=2.7):
+def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
     """Figure of root loci side by side, upper half-planes in Hz, with the critical gain marked."""
     span = max(one.span_hz for one in loci)
     figure, axes = panels(
@@ -271,13 +291,13 @@ def rlocus(loci, title="", wide=2.7):
     return figure
 
 
-def gain_text(gain, one):
+def gain_text(gain: float, one: Locus) -> str:
     """A gain with its unit, and the force_gain of the firmware if there is one."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
     return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 
 
-def label_crossings(ax, one, span):
+def label_crossings(ax: Axes, one: Locus, span: float) -> None:
     """Marks the crossings of the stability boundary, and the critical gain with its frequency and
     force_gain."""
     limit = one.limit
@@ -292,9 +312,11 @@ def label_crossings(ax, one, span):
         0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
         color=WANTED if limit.gain is None else GOT,
     )  # fmt: skip
-    taken = []  # (height, half of it)
+    taken: list[tuple[float, float]] = []  # (height, half of it)
     own = one.limit.frequency_hz or 0.0
-    inside = [c for c in one.crossings if c.frequency_hz is not None and c.frequency_hz < span]
+    inside: list[Any] = [
+        c for c in one.crossings if c.frequency_hz is not None and c.frequency_hz < span
+    ]
     for crossing in sorted(inside, key=lambda c: abs(c.frequency_hz - own)):
         height = crossing.frequency_hz
         first = crossing.gain == one.limit.gain
@@ -318,7 +340,9 @@ def label_crossings(ax, one, span):
         )  # fmt: skip
 
 
-def pole_zero(arrays, title="", span_hz=None, wide=2.9):
+def pole_zero(
+    arrays: Sequence[Array], title: str = "", span_hz: float | None = None, wide: float = 2.9
+) -> Figure:
     """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
 
     span_hz: half-width of the figure; by default it shows the structural dynamics, as in 4.3.1. The
@@ -346,7 +370,7 @@ def pole_zero(arrays, title="", span_hz=None, wide=2.9):
     return figure
 
 
-def frame(sizes):
+def frame(sizes: Numbers) -> float:
     """Half-width in 1/s of a figure around all roots, except outer ones that are separated by a
     factor of six."""
     # without values that are 0 except for rounding
@@ -358,7 +382,7 @@ def frame(sizes):
     return 1.18 * float(ordered[gaps[0]] if len(gaps) else ordered[-1])
 
 
-def mode_shapes(result, title=""):
+def mode_shapes(result: Summary, title: str = "") -> Figure:
     """Figure of `modes.modes()` with a row for each mode; each body is shown at rest (dashed) and
     displaced.
 
@@ -376,7 +400,7 @@ def mode_shapes(result, title=""):
         for x, body in enumerate(bodies):
             value = mode["shape"][body]
             moved = x + reach * value
-            box = {"width": wide, "height": tall, "linewidth": 0.9}
+            box: dict[str, Any] = {"width": wide, "height": tall, "linewidth": 0.9}
             ax.add_patch(
                 plt.Rectangle((x - wide / 2, y - tall / 2), **box, fill=False, edgecolor=FAINT,
                               linestyle=":")
@@ -403,7 +427,7 @@ def mode_shapes(result, title=""):
     return figure
 
 
-def step_response(result):
+def step_response(result: Summary) -> Figure:
     """Figure of `limits.step_summary()`."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
@@ -416,7 +440,7 @@ def step_response(result):
     return figure
 
 
-def with_units(label, model):
+def with_units(label: str, model: str | Path) -> str:
     """The label of a curve, "b_w = 8.25, m_w = 5", with the units of the model's parameters
     added."""
     known = facts(model).parameters
@@ -429,16 +453,17 @@ TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a ti
            "zoh and zoh+1": "sampled, on time and a tick late"}  # fmt: skip
 
 
-def loop_title(summary):
+def loop_title(summary: Summary) -> str:
     """The title of a figure of a loop."""
     law, timing = summary["law"], summary["timing"]
     return f"{name_of(summary['model'])}: {LAWS.get(law, law)}, {TIMINGS.get(timing, timing)}"
 
 
-def bode_figure(curves, summary):
+def bode_figure(curves: Sequence[Curve], summary: Summary) -> Figure:
     """Figure of the content of `forceaxis bode --json`; over a set the first curve is nominal."""
     if "over" not in summary:
         curves = [replace(c, label=with_units(c.label, summary["model"])) for c in curves]
+    names: Any
     if summary["of"] != "plant":
         names = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sensitivity"}
         label = names[summary["of"]]
@@ -454,13 +479,13 @@ def bode_figure(curves, summary):
     return bode(curves, title, label)
 
 
-def rlocus_figure(loci, summary):
+def rlocus_figure(loci: Sequence[Locus], summary: Summary) -> Figure:
     """Figure of the content of `forceaxis rlocus --json`."""
     named = [replace(one, label=with_units(one.label, summary["model"])) for one in loci]
     return rlocus(named, loop_title(summary))
 
 
-def nyquist_figure(summary):
+def nyquist_figure(summary: Summary) -> Figure:
     """Figure of the content of `forceaxis nyquist --json`."""
     at = summary["at"]
     own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
@@ -469,7 +494,7 @@ def nyquist_figure(summary):
     return nyquist(np.array(summary["frequency_hz_of_curve"]), values, title)
 
 
-def nyquist_set_figure(curves, summary):
+def nyquist_set_figure(curves: Sequence[Curve], summary: Summary) -> Figure:
     """Figure of the content of `forceaxis nyquist --json` over a set."""
     at, first = summary["at"], curves[0]
     own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
@@ -477,7 +502,7 @@ def nyquist_set_figure(curves, summary):
     return nyquist(first.frequency_hz, first.response, title, others=curves[1:])
 
 
-def step_set_figure(summary):
+def step_set_figure(summary: Summary) -> Figure:
     """Figure of `sets.step_of()`."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
@@ -495,10 +520,10 @@ def step_set_figure(summary):
     return figure
 
 
-def poles_figure(summary, span_hz=None):
+def poles_figure(summary: Summary, span_hz: float | None = None) -> Figure:
     """Figure of the content of `forceaxis poles --json`."""
 
-    def roots(kind):
+    def roots(kind: str) -> Roots:
         found = [r for r in summary[kind] if r["re_per_s"] is not None]
         return np.array([complex(r["re_per_s"], r["im_per_s"] or 0.0) for r in found], complex)
 

@@ -2,6 +2,11 @@
 laws."""
 
 import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
 
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
@@ -13,7 +18,10 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.limits import hz_text
 from forceaxis.linear.request import LoopRequest
 from forceaxis.report import pictures
+from forceaxis.report.folder import Entry
 from forceaxis.words import plain
+
+Picture = tuple[str, Markup]  # caption, image
 
 FEW = 6  # number of experiments up to which pictures, map and margins are visible at once
 # For the map: factors of an experiment's gain and set-point; longest run in ticks.
@@ -22,7 +30,7 @@ MAP_FORCES = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS = 12_000
 
 
-def limits(model) -> list[str] | None:
+def limits(model: Path) -> list[str] | None:
     """The limit of force_gain for each timing, as text; None: no loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
@@ -42,10 +50,10 @@ def limit_text(loop: stability.Loop) -> str:
     return f"none up to {stability.known_text(loop.firmware_gain(limit.known_to), '')}"
 
 
-def described(entries):
+def described(entries: Sequence[Entry]) -> list[dict[str, Any]]:
     """One row for each model of the experiments: title, description, limits, P gain, laws (see
     `laws`)."""
-    users = {}
+    users: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:
             users.setdefault(entry.done.model, []).append(entry)
@@ -64,7 +72,7 @@ def described(entries):
     return rows
 
 
-def _margins(model, row):
+def _margins(model: Path, row: dict[str, Any]) -> list[Picture]:
     """[(caption, picture)] of the loop gain at the recommended P gain around -1; [] if there is
     none."""
     if not (row.get("p") and row["p"].worst):
@@ -85,11 +93,13 @@ def _margins(model, row):
     return [(caption, pictures.figure(plots.nyquist_figure(found)))]
 
 
-def _map(entries):
+def _map(entries: Sequence[Entry]) -> list[Picture]:
     """[(caption, picture)] of the first experiment with P over gain and set-point; [] if no
     experiment is short enough for a run at every point."""
     for entry in entries:
         given = _core.inputs(str(entry.file))["firmware"]
+        gain: Any
+        setpoint: Any
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
         native = gain and setpoint and not given.get("force_bank") and "mode" in given
         if not native or entry.done.result.ticks > MAP_TICKS:
@@ -108,7 +118,7 @@ def _map(entries):
     return []
 
 
-def words(model):
+def words(model: Path) -> list[str]:
     """Sentences about a model."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
@@ -136,7 +146,7 @@ def words(model):
     return lines
 
 
-def laws(model, entries):
+def laws(model: Path, entries: Sequence[Entry]) -> dict[str, Any]:
     """{"over", "p", "banks"}: the P gain that keeps the usual margins over the set of plants, and
     the worst figures over this set for each bank of the experiments; or {"refused": reason}."""
     try:

@@ -1,7 +1,11 @@
 """The section of the report on design: the plants of the thesis, each with P and with a bank
 designed over a set."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
 from forceaxis import drawing
 from forceaxis.design import reduced, sets
@@ -15,7 +19,7 @@ PLANTS = (
 )
 
 
-def row(model, bits):
+def row(model: str, bits: int) -> dict[str, Any]:
     """{"model", "bits", "over", "modes", "p", "design", "limited_by"} of one of PLANTS; p and
     design in the form of reduced.ShortSearch."""
     plants = sets.plant_set(model)
@@ -32,7 +36,7 @@ def row(model, bits):
     }
 
 
-def figure(made):
+def figure(made: Sequence[dict[str, Any]]) -> Figure:
     """Figure of the bandwidth over the set, for P and for the designed bank."""
     drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(made)))
     drawing.style(ax)

@@ -1,14 +1,18 @@
 """Runs the experiments of a folder for the report."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
 
 from forceaxis import progress
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, regression, trace
-from forceaxis.experiments import run as runs
 from forceaxis.report import pictures
 
 
@@ -18,32 +22,32 @@ class Entry:
 
     file: Path
     name: str  # path below the folder, without suffix
-    done: runs.Run | None = None
-    differs: tuple = ()  # differences from [expect], one line each
+    done: Any = None  # a run.Run; None after an error
+    differs: tuple[str, ...] = ()  # differences from [expect], one line each
     error: str = ""
 
     @property
-    def id(self):
+    def id(self) -> str:
         """The name of the entry's anchor on the page."""
         return re.sub(r"\W", "_", self.name)
 
     @property
-    def verdict(self):
+    def verdict(self) -> str:
         """One of the four verdicts, "none" or "error"."""
         return "error" if self.error else self.done.result.verdict or "none"
 
     @property
-    def status(self):
+    def status(self) -> str:
         """`error`, `differs` (from [expect]), or the verdict; it selects the colour of the
         entry."""
         return "differs" if self.differs else self.verdict
 
     @property
-    def title(self):
+    def title(self) -> str:
         return self.done.title if self.done else self.name
 
     @property
-    def held(self):
+    def held(self) -> str:
         """Controlled force and its error as text; empty if the experiment has no force
         set-point."""
         held = self.done and self.done.result.metrics.held_force
@@ -54,21 +58,21 @@ class Entry:
         return f"{force}, error {f'{error:.2g}' if error >= 0.01 else 'below 0.01'} %"
 
     @cached_property
-    def picture(self):
+    def picture(self) -> Markup:
         return pictures.figure(trace.figure(self.done))
 
     @cached_property
-    def thumbnail(self):
+    def thumbnail(self) -> Markup:
         return pictures.thumbnail(self.done)
 
 
-def figure_order(figure):
+def figure_order(figure: str) -> tuple[int | str, ...]:
     """'2.16a, 5.1' becomes (2, 16, 'a'); an entry without a figure is sorted last."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
-def files(folder):
+def files(folder: Path) -> list[Path]:
     """The experiments below a folder, and files that cannot be read. Raises InputError if there are
     none."""
     if not folder.is_dir():
@@ -91,12 +95,12 @@ def files(folder):
     return found
 
 
-def begin(pool, folder):
+def begin(pool: Pool, folder: Path) -> list[AsyncResult[Entry]]:
     """Submits each experiment of a folder to `pool`, for `ended`."""
     return [pool.apply_async(_drawn, (path, folder)) for path in files(folder)]
 
 
-def ended(begun):
+def ended(begun: Sequence[AsyncResult[Entry]]) -> list[Entry]:
     """All experiments as entries, in the order of their figures, then names."""
     return sorted(
         (one.get() for one in progress.each(begun, "experiments")),
@@ -104,7 +108,7 @@ def ended(begun):
     )
 
 
-def _drawn(path, folder):
+def _drawn(path: Path, folder: Path) -> Entry:
     """The Entry with its pictures and without its trace, because the entry is sent to another
     process."""
     entry = _entry(path, folder)
@@ -114,7 +118,7 @@ def _drawn(path, folder):
     return entry
 
 
-def _entry(path, folder):
+def _entry(path: Path, folder: Path) -> Entry:
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)

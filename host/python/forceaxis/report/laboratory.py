@@ -2,6 +2,12 @@
 
 import os
 import re
+from collections.abc import Mapping, Sequence
+from multiprocessing.pool import AsyncResult, Pool
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
 
 from forceaxis import _core, paths, progress, toml
 from forceaxis.design import advice_plot, advise
@@ -11,25 +17,27 @@ from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
 from forceaxis.report import designs, pictures, plots
 from forceaxis.report.axes import limits
-from forceaxis.report.folder import figure_order
+from forceaxis.report.folder import Entry, figure_order
 from forceaxis.results import to_json
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
+from forceaxis.thesis.tables import Cell
 
+Values = dict[str, Any]  # {name in a template: value}
 WIDE_IN = 6.0  # a wider figure has its own line
 
 
-def models(entries):
+def models(entries: Sequence[Entry]) -> list[Values]:
     """Every model of the experiments, in the order of its figure."""
-    users = {}
+    users: dict[Path, list[Entry]] = {}
     for entry in entries:
         users.setdefault(entry.done.model, []).append(entry)
     rows = []
     for path, used_by in users.items():
         text = toml.read(path)
         figure = re.search(r"Figs? (\S+)", text.get("title", ""))
-        row = {
+        row: Values = {
             "name": path.stem,
             "title": text.get("title", path.stem),
             "shows": text.get("shows", ""),
@@ -41,7 +49,7 @@ def models(entries):
     return sorted(rows, key=lambda r: r["order"])
 
 
-def grid_3_15(cells):
+def grid_3_15(cells: Sequence[Cell]) -> Values:
     """Fig 3.15: rows of gains, columns of set-points."""
     cells = [c for c in cells if c["figure"] == "3.15"]
     gains = sorted({c["force_gain"] for c in cells})
@@ -54,7 +62,7 @@ def grid_3_15(cells):
     }
 
 
-def grid_5_10(cells):
+def grid_5_10(cells: Sequence[Cell]) -> Values:
     """Fig 5.10 (its first and third columns are Fig 3.16): rows of gains."""
     cells = [c for c in cells if c["figure"] == "5.10"]
     columns = list(dict.fromkeys((c["test"], c["workpiece"]) for c in cells))
@@ -69,7 +77,7 @@ def grid_5_10(cells):
     }
 
 
-def grid_rest(cells):
+def grid_rest(cells: Sequence[Cell]) -> Values:
     """Figs 5.2, 5.3, 5.8, 5.9: one cell each."""
     cells = [c for c in cells if c["figure"] not in ("3.15", "5.10")]
     rows = [
@@ -87,7 +95,7 @@ def grid_rest(cells):
     }
 
 
-def mode_rows():
+def mode_rows() -> list[tuple[str, str, list[str]]]:
     """(model, its lowest mode, [other modes with their labels]) of each model with a force path."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
@@ -109,7 +117,7 @@ def mode_rows():
     return rows
 
 
-def begin(pool):
+def begin(pool: Pool) -> dict[str, list[AsyncResult[Any]] | AsyncResult[Any]]:
     """Submits the computations of the frequency domain to `pool`, for `ended`."""
     measurements = sorted(
         paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
@@ -125,7 +133,7 @@ def begin(pool):
     }
 
 
-def ended(begun):
+def ended(begun: Mapping[str, list[AsyncResult[Any]] | AsyncResult[Any]]) -> Values:
     """The values of the page frequency.html.jinja."""
     found = {
         name: [one.get() for one in progress.each(work, name)]
@@ -143,15 +151,15 @@ def ended(begun):
     }
 
 
-def measured(path):
+def measured(path: Path) -> Values:
     """Measures and draws a measurement of the thesis."""
-    done = measure_result.run(path)
+    done: Any = measure_result.run(path)
     image = pictures.figure(measure_result.figure(done))
     summary = to_json(done.summary)
     return {"name": path.stem, "shows": done.setup.shows, "summary": summary, "image": image}
 
 
-def thesis_figure(number):
+def thesis_figure(number: int) -> Values:
     """Draws a figure of the thesis."""
     drawn = thesis_figures.thesis_figures()[number]
     picture = drawn.draw()
@@ -160,13 +168,13 @@ def thesis_figure(number):
     return {"figure": drawn.figure, "see": drawn.see, "wide": wide, "image": image}
 
 
-def advised():
+def advised() -> tuple[advise.Advice, Markup]:
     """(advice for the laboratory's axis, its picture)."""
     advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(advice_plot.figure(advice))
 
 
-def check():
+def check() -> None:
     """Raises InputError if the stored results of the fit cannot be read."""
     tables.evidence()
 
@@ -182,13 +190,13 @@ STORY = (
 )  # fmt: skip
 
 
-def story(entries):
+def story(entries: Sequence[Entry]) -> list[tuple[Entry, str, str]]:
     """[(Entry, heading, reason)] of STORY."""
     by_name = {e.name: e for e in entries}
     return [(by_name[name], what, why) for name, what, why in STORY]
 
 
-def by_model(entries):
+def by_model(entries: Sequence[Entry]) -> Values:
     """The models of the experiments: those of the machines of the thesis, and those of single
     elements."""
     done = [e for e in entries if e.done]
@@ -200,7 +208,7 @@ def by_model(entries):
     }
 
 
-def values(threads=None):
+def values(threads: int | None = None) -> Values:
     """Run tables, maps and sweeps: the values of laboratory.html.jinja."""
     found = tables.evidence()
     result = tables.run(threads)

@@ -4,19 +4,21 @@ import itertools
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from forceaxis import drawing
+from forceaxis.experiments.run import Run
 
 WIDTH, HEIGHT = 160, 56  # of a thumbnail
 STEPS = 80  # steps of the line in a thumbnail; each shows its lowest and highest value
 
 
-def figure(drawn):
+def figure(drawn: Figure) -> Markup:
     """A matplotlib figure as a data URI, closed."""
     return Markup(drawing.uri(drawn))
 
 
-def thumbnail(done):
+def thumbnail(done: Run) -> Markup:
     """The main signal of a run as inline SVG: a force of the model if there is one."""
     name = _shown(done)
     time_s, values = done.columns["time_s"], np.asarray(done.columns[name], float)
@@ -51,7 +53,7 @@ def thumbnail(done):
 FORCES = ("force", "spring_force")  # last parts of the names of force signals of a model, in N
 
 
-def _shown(done):
+def _shown(done: Run) -> str:
     """The column that a thumbnail shows."""
     rows = done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
     there = [n for row in rows for n in row if n in done.columns]

@@ -1,16 +1,22 @@
 """Figures that only the report uses."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from forceaxis.drawing import INK, THIN, style
+from forceaxis.thesis.nonlinear import ContactMap
 
 
-def plateau(curves, wanted, label):
+def plateau(curves: Mapping[str, Sequence[Sequence[float]]], wanted: float, label: str) -> Figure:
     """Figure of the score over each constant, scaled to its fitted value.
 
     curves: {name: [[ratio, score], ...]}; wanted: the fitted score.
     """
+    ax: Any
     figure, ax = plt.subplots(figsize=(5.6, 2.8))
     style(ax)
     for name, pairs in curves.items():
@@ -26,7 +32,9 @@ def plateau(curves, wanted, label):
     return figure
 
 
-def contact_maps(maps, gains, gaps):
+def contact_maps(
+    maps: Sequence[ContactMap], gains: Sequence[float], gaps: Sequence[float]
+) -> Figure:
     """Figure of the runs with a limit cycle, over the initial gap and the gain as a share of the
     linear limit."""
     size = (5.6, 0.7 + 2.3 * len(maps))

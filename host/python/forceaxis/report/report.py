@@ -5,6 +5,9 @@ import os
 import signal
 from datetime import UTC, datetime
 from importlib import resources
+from multiprocessing.pool import Pool
+from pathlib import Path
+from typing import Any
 
 import jinja2
 
@@ -21,7 +24,7 @@ WORDS = {
 }
 
 
-def template(name):
+def template(name: str) -> str:
     """The text of a file of this package, or of the common style sheet."""
     if name == "page.css":
         return drawing.page_style()
@@ -36,14 +39,14 @@ def counts_by_status(entries: list[folder.Entry]) -> dict[str, int]:
     return found
 
 
-def workers(threads):
+def workers(threads: int | None) -> Pool:
     """A pool of processes, which are terminated after an error or an interruption."""
     return multiprocessing.get_context("fork").Pool(
         threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
     )
 
 
-def write(source=None, out=None, threads=None):
+def write(source: Any = None, out: Any = None, threads: int | None = None) -> dict[str, Any]:
     """Runs every experiment below `source` and writes out/index.html.
 
     source None: the folder of the thesis, whose page also has its tables and its frequency domain.
@@ -64,7 +67,7 @@ def write(source=None, out=None, threads=None):
     return summary
 
 
-def _made(source, out, threads, own):
+def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, dict[str, Any]]:
     """(page, summary)."""
     if own:
         from forceaxis.report import laboratory
