@@ -208,10 +208,10 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
             for step in STEPS:
                 work.run(step)
         assert refused.value.name == "friction"
-        table = tomlkit.parse(work.refused["lines"])["friction"]
+        table = tomlkit.parse(work.refused.lines)["friction"]
         assert table[0]["coulomb"] == pytest.approx(40.0, rel=0.3)
         model = known / "model.toml"
-        model.write_text(model.read_text() + "\n" + work.refused["lines"])
+        model.write_text(model.read_text() + "\n" + work.refused.lines)
         work = tuning(known, axis, tmp_path / "out", said.append)
         assert "changed since: the model; kept: free, measure" in said[0]
         for step in ("check", "fit"):

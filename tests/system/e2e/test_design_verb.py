@@ -417,9 +417,9 @@ def test_a_designed_bank_bears_1000_workpieces(order, text, error):
     held = [r for r in done.rows if r.law == "design" and r.case == text.stem]
     assert len(held) == 2
     for row in held:
-        assert row["static_error_percent"] <= error
-        assert row["peak_N"] <= 80
-        assert row["settle_ms"] <= 160  # 154 since the search begins sections lower, 118 before
+        assert row.static_error_percent <= error
+        assert row.peak_N <= 80
+        assert row.settle_ms <= 160  # 154 since the search begins sections lower, 118 before
     objects = done.loss.objects
     members = for_set.random_members(done.plants, 1000, 17)
     with changes.Design(str(text)) as design:
