@@ -230,7 +230,7 @@ def test_the_search_finds_the_order_of_the_law(model, possible):
     plants, goal = plant_set(str(model), modes=({},)), search.Goal(adc_bits=12)
     found = search.search(plants, goal)
     held(plants, found, goal)
-    best = max(row["worst"]["fS_Hz"] for row in found.structures)
+    best = max(row.worst.fS_Hz for row in found.structures)
     assert found.worst.fS_Hz >= 0.95 * max(best, possible)
 
 
