@@ -110,7 +110,7 @@ def measure(kind: str, turns: int) -> dict[str, Any]:
 def run(turns: int = 5) -> list[dict[str, Any]]:
     """Rows of all transports; CAN runs under tools/vcan."""
     rows = [measure("lcm", turns)]
-    command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench_link", str(turns)]
+    command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench.link", str(turns)]
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, check=False
     )
