@@ -20,10 +20,10 @@
  *   start     a mode that controls force begins
  *   before    before each tick, when the targets of the drive are not set yet
  *   limit     before axis_tick(), with the inputs of the tick
- *   check     after axis_tick(), before its outputs are written: a finding disables the axis at
- * once observe   after each tick: signals of the protection evaluate  after every second tick:
- * findings that are answered in the next tick answer    in the tick after a finding: raises a fault
- * or reduces the gain
+ *   check     after axis_tick(), before its outputs are written: a finding disables the axis
+ *   observe   after each tick: signals of the protection
+ *   evaluate  after every second tick: findings that are answered in the next tick
+ *   answer    in the tick after a finding: raises a fault or reduces the gain
  *
  * The phases are direct calls and not a loop over a table of functions: a loop costs 17
  * instructions for each row, and the interrupt has no time for them (docs/decisions/0046). */

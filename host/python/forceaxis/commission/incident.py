@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
+from forceaxis.axis.link import NoAnswer, Recording, Refused
 from forceaxis.bus.client import from_raw
 from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH
 
@@ -275,8 +275,3 @@ def words(incident: Incident) -> str:
     """The name of the fault, or the error code if there is no fault."""
     named = incident.fault if incident.fault != "none" else incident.error_code
     return named.replace("_", " ")
-
-
-def seconds_since_power_up(incident: Incident) -> float:
-    """Axis time in s from power-up to the error."""
-    return incident.tick / TICKS_PER_S

@@ -21,7 +21,6 @@ from forceaxis import _core
 GAIN_STEP = 1 / 256  # resolution of force_gain and velocity_gain
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
-SECTIONS_MAX = 3
 HF_CODES_MAX = 15  # LAW_BANK_HF_CODES_MAX
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
