@@ -140,7 +140,8 @@ def test_a_flood_of_noise_and_broken_traffic_moves_nothing_and_costs_no_memory()
         begun = max(resident[: len(resident) // 5 + 1])
         assert max(resident) - begun < 2048
     [(refused, malformed)] = re.findall(
-        r"in all: ([0-9]+) commands from elsewhere .*, ([0-9]+) malformed", got["said"]
+        r"in total: ([0-9]+) commands from other machines refused .*, ([0-9]+) malformed messages",
+        got["said"],
     )
     assert int(refused) > FLOOD // 20 and int(malformed) > FLOOD // 20
 
