@@ -20,7 +20,7 @@ from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
 from forceaxis.axis.modbus import ModbusLink
 from forceaxis.bus.keeper import HeartbeatKeeper
-from forceaxis.commission import incident, story
+from forceaxis.commission import incident, incident_text
 from forceaxis.objects import OBJECTS
 from forceaxis.results import to_json
 from forceaxis.thesis import session as thesis_session
@@ -167,7 +167,7 @@ def provoked():
 def fetched(way):
     with Axis(WAYS[way]()) as axis:
         held = incident.fetch(axis)
-        return [held.fault, held.tick, held.recording.raw.tolist(), story.tell(held)]
+        return [held.fault, held.tick, held.recording.raw.tolist(), incident_text.tell(held)]
 
 
 def cleared():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from forceaxis import linear
 from forceaxis._core import InputError
-from forceaxis.commission import fit, known
+from forceaxis.commission import joint_fit, known
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import loops
 
@@ -62,7 +62,7 @@ def three(model, truth, **given):
 
 def test_parameters_lie_in_their_intervals_and_absolute_ones_are_known_less_than_ratios(model):
     truth = true_values(model)
-    found = fit.joint(model, known.priors(model, OVER), three(model, truth), OVER)
+    found = joint_fit.joint(model, known.priors(model, OVER), three(model, truth), OVER)
     assert found.rejected is None and found.p > 0.01
     true = parameters(model) | truth
     inside = [low <= true[n] <= high for n, (low, high) in found.intervals.items()]
@@ -81,7 +81,7 @@ def test_without_the_response_apart_ratios_stay_and_absolute_values_do_not(model
     truth = true_values(model)
     priors = known.priors(model, OVER)
     priors |= {n: known.Prior(p.value, 0.5) for n, p in priors.items() if n in ("m_axis", "k_s")}
-    found = fit.joint(model, priors, three(model, truth)[1:], OVER)
+    found = joint_fit.joint(model, priors, three(model, truth)[1:], OVER)
     low, high = found.intervals["k_w"]
     assert high / low > 1.2
     _, low, high = found.ratios["m_w/k_w"]
@@ -94,7 +94,7 @@ def test_without_the_response_apart_ratios_stay_and_absolute_values_do_not(model
 def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
     truth = true_values(model)
     found = [
-        fit.joint(model, known.priors(model, OVER), three(model, truth, error=e), OVER)
+        joint_fit.joint(model, known.priors(model, OVER), three(model, truth, error=e), OVER)
         for e in (0.005, 0.2)
     ]
     for one in found:
@@ -120,7 +120,7 @@ def test_the_ranges_are_those_asked_for_and_what_the_fit_leaves_open(model):
 def test_a_fit_is_rejected_by_name_or_taken(model, factors, given, coherence, name):
     truth = true_values(model, TRUTH | factors)
     priors = known.priors(model, OVER, given)
-    found = fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
+    found = joint_fit.joint(model, priors, three(model, truth, coherence=coherence), OVER)
     assert found.rejected == name, found.text
     summary = found.summary()
     assert (summary.set is None) == (summary.intervals is None) == (name is not None)
@@ -131,11 +131,13 @@ def test_levels_that_differ_widen_the_set_so_that_it_holds_all_of_them(model):
     stiffer = truth | {"k_s": 1.15 * truth["k_s"]}
     responses = three(model, truth)
     responses[2] = measured(model, stiffer, seed=12)
-    found = fit.joint(model, known.priors(model, OVER), responses, OVER)
+    found = joint_fit.joint(model, known.priors(model, OVER), responses, OVER)
     assert found.rejected is None and found.levels_differ
     _, low, high = found.plants.ranges["k_s"]
     assert low <= 1.01 * truth["k_s"] and high >= 0.99 * stiffer["k_s"]
-    assert not fit.joint(model, known.priors(model, OVER), three(model, truth), OVER).levels_differ
+    assert not joint_fit.joint(
+        model, known.priors(model, OVER), three(model, truth), OVER
+    ).levels_differ
 
 
 def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
@@ -147,7 +149,7 @@ def test_each_level_is_taken_in_the_slope_of_the_amplifier_that_it_was_in():
         measured(model, truth, seed=1),
         measured(model, truth, seed=2, modes=outer),
     ]
-    found = fit.joint(model, known.priors(model, OVER), responses, OVER)
+    found = joint_fit.joint(model, known.priors(model, OVER), responses, OVER)
     assert found.rejected is None
     taken = [level.modes.get("drive.amplifier", "inner") for level in found.levels]
     assert taken[:2] == ["inner", "inner"] and "outer" in taken[2]
@@ -164,7 +166,7 @@ def test_the_states_that_mode_names_are_those_of_every_response_and_of_the_set()
         measured(model, truth, seed=1, modes=outer),
     ]
     named = outer | {"sensor": "pressed"}
-    found = fit.joint(model, known.priors(model, OVER), responses, OVER, states=named)
+    found = joint_fit.joint(model, known.priors(model, OVER), responses, OVER, states=named)
     assert found.rejected is None
     assert [level.modes for level in found.levels] == [outer, named]  # apart nothing presses
     assert all(modes.items() >= named.items() for modes in found.plants.modes)

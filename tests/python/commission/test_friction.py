@@ -16,10 +16,10 @@ from forceaxis.cli import design
 from forceaxis.cli.response_text import describe_response
 from forceaxis.commission import (
     friction,
+    friction_models,
     known,
     measuring,
-    rubbing,
-    shake,
+    sine_test,
     tune,
     tune_measure,
 )
@@ -114,7 +114,7 @@ def test_sines_show_stiffness_and_mass_whatever_the_friction_is(mass, newton):
         force = (K_W - mass * w**2 + 20j * w) * way + 4j / np.pi * newton * way / abs(way)
         place = way + force / K_S
         rows.append((hz, force.real, force.imag, place.real, place.imag, 30))
-    found = shake.of_sines(rows, K_S)
+    found = sine_test.of_sines(rows, K_S)
     assert (found.stiffness, found.mass) == pytest.approx((K_W, mass), rel=0.01)
     assert found.friction_N == pytest.approx(newton, rel=0.05)
 
@@ -137,21 +137,23 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
 
 def test_what_is_printed_is_toml_that_the_model_takes(press, tmp_path):
     model = press / "model.toml"
-    found = rubbing.rubs(model, 12.5, 4.0)
+    found = friction_models.frictions_of(model, 12.5, 4.0)
     assert [rub.between for rub in found] == [("axis", "ground"), ("workpiece", "ground")]
     assert not any(rub.declared for rub in found)
     added = tmp_path / "model.toml"
-    added.write_text(model.read_text() + "\n" + rubbing.lines(found))
+    added.write_text(model.read_text() + "\n" + friction_models.toml_lines(found))
     table = tomlkit.parse(added.read_text())["friction"]
     assert [one["coulomb"] for one in table] == [12.5, 4.0]
-    again = rubbing.rubs(added, 10.0, 5.0)  # what is declared keeps its place, with what is found
+    again = friction_models.frictions_of(
+        added, 10.0, 5.0
+    )  # what is declared keeps its place, with what is found
     assert [rub.newton for rub in again] == pytest.approx([10.0, 5.0])
-    assert all(rub.declared for rub in again) and rubbing.lines(again) == ""
+    assert all(rub.declared for rub in again) and friction_models.toml_lines(again) == ""
     changed = tmp_path / "changed.toml"
-    changed.write_text(rubbing.with_friction(added, again))
+    changed.write_text(friction_models.with_friction(added, again))
     assert [one["coulomb"] for one in tomlkit.parse(changed.read_text())["friction"]] == [10.0, 5.0]
     slides = tmp_path / "slides.toml"
-    slides.write_text(rubbing.damped(added, again))
+    slides.write_text(friction_models.damped(added, again))
     assert "friction" not in tomlkit.parse(slides.read_text())
     free = linear.linearise(model, outputs=("adc0",)).at(30j)
     assert linear.linearise(slides, outputs=("adc0",)).at(30j) == pytest.approx(free)
@@ -183,12 +185,14 @@ def test_friction_is_freed_in_the_fit_and_the_way_between_the_forces_is_told(pre
             work.run(step)
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
     found = {rub.name: rub.newton for rub in work.result("fit").friction}
-    assert found == pytest.approx({rubbing.MOVING: 12.0, rubbing.TABLE: 5.0}, rel=0.3)
+    assert found == pytest.approx(
+        {friction_models.MOVING: 12.0, friction_models.TABLE: 5.0}, rel=0.3
+    )
     values = work.result("fit").values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.2)
     assert work.model == tmp_path / "out/model.toml"
     summary = work.summary()
-    assert tomlkit.parse(summary.friction_lines)["friction"][0]["name"] == rubbing.MOVING
+    assert tomlkit.parse(summary.friction_lines)["friction"][0]["name"] == friction_models.MOVING
     text = " ".join(summary.holds)
     for part in ("N from peak to peak", "not visited", "made the workpiece slide", "sticks"):
         assert part in text, part
@@ -260,15 +264,17 @@ def mass_of(work):
 def test_a_friction_seen_at_the_motor_may_be_at_the_load(worn, press):
     """A damper at the motor alone left friction of the load to the damping of the guide: a fit had
     thirty times the true one, and a drive a quarter too fast."""
-    seen = rubbing.Rub(rubbing.MOVING, ("motor", "ground"), 40.0)
-    table = rubbing.Rub(rubbing.TABLE, ("workpiece", "ground"), 5.0)
+    seen = friction_models.FrictionElement(friction_models.MOVING, ("motor", "ground"), 40.0)
+    table = friction_models.FrictionElement(friction_models.TABLE, ("workpiece", "ground"), 5.0)
     model = worn / "model.toml"
-    found = {one.between[0]: one.newton for one in rubbing.at_both_ends(model, (seen, table))}
+    found = {
+        one.between[0]: one.newton for one in friction_models.at_both_ends(model, (seen, table))
+    }
     assert found == {"motor": 20.0, "load": 20.0, "workpiece": 5.0}
-    declared = rubbing.Rub("seals", ("load", "ground"), 40.0, True)
-    assert rubbing.at_both_ends(model, (declared, table)) == (declared, table)
-    one_body = rubbing.Rub(rubbing.MOVING, ("axis", "ground"), 40.0)
-    assert rubbing.at_both_ends(press / "model.toml", (one_body,)) == (one_body,)
+    declared = friction_models.FrictionElement("seals", ("load", "ground"), 40.0, True)
+    assert friction_models.at_both_ends(model, (declared, table)) == (declared, table)
+    one_body = friction_models.FrictionElement(friction_models.MOVING, ("axis", "ground"), 40.0)
+    assert friction_models.at_both_ends(press / "model.toml", (one_body,)) == (one_body,)
 
 
 def measured(hidden, model, *words, **given):
@@ -498,7 +504,7 @@ def test_a_friction_that_the_model_has_keeps_its_place(rubbed, press, tmp_path):
     """12 N where the model has 3."""
     folder = rubbing_press(press, tmp_path / "declared", seals=3.0)
     model = folder / "model.toml"
-    found = rubbing.rubs(model, 12.0, 0.0)
+    found = friction_models.frictions_of(model, 12.0, 0.0)
     assert [(rub.name, rub.newton) for rub in found] == [("seals", 12.0)]
     done = identified(model, rubbed / "60N", "--fit", "k_w=6e5", "--fit", "m_w=5", "--json")
     (one,) = json.loads(done.stdout)["friction"]["freed"]
@@ -574,9 +580,9 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
 def test_a_model_whose_friction_is_a_parameter_loses_that_with_it(worn, tmp_path):
     """A model refuses a parameter that nothing refers to."""
     model = worn / "model.toml"
-    rubs = rubbing.rubs(model, 35.0, 0.0)
+    rubs = friction_models.frictions_of(model, 35.0, 0.0)
     assert [(rub.name, rub.newton, rub.declared) for rub in rubs] == [("seals", 35.0, True)]
-    for text in (rubbing.damped(model, rubs), rubbing.with_friction(model, rubs)):
+    for text in (friction_models.damped(model, rubs), friction_models.with_friction(model, rubs)):
         (tmp_path / "model.toml").write_text(text)
         left = linear.facts(tmp_path / "model.toml").parameters
         assert "coulomb" not in left and {"play", "k_trans", "k_torque"} <= left.keys()

@@ -10,7 +10,7 @@ from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import Refused
 from forceaxis.axis.sim import SimLink
-from forceaxis.commission import incident, story
+from forceaxis.commission import incident, incident_text
 from protections import ENABLE, NEAR, PROTECTIONS, experiment, pressing
 from verbs import forceaxis
 
@@ -65,7 +65,7 @@ def moving(**parameters):
 def told(axis, fault):
     found = incident.fetch(axis)
     assert (found.fault, axis.read("fault")) == (fault, fault)
-    return "\n".join(story.tell(found, COUNTS_PER_MM))
+    return "\n".join(incident_text.tell(found, COUNTS_PER_MM))
 
 
 @pytest.mark.parametrize("name", PROVOKED)
@@ -94,13 +94,13 @@ def test_what_the_board_said_of_its_fault_is_told():
     core = dataclasses.replace(
         found, fault="none", error_code="core_fault", parameters=found.parameters | said
     )
-    text = "\n".join(story.tell(core))
+    text = "\n".join(incident_text.tell(core))
     for words in ("core fault", "PC 0x0800d234", "LR 0xffffffff", "CFSR 0x00008200"):
         assert words in text, text
     board = dataclasses.replace(
         found, fault="output_wrong", parameters=found.parameters | {"board_state": 64 + 1}
     )
-    assert "DAC not at its code" in "\n".join(story.tell(board))
+    assert "DAC not at its code" in "\n".join(incident_text.tell(board))
 
 
 def test_speed():
@@ -166,7 +166,7 @@ def test_an_incident_outlives_a_power_cut_until_it_is_cleared(tmp_path):
     assert not first.archived
     again = powered()
     assert again.archived and (again.recording.raw == first.recording.raw).all()
-    assert story.tell(again)[0].startswith("force max (kept over a power cut) at tick")
+    assert incident_text.tell(again)[0].startswith("force max (kept over a power cut) at tick")
     assert powered(clear=True).tick == first.tick
     with pytest.raises(Refused, match="nothing has happened since"):
         powered()
@@ -185,7 +185,7 @@ def test_the_file_is_the_incident(tmp_path):
     kept = tmp_path / "kept/incident.json"
     again = incident.load(kept)
     assert (again.recording.raw == found.recording.raw).all()
-    assert story.tell(again) == story.tell(found)
+    assert incident_text.tell(again) == incident_text.tell(found)
     assert (tmp_path / "kept/incident.png").stat().st_size > 10_000
     content = json.loads(kept.read_text())
     content["samples"]["position"][3] += 1

@@ -203,7 +203,7 @@ def _identified(
     order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
 ) -> "DesignOrder":
     """Return the order with the parameters and tolerances that fit the measured responses."""
-    from forceaxis.commission import freed, known
+    from forceaxis.commission import damper_fit, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
     from forceaxis.linear import settings
@@ -212,7 +212,7 @@ def _identified(
     before = known.priors(model, order.over, priors, order.overrides)
     responses = [read_response(folder, model, order.overrides) for folder in measured]
     with tempfile.TemporaryDirectory() as folder:
-        found = freed.joint(
+        found = damper_fit.joint(
             model, before, responses, measured, order.over, order.states, Path(folder)
         )
     if found.rejected:

@@ -312,7 +312,7 @@ def fit(
     """
     from forceaxis import linear
     from forceaxis.cli.response_text import describe_freed
-    from forceaxis.commission import freed
+    from forceaxis.commission import damper_fit
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
 
@@ -327,7 +327,9 @@ def fit(
             )
     try:
         with tempfile.TemporaryDirectory() as folder:
-            found, measured, summary = freed.fit(measured, starts, units, response, Path(folder))
+            found, measured, summary = damper_fit.fit(
+                measured, starts, units, response, Path(folder)
+            )
             if out:
                 fit_response.write(found, measured, summary, out)
     except Refusal as refusal:

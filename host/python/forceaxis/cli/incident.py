@@ -42,7 +42,7 @@ def incident(
     reads, so the axis has to be disabled, as it is after a fault.
     """
     from forceaxis.commission import incident as incidents
-    from forceaxis.commission import story
+    from forceaxis.commission import incident_text
 
     with connected(way) as axis:
         if wait_s:
@@ -51,11 +51,11 @@ def incident(
         done = incidents.fetch(axis)
         if clear:
             incidents.clear(axis)
-    lines = story.tell(done, counts_per_mm)
+    lines = incident_text.tell(done, counts_per_mm)
     if out:
         incidents.write(done, out, incidents.figure(done, counts_per_mm))
     if as_json:
-        click.echo(json.dumps(to_json(story.IncidentStory.of(done, tuple(lines[1:])))))
+        click.echo(json.dumps(to_json(incident_text.IncidentStory.of(done, tuple(lines[1:])))))
     else:
         click.echo(f"{done.where}: {lines[0]}")
         for line in lines[1:]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from forceaxis import linear
-from forceaxis.commission import friction, known, rubbing
+from forceaxis.commission import friction, friction_models, known
 from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
@@ -142,7 +142,9 @@ class Look:
         table = found.slow.friction_N if found.slow is not None else None
         lines = ""
         if self.model and found.rubs:
-            lines = rubbing.lines(rubbing.rubs(self.model, moving or 0.0, table or 0.0))
+            lines = friction_models.toml_lines(
+                friction_models.frictions_of(self.model, moving or 0.0, table or 0.0)
+            )
         self.found = replace(found, moving_N=moving, table_N=table, lines=lines)
         codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
         most = self.order.most

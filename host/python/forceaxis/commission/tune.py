@@ -19,7 +19,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission import as_found, tune_files, tune_fit, tune_measure, tune_steps
 from forceaxis.commission.refusal import Refusal, of_link
-from forceaxis.commission.shake import Shaken
+from forceaxis.commission.sine_test import SineTestResult
 from forceaxis.commission.tune_files import StepFile, StepTimes, TuningIdentity, TuningOrder
 from forceaxis.commission.tune_folder import TuningFolder
 from forceaxis.commission.tune_results import (
@@ -171,7 +171,7 @@ class Tuning(TuningFolder):
         between = self.read(tune_files.BETWEEN, SlowChange)
         if between is None:
             raise InputError(f"{self.folder / tune_files.BETWEEN}: expected that file")
-        shaken = self.read(tune_files.SHAKEN, Shaken)
+        shaken = self.read(tune_files.SHAKEN, SineTestResult)
         return held._replace(result=MeasuredResponses(held.result, between, shaken))
 
     def result(self, step: str) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.commission.shake import Shaken
+from forceaxis.commission.sine_test import SineTestResult
 from forceaxis.commission.tune_results import SlowChange, Verified
 from forceaxis.results import from_json, json_key, to_json
 
@@ -162,7 +162,7 @@ def check(
     done = {step: read_step(folder / f"{step}.json", kind) for step, kind in results.items()}
     kinds: dict[str, Any] = {
         TUNE: TuningIdentity, FOUND: AxisState, BEFORE: dict[str, int], BETWEEN: SlowChange,
-        SHAKEN: Shaken,
+        SHAKEN: SineTestResult,
     }  # fmt: skip
     for name, kind in kinds.items():
         read(folder / name, kind)

@@ -8,8 +8,15 @@ from typing import Any
 import numpy as np
 
 from forceaxis import linear, toml
-from forceaxis.commission import fit as joint_fit
-from forceaxis.commission import friction, known, residual, rubbing, shake, tune_measure
+from forceaxis.commission import (
+    friction,
+    friction_models,
+    joint_fit,
+    known,
+    missing_parts,
+    sine_test,
+    tune_measure,
+)
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_files import small_of
@@ -28,7 +35,7 @@ from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
 from forceaxis.linear.plant_set import PlantSet
 
-Rubs = tuple[rubbing.Rub, ...]
+Rubs = tuple[friction_models.FrictionElement, ...]
 
 # Standard deviations of the logarithm of a damper in the place of friction, for a sliding axis and
 # for an axis that alternates between sticking and sliding; N s/m of a sticking friction.
@@ -55,8 +62,8 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     path.unlink(missing_ok=True)
     (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
     if rubs:
-        dampers = rubbing.at_both_ends(given, rubs)
-        path.write_text(rubbing.damped(given, dampers), encoding="utf-8")
+        dampers = friction_models.at_both_ends(given, rubs)
+        path.write_text(friction_models.damped(given, dampers), encoding="utf-8")
         model, names = str(path), _closed(tuning, every, rubs, measured)
     else:
         dampers, model = (), str(given)
@@ -66,7 +73,7 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     errors = [_error(name, rubs) for name in names] if rubs else []
     sheet = known.priors(model, order.over, order.priors)
     before = sheet | _workpiece(tuning, rubs, measured)
-    if any(not rubbing.of_workpiece(given, rub) for rub in rubs):
+    if any(not friction_models.of_workpiece(given, rub) for rub in rubs):
         apart = fit_response.read_response(tuning.folder / "free", model)
         responses.append(_rate(free, apart))
         own.append({})
@@ -110,19 +117,19 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
     if found.rejected != "chi2":
         return found.text, ""
     tuning.say("the model does not explain the responses: trying what it may lack")
-    tried = residual.of(found)
+    tried = missing_parts.of(found)
     tuning.write("residual.json", [asdict(one) for one in tried])
     if not tried:
         return found.text, ""
-    names = " or ".join(one.text for one in tried[: residual.SHOWN])
+    names = " or ".join(one.text for one in tried[: missing_parts.SHOWN])
     text = f"{found.text}; tried, the likeliest first: {names}; add the one that is there"
-    return text, residual.lines_of(tried)
+    return text, missing_parts.lines_of(tried)
 
 
 def _rubs(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Rubs:
     """The frictions of the model, with the newtons that were measured."""
     moving_N = tune_measure.moving_N(tuning, free)
-    return rubbing.rubs(tuning.given, moving_N, measured.between.friction_N)
+    return friction_models.frictions_of(tuning.given, moving_N, measured.between.friction_N)
 
 
 def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
@@ -130,9 +137,9 @@ def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
     model."""
     if not rubs:
         return ""
-    text = rubbing.with_friction(tuning.given, rubs)
+    text = friction_models.with_friction(tuning.given, rubs)
     (tuning.folder / FITTED_MODEL).write_text(text, encoding="utf-8")
-    lines = rubbing.lines(rubs)
+    lines = friction_models.toml_lines(rubs)
     for rub in rubs:
         tuning.say(f"dry friction of {rub.newton:.3g} N between {' and '.join(rub.between)}")
     if lines:
@@ -150,7 +157,7 @@ def _closed(
     describes the response. Raises Refusal if no response in contact remains."""
     if not known.play_counts(tuning.given):
         return names
-    newton = sum(rub.newton for rub in rubs if not rubbing.of_workpiece(tuning.given, rub))
+    newton = sum(rub.newton for rub in rubs if not friction_models.of_workpiece(tuning.given, rub))
     if not newton:
         return names
     kept = [n for n, level in measured.levels.items() if level.bias_N - level.swing / 2 > newton]
@@ -176,7 +183,7 @@ def _own(
     speed = about.speed_rms / scale
     found = {}
     for rub in rubs:
-        on_table = rubbing.of_workpiece(tuning.given, rub)
+        on_table = friction_models.of_workpiece(tuning.given, rub)
         if on_table and name == "free":
             continue
         if on_table and about.swing / 2 < 1.2 * rub.newton:
@@ -190,7 +197,7 @@ def _own(
 
 def _error(name: str, rubs: Rubs) -> float:
     """Relative error of a response that no parameter can explain."""
-    sticks = any(rub.name == rubbing.TABLE for rub in rubs) and name != "free"
+    sticks = any(rub.name == friction_models.TABLE for rub in rubs) and name != "free"
     return STICKING_ERROR if sticks else SLIDING_ERROR
 
 
@@ -210,13 +217,13 @@ def _workpiece(
 ) -> dict[str, Prior]:
     """Priors of a workpiece with dry friction, from the travel between the forces and from sines.
     best: {parameter: value} of an earlier fit, or empty."""
-    if not any(rubbing.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
+    if not any(friction_models.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
         return {}
     sliding, shaken = measured.between.sliding, measured.shaken
     stiffness, mass = workpiece_names(tuning.given)
     sensor, damping = sensor_names(tuning.given)
     if shaken and best and sensor in best:
-        shaken = shake.of_sines(shaken.rows, best[sensor], best.get(damping or "", 0.0))
+        shaken = sine_test.of_sines(shaken.rows, best[sensor], best.get(damping or "", 0.0))
     scale = abs(linear.facts(tuning.given).required_encoder.scale)
     given = {text.partition("=")[0] for text in tuning.order.priors}
     found: dict[str, Prior] = {}
@@ -232,20 +239,20 @@ def _workpiece(
     if mass and shaken and _mass_shows(shaken):
         found[mass] = Prior(shaken.mass, max(SHAKEN_ERROR, shaken.mass_error))
     elif mass and mass not in given:  # see _relied()
-        table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
+        table = [rub for rub in rubs if friction_models.of_workpiece(tuning.given, rub)]
         if not all(rub.declared for rub in table):
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, "
                 f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
                 f"not show; add to the model what was found, and give the prior {mass}=KG as it "
                 f"weighs: without, {UNWEIGHED:g} times less and more than the model has are taken",
-                rubbing.lines(rubs),
+                friction_models.toml_lines(rubs),
             )  # fmt: skip
         found[mass] = Prior(linear.facts(tuning.given).parameters[mass][0], known.MASS)
     return {name: prior for name, prior in found.items() if name not in given}
 
 
-def _mass_shows(shaken: shake.Shaken | None) -> bool:
+def _mass_shows(shaken: sine_test.SineTestResult | None) -> bool:
     """Whether the workpiece slid so much under the sines that they determine its mass."""
     return shaken is not None and shaken.mass_error < UNSURE
 
@@ -280,7 +287,7 @@ def _relied(
             )
     _, mass = workpiece_names(tuning.given)
     given = {text.partition("=")[0] for text in tuning.order.priors}
-    table = [rub for rub in rubs if rubbing.of_workpiece(tuning.given, rub)]
+    table = [rub for rub in rubs if friction_models.of_workpiece(tuning.given, rub)]
     unseen = any(rub.newton > 0 for rub in table) and not _mass_shows(measured.shaken)
     if unseen and mass in ranges and mass not in given:
         value, least, most = ranges[mass]

@@ -12,7 +12,7 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.commission import analyzer, friction, known, measuring, shake
+from forceaxis.commission import analyzer, friction, known, measuring, sine_test
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_files import TuningOrder, small_of
@@ -185,7 +185,7 @@ def reading_N(tuning: TuningFolder) -> float:
 
 def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
-) -> shake.Shaken | None:
+) -> sine_test.SineTestResult | None:
     """Measures the workpiece with sines at the largest force; None if it does not slide within the
     limits. rate: encoder counts/s per code."""
     scale = abs(linear.facts(tuning.model).required_encoder.scale)
@@ -196,12 +196,12 @@ def _shaken(
     mass = _mass(tuning)
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
-                                                       shake.FREQUENCIES)})  # fmt: skip
+                                                       sine_test.FREQUENCIES)})  # fmt: skip
     off(tuning.axis)
     with temporary(tuning.axis, law), analyzer_of(tuning, order) as measures:
-        found = shake.shake(
+        found = sine_test.measure(
             measures, max(order.forces),
-            shake.Shaking(
+            sine_test.SineTestSetup(
                 slow.friction_N, sensor, workpiece, tuple(map(float, hz)), rate, scale,
                 reading_N(tuning),
             ),

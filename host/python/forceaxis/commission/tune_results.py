@@ -9,10 +9,10 @@ positions in encoder counts, amplitudes in DAC codes.
 from dataclasses import dataclass, field
 from typing import Any
 
-from forceaxis.commission import friction, shake
-from forceaxis.commission.fit import JointSummary
+from forceaxis.commission import friction, sine_test
+from forceaxis.commission.friction_models import FrictionElement
+from forceaxis.commission.joint_fit import JointSummary
 from forceaxis.commission.level import Abort, Rest
-from forceaxis.commission.rubbing import Rub
 from forceaxis.design import cases, outcome
 from forceaxis.linear import over
 from forceaxis.linear.bank import Bank
@@ -144,7 +144,7 @@ class MeasuredResponses:
 
     levels: dict[str, PressedResponse]
     between: SlowChange
-    shaken: shake.Shaken | None
+    shaken: sine_test.SineTestResult | None
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class Fitted(JointSummary):
     values: Values = field()
     over: tuple[str, ...] = field()
     parameters: dict[str, ParameterRow]
-    friction: tuple[Rub, ...]
+    friction: tuple[FrictionElement, ...]
     lines: str
     own: dict[str, Values]
     left_out: tuple[str, ...] = ()
@@ -397,7 +397,7 @@ class TuningSummary:
     certificate_state: str | None = None
     stored: bool = False
     times_p: float | None = None
-    friction: tuple[Rub, ...] | None = None
+    friction: tuple[FrictionElement, ...] | None = None
     friction_lines: str | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     axis_seconds: dict[str, float] = field(default_factory=dict)

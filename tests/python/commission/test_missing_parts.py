@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import tomlkit
 from forceaxis import linear
-from forceaxis.commission import fit, known, residual
+from forceaxis.commission import joint_fit, known, missing_parts
 from test_axis_fit import OVER, TRUTH, measured, model, parameters, true_values  # noqa: F401
 
 pytestmark = pytest.mark.beside
@@ -23,9 +23,9 @@ def responses(path, truth, change=None, drive=None):
 
 
 def candidates(path, found):
-    rejected = fit.joint(path, known.priors(path, OVER), found, OVER)
+    rejected = joint_fit.joint(path, known.priors(path, OVER), found, OVER)
     assert rejected.rejected == "chi2", rejected.text
-    return residual.of(rejected)
+    return missing_parts.of(rejected)
 
 
 def pole_pair(hz, at, zeta):
@@ -73,13 +73,15 @@ def test_a_mode_that_the_model_lacks_is_named_with_a_body_and_its_spring(model):
 @pytest.mark.long
 def test_a_gain_that_differs_by_level_is_named(model):  # noqa: F811
     found = responses(model, true_values(model), lambda hz, i: 2.0 if i == 2 else 1.0)
-    rejected = fit.joint(model, known.priors(model, OVER), found, OVER)
+    rejected = joint_fit.joint(model, known.priors(model, OVER), found, OVER)
     assert rejected.rejected == "chi2"
-    first = residual.of(rejected)[0]
+    first = missing_parts.of(rejected)[0]
     assert (first.name == "gain" and "1, 2" in first.text) or "1, 1.9" in first.text
 
 
 @pytest.mark.long
 def test_nothing_is_named_where_the_model_explains_the_responses(model):  # noqa: F811
-    found = fit.joint(model, known.priors(model, OVER), responses(model, true_values(model)), OVER)
-    assert found.rejected is None and residual.of(found) == []
+    found = joint_fit.joint(
+        model, known.priors(model, OVER), responses(model, true_values(model)), OVER
+    )
+    assert found.rejected is None and missing_parts.of(found) == []

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from forceaxis import linear, toml
-from forceaxis.commission.fit import JointFit, Response, Responses, Samples
+from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples
 from forceaxis.commission.known import Prior
 from forceaxis.design.changes import contact_of
 from forceaxis.identify.fit import MISFIT

@@ -31,7 +31,7 @@ FEWEST = 3  # frequencies at least
 
 
 @dataclass(frozen=True)
-class Shaken:
+class SineTestResult:
     """Stiffness in N/m, mass in kg, damping in N s/m and friction in N of a workpiece; relative
     standard errors of stiffness and mass; frequencies in Hz and amplitudes in codes and N of the
     sines."""
@@ -50,7 +50,7 @@ class Shaken:
 
 
 @dataclass(frozen=True)
-class Shaking:
+class SineTestSetup:
     """Knowledge before the sines are measured: friction in N, stiffnesses of sensor and workpiece
     in N/m, frequencies in Hz; rate: encoder counts/s per code; scale: encoder counts per m; newton:
     N per force count."""
@@ -64,10 +64,10 @@ class Shaking:
     newton: float
 
 
-def shake(
-    analyzer: Any, force_N: float, known: Shaking, most: Callable[[float], int],
+def measure(
+    analyzer: Any, force_N: float, known: SineTestSetup, most: Callable[[float], int],
     ended: type[Exception],
-) -> Shaken | None:  # fmt: skip
+) -> SineTestResult | None:  # fmt: skip
     """Presses an Analyzer's axis with `force_N` and excites it with sines; None if too few sines
     make the workpiece slide.
 
@@ -119,7 +119,9 @@ def _way(force: Any, place: Any, sensor: Any) -> Any:
     return place - force / sensor
 
 
-def _sine(analyzer: Any, hz: float, amplitude: int, known: Shaking) -> tuple[complex, complex]:
+def _sine(
+    analyzer: Any, hz: float, amplitude: int, known: SineTestSetup
+) -> tuple[complex, complex]:
     """(force in N, displacement of the axis in m), both complex, of one sine."""
     axis = analyzer.axis
     analyzer.set(excitation_code=amplitude, excitation_frequency=hz)
@@ -138,9 +140,11 @@ def _sine(analyzer: Any, hz: float, amplitude: int, known: Shaking) -> tuple[com
     return complex(force), complex(place)
 
 
-def of_sines(rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0) -> Shaken:
-    """The Shaken of `rows`. sensor, damping: stiffness in N/m and damping in N s/m of the sensor
-    between axis and workpiece."""
+def of_sines(
+    rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0
+) -> SineTestResult:
+    """The SineTestResult of `rows`. sensor, damping: stiffness in N/m and damping in N s/m
+    of the sensor between axis and workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
     way = _way(force, x_re + 1j * x_im, sensor + 1j * w * damping)
@@ -157,7 +161,7 @@ def of_sines(rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.
         lossy = 0.0
         friction = float(np.median(quotient.imag * abs(way) * np.pi / 4))
     errors = np.sqrt(np.diag(covariance)) / np.maximum(abs(solved), 1e-12)
-    return Shaken(
+    return SineTestResult(
         float(stiffness), float(mass), float(lossy), float(friction), float(errors[0]),
         float(errors[1]), tuple(hz.tolist()), tuple(codes.tolist()), tuple(abs(force).tolist()),
         tuple(map(tuple, np.array(rows, float).tolist())),

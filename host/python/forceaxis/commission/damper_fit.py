@@ -17,8 +17,7 @@ import numpy as np
 
 from forceaxis import linear, paths
 from forceaxis._core import InputError
-from forceaxis.commission import fit as joint_fit
-from forceaxis.commission import friction, known, rubbing
+from forceaxis.commission import friction, friction_models, joint_fit, known
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_fit import (
     DAMPED,
@@ -87,7 +86,7 @@ class Freed:
 
     found: fit_response.ParameterFit
     measured: Measurement
-    rubs: tuple[rubbing.Rub, ...]
+    rubs: tuple[friction_models.FrictionElement, ...]
     newtons: dict[str, float | None]
 
 
@@ -125,7 +124,7 @@ def fit(
     own = [text for text in summary["set"].split("--set ") if text.partition("=")[0] in starts]
     summary |= {
         "model": paths.display(model),
-        "friction": {"freed": lines, "lines": rubbing.lines(tuple(newtons))},
+        "friction": {"freed": lines, "lines": friction_models.toml_lines(tuple(newtons))},
         "set": " ".join(f"--set {text.strip()}" for text in own),
     }
     return freed.found, freed.measured, summary
@@ -136,9 +135,9 @@ def _freed(
 ) -> Freed | None:
     """The fit with the smallest number of dampers that explains a response; None if no set of
     dampers does."""
-    every = rubbing.rubs(measured.model, 1.0, 1.0)
-    moving = tuple(rub for rub in every if not rubbing.of_workpiece(measured.model, rub))
-    table = tuple(rub for rub in every if rubbing.of_workpiece(measured.model, rub))
+    every = friction_models.frictions_of(measured.model, 1.0, 1.0)
+    moving = tuple(rub for rub in every if not friction_models.of_workpiece(measured.model, rub))
+    table = tuple(rub for rub in every if friction_models.of_workpiece(measured.model, rub))
     if about.looked:
         sets = [(moving if about.dead_zone else ()) + (table if about.table_N else ())]
     else:
@@ -169,13 +168,14 @@ def _freed(
 
 
 def _with(
-    measured: Measurement, starts: dict[str, float], rubs: tuple[rubbing.Rub, ...],
-    table: tuple[rubbing.Rub, ...], about: Record, folder: Path,
+    measured: Measurement, starts: dict[str, float],
+    rubs: tuple[friction_models.FrictionElement, ...],
+    table: tuple[friction_models.FrictionElement, ...], about: Record, folder: Path,
 ) -> Freed | None:  # fmt: skip
     """A response fitted with the dampers of `rubs`; None if the response does not depend on a
     damper."""
     file = folder / f"{'_'.join(rub.name for rub in rubs)}.toml"
-    file.write_text(rubbing.damped(measured.model, rubs), encoding="utf-8")
+    file.write_text(friction_models.damped(measured.model, rubs), encoding="utf-8")
     free, stuck = {}, {}
     for rub in rubs:
         if rub in table and not about.slides:
@@ -231,8 +231,8 @@ def _words(about: Record) -> str:
 
 
 def _refused(p: float, model: str, about: Record) -> Refusal:
-    rubs = rubbing.rubs(model, about.moving_N or 0.0, about.table_N)
-    lines = rubbing.lines(tuple(rub for rub in rubs if rub.newton > 0))
+    rubs = friction_models.frictions_of(model, about.moving_N or 0.0, about.table_N)
+    lines = friction_models.toml_lines(tuple(rub for rub in rubs if rub.newton > 0))
     if about.least and about.moving_N:
         lines = f"# of guide and gear at least so much\n{lines}"
     hidden = (
@@ -259,13 +259,16 @@ def joint(
     if not found.rejected or not worst.rubs:
         return found
     rubs = tuple(
-        rub for rub in rubbing.rubs(model, max(one.moving_N or 0.0 for one in about), 0.0)
+        rub
+        for rub in friction_models.frictions_of(
+            model, max(one.moving_N or 0.0 for one in about), 0.0
+        )
         if rub.newton > 0
     )  # fmt: skip
-    rubs = rubbing.at_both_ends(model, rubs)
+    rubs = friction_models.at_both_ends(model, rubs)
     if not worst.table_N and rubs:
         file = folder / "slides.toml"
-        file.write_text(rubbing.damped(model, rubs), encoding="utf-8")
+        file.write_text(friction_models.damped(model, rubs), encoding="utf-8")
         own = [
             {
                 rub.damping: known.Prior(_begin(one, rub.newton, held.speed), DAMPED)

@@ -20,7 +20,7 @@ WORDS = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True)
-class Rub:
+class FrictionElement:
     """Dry friction of `newton` N between two bodies. name: of its [[friction]] element; declared:
     whether the model contains this element."""
 
@@ -35,7 +35,9 @@ class Rub:
         return f"b_{self.name}"
 
 
-def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, ...]:
+def frictions_of(
+    model: str | Path, moving_N: float, workpiece_N: float
+) -> tuple[FrictionElement, ...]:
     """The frictions of a model: in all `moving_N` between the drive's body and its counterpart, and
     `workpiece_N` between workpiece and ground. Frictions of the model keep their places and share
     the measured newtons in proportion to their declared values."""
@@ -53,21 +55,23 @@ def rubs(model: str | Path, moving_N: float, workpiece_N: float) -> tuple[Rub, .
         sizes = [_size(facts, f) for f in own]
         if own and sum(sizes) > 0:
             found += [
-                Rub(f["name"], tuple(f["between"]), newton * size / sum(sizes), True)
+                FrictionElement(f["name"], tuple(f["between"]), newton * size / sum(sizes), True)
                 for f, size in zip(own, sizes, strict=True)
             ]
         elif newton > 0 and (not of_work or work in facts.masses_kg):
-            found.append(Rub(name, (str(place[0]), str(place[1])), newton))
+            found.append(FrictionElement(name, (str(place[0]), str(place[1])), newton))
     return tuple(found)
 
 
-def of_workpiece(model: str | Path, rub: Rub) -> bool:
+def of_workpiece(model: str | Path, rub: FrictionElement) -> bool:
     """Whether a friction acts under the workpiece."""
     contact = contact_of(toml.read(linear.find_model(model)))
     return contact is not None and contact["between"][1] in rub.between
 
 
-def at_both_ends(model: str | Path, found: tuple[Rub, ...]) -> tuple[Rub, ...]:
+def at_both_ends(
+    model: str | Path, found: tuple[FrictionElement, ...]
+) -> tuple[FrictionElement, ...]:
     """The frictions for `damped`. With a transmission between the drive's body and the body in
     contact, the measurement cannot assign the friction to one side. Each side then receives one
     half, unless the model has friction on both sides."""
@@ -92,7 +96,7 @@ def _size(facts: linear.PlantFacts, friction: dict[str, Any]) -> float:
     return float(facts.parameters.get(value, (value,))[0])
 
 
-def lines(found: tuple[Rub, ...]) -> str:
+def toml_lines(found: tuple[FrictionElement, ...]) -> str:
     """The [[friction]] elements that the model lacks as TOML; "" if it has all of them."""
     return "\n".join(
         f'[[friction]]\nname = "{rub.name}"\nbetween = ["{rub.between[0]}", "{rub.between[1]}"]\n'
@@ -102,7 +106,7 @@ def lines(found: tuple[Rub, ...]) -> str:
     )
 
 
-def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
+def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
     """The text of the model with the measured friction; its paths are valid from any folder."""
     document = _document(model)
     for rub in found:
@@ -117,7 +121,7 @@ def with_friction(model: str | Path, found: tuple[Rub, ...]) -> str:
     return tomlkit.dumps(document)
 
 
-def damped(model: str | Path, found: tuple[Rub, ...]) -> str:
+def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
     """The text of the model with a damper in the place of each friction; the damping is 0, as for a
     sliding axis."""
     document = _document(model)
