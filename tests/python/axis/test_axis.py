@@ -71,7 +71,7 @@ def test_newtons_of_a_scale_that_nobody_set_are_warned_of(axis, capsys):
         return capsys.readouterr().err
 
     assert warned(sim=CONTACT) == "", "is compared with its model"
-    assert "force_scale is 2.5 N/count as delivered" in warned(can="can0")
+    assert "force_scale (2.5 N/count) was never set" in warned(can="can0")
     axis.set(calibration_date=15_000)
     assert warned(can="can0") == ""
     axis.set(calibration_date=0, force_scale=2_400_000)
@@ -115,8 +115,12 @@ def test_what_the_axis_refuses_is_status_1():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ([], "expected one way to an axis: --axis N, --can INTERFACE, --modbus URL or --sim"),
-        (["--axis", "1", "--can", "can0"], "expected one way to an axis"),
+        (
+            [],
+            "expected exactly one connection to an axis: --axis N, --can INTERFACE, --modbus URL or "
+            "--sim",
+        ),
+        (["--axis", "1", "--can", "can0"], "expected exactly one connection to an axis"),
         (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
         (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
         (["--can", "nocan7"], "--can: nocan7: expected a CAN interface that is up"),

@@ -155,7 +155,7 @@ def test_a_run_after_a_kill_puts_back_what_was_changed(axis_file, tmp_path, monk
     done = verbs.forceaxis(*words, "--out", out)
     assert done.returncode == 0, done.stderr
     warning, *said = done.stderr.splitlines()[:3]
-    assert "force_scale is 2.5 N/count as delivered" in warning
+    assert "force_scale (2.5 N/count) was never set" in warning
     assert said[0] == "the run before was killed: its fault source_lost is reset"
     assert said[1].endswith("objects are as they were before it")
     assert axis.get(*names) == before
@@ -249,7 +249,7 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("measure",), "expected one way to an axis"),
+        (("measure",), "expected exactly one connection to an axis"),
         (("measure", "--sim", "session"), "expected --free, --force or both"),
         (("measure", "fig3_9", "--sim", "session"), "expected either TARGET or an axis"),
         (("measure", "--sim", "session", "--force", "0,3"), "--force: 0,3: expected forces in N"),

@@ -301,7 +301,7 @@ def test_each_kind_of_difference_is_told(differing, index):
     assert DIFFERENCES[index][1] in block[1]
     assert block[1].count("\n") == 2  # the difference, and where both are
     assert block[1].splitlines()[1].split() == (
-        f"both drawn: out/d{index:02}.png; the trace beside it as .npz".split()
+        f"both curves: out/d{index:02}.png; the trace is the file .npz beside it".split()
     )
     assert "slider.position" in np.load(top / f"out/d{index:02}.npz").files
     case = ET.parse(top / "ci/r.xml").find(f".//testcase[@name='d{index:02}']")

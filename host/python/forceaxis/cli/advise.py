@@ -1,4 +1,4 @@
-"""Verbs that compare possible changes of an axis."""
+"""The verbs `advise` and `compliance`, which compare possible changes of an axis."""
 
 import shutil
 from pathlib import Path
@@ -21,7 +21,7 @@ from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
 def over_options(verb: Callback) -> Callback:
-    """Add the options --over and --modes."""
+    """Add the options --over (tolerances of parameters) and --modes (states of the model)."""
     verb = click.option(
         "--modes",
         type=click.Choice(["visited", "all", "nominal"]),
@@ -52,7 +52,11 @@ def over_options(verb: Callback) -> Callback:
 )
 @set_option("A parameter of the model.")
 @mode_option("states")
-@click.option("--timing", type=TIMINGS, help="Default: latency_ticks of the experiment, else zoh.")
+@click.option(
+    "--timing",
+    type=TIMINGS,
+    help="Sampling of the loop. Default: latency_ticks of the experiment, else zoh.",
+)
 @click.option(
     "--factor",
     type=float,
@@ -85,12 +89,15 @@ def advise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Show what limits the bandwidth of a force loop, and how much each change improves it.
+    """Show what limits the bandwidth of a force loop, and how much each possible change of the
+    axis improves it.
 
-    Rows are ranked by the crossover frequency at half the critical gain. Beside the linear limit
-    the verb prints the largest gain at which the simulated firmware is stable, with quantisation
-    and contact loss. It simulates EXPERIMENT, or the experiment with the name of MODEL, or a first
-    contact that it makes.
+    A change multiplies or divides a stiffness, a mass or a damping by --factor, or uses another
+    ADC, sampling or law. The result is a table with one row for each change. Rows are ranked by the
+    crossover frequency at half the critical gain. Beside the linear limit the verb prints the
+    largest gain at which the simulated firmware is stable, with quantisation and contact loss. It
+    simulates EXPERIMENT, or the experiment with the name of MODEL, or a first contact that it
+    makes.
 
     With --over, rows are ranked by the bandwidth fS of the worst plant of the set, at a gain margin
     of 2.3 and Ms at most 2. One row is a bank designed for the set. Changes that the firmware
@@ -130,7 +137,9 @@ def advise(
     metavar="MODEL|EXPERIMENT",
     type=Subject(paths.MODELS, paths.EXPERIMENTS),
 )
-@click.option("--element", help="Stiffness that is varied. Default: that of the contact.")
+@click.option(
+    "--element", help="Name of the stiffness that is varied. Default: that of the contact."
+)
 @set_option("A parameter of the model.")
 @mode_option("states")
 @click.option(
@@ -141,13 +150,23 @@ def advise(
     help="Set of plants, as in advise. Default: 30 % of mass and stiffness of the workpiece.",
 )
 @click.option(
-    "--from", "lowest", type=Positive(high=1e12), help="Lowest, N/m. Default: nominal / 20."
+    "--from",
+    "lowest",
+    type=Positive(high=1e12),
+    help="Lowest stiffness, N/m. Default: nominal value / 20.",
 )
 @click.option(
-    "--to", "highest", type=Positive(high=1e12), help="Highest, N/m. Default: 4 x nominal."
+    "--to",
+    "highest",
+    type=Positive(high=1e12),
+    help="Highest stiffness, N/m. Default: 4 x nominal value.",
 )
 @click.option("--points", type=click.IntRange(2, 40), default=9, show_default=True)
-@click.option("--adc-bits", type=click.IntRange(8, 16), help="Default: that of the model.")
+@click.option(
+    "--adc-bits",
+    type=click.IntRange(8, 16),
+    help="Resolution of the force ADC. Default: that of the model.",
+)
 @threads
 @drawn
 @as_json
@@ -165,7 +184,8 @@ def compliance(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compare a soft contact with a low gain: vary the stiffness of pad, sensor or workpiece.
+    """Show how a force loop changes with the stiffness of its pad, sensor or workpiece, to choose
+    between a soft contact and a low gain.
 
     For each stiffness of one element the verb prints the bandwidth fS over the set of plants, of
     the P law and of a bank designed for it, at equal margins; the static error of P; the travel of

@@ -1,4 +1,4 @@
-"""Text of `forceaxis advise` and `forceaxis compliance` for a terminal."""
+"""Texts that `forceaxis advise` and `forceaxis compliance` print on a terminal."""
 
 import textwrap
 from dataclasses import dataclass
@@ -23,13 +23,14 @@ NAME_WIDTH_MIN = 20  # characters of the name of a change
 
 
 def short(value: float | None) -> str:
-    """A number with three digits; "-" for None."""
+    """Return a number as text with three significant digits, or "-" for None."""
     return "-" if value is None else f"{value:.3g}"
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of the table: its head in lines, and a sentence on its meaning or ""."""
+    """A column of the table of `advise`: its heading, of one or two lines, and a note that explains
+    the column, or "" if the heading is enough."""
 
     head: str
     note: str = ""
@@ -37,7 +38,8 @@ class Column:
 
 
 def describe(result: Advice, width: int | None = None) -> str:
-    """The advice for a terminal of `width` columns, in which names are wrapped; None: any width."""
+    """Return the text of `forceaxis advise`, at most `width` characters wide. Without `width` no
+    line is wrapped."""
     lines = [f"model        {result.title}", f"timing       {result.timing}"]
     lines += [*_limit_lines(result), *_gain_lines(result)]
     if width:
@@ -81,7 +83,8 @@ def describe(result: Advice, width: int | None = None) -> str:
 
 
 def _limit_lines(result: Advice) -> list[str]:
-    """Lines on the mode of the analysis, the limiting mode and the critical gain."""
+    """Return the lines about the states of the model, the limiting mode of vibration and the
+    critical gain."""
     base, mode = result.present, result.limiting_mode
     lines = [f"mode         {result.mode_text}"] if result.mode_text else []
     if isinstance(mode, LimitingMode):
@@ -108,7 +111,8 @@ def _limit_lines(result: Advice) -> list[str]:
 
 
 def _gain_lines(result: Advice) -> list[str]:
-    """Lines on the next crossing, the gain of the experiment and the simulated limit."""
+    """Return the lines about the second critical gain, the gain of the experiment and the largest
+    gain that is stable in the simulation."""
     lines = []
     if following := result.next_crossing:
         lines.append(
@@ -128,7 +132,7 @@ def _gain_lines(result: Advice) -> list[str]:
 
 
 def _columns(result: Advice) -> dict[int, Column]:
-    """{index of a cell: its column}, of the columns that the result has."""
+    """Return {index of a cell of `_cells`: its column} for the columns that the result contains."""
     hz = short(result.reference_hz)
     columns = [
         Column(result.unit),
@@ -151,7 +155,7 @@ def _columns(result: Advice) -> dict[int, Column]:
 
 
 def _cells(row: PresentDesign | AdviceRow) -> list[str]:
-    """The cells of a row, in the order of _columns."""
+    """Return the texts of the cells of one row of the table, in the order of `_columns`."""
     factors: tuple[float | None, ...] = (1.0, 1.0, 1.0)
     if isinstance(row, AdviceRow):
         factors = (row.ratio.critical_gain, row.ratio.loop_gain_at, row.ratio.crossover_hz)
@@ -183,7 +187,7 @@ def _cells(row: PresentDesign | AdviceRow) -> list[str]:
 
 
 def _notes(result: Advice, shown: list[Column]) -> list[str]:
-    """Sentences below the table."""
+    """Return the notes that are printed below the table of `advise` and explain its columns."""
     notes = ["; ".join(column.note for column in shown if column.note)]
     if any(row.known_to is not None for row in (result.present, *result.rows)):
         notes.append(
@@ -202,7 +206,7 @@ def _notes(result: Advice, shown: list[Column]) -> list[str]:
 
 
 def describe_compliance(result: Compliance) -> str:
-    """The figures at each stiffness for a terminal."""
+    """Return the text of `forceaxis compliance`: a table with one row for each stiffness."""
 
     def number(value: float | None, scale: float = 1.0) -> str:
         return "-" if value is None else f"{scale * value:.3g}"

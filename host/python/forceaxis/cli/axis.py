@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     forceaxis axis press --sim sim/experiments/hold_biquad.toml 30""",
 )
 def axis() -> None:
-    """Read, set, move, press, tare and record one live axis.
+    """Operate one axis over its bus: read and write objects, move, press on the workpiece, take the
+    tare, record signals.
 
     Each verb needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL or
     --sim EXPERIMENT (simulated). A verb that moves the axis owns it while it runs. At its end, and
@@ -43,12 +44,13 @@ def axis() -> None:
 
 
 def shown(value: float | str) -> str:
-    """Return a value as text; a float has six digits."""
+    """Return the value of an object as text; a float has six significant digits."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
-    """Yield one line for each object of {name: value}, with its unit; forces in N and in counts."""
+    """Yield a line for each object of {name: value} with its value and unit. A force is shown in N
+    and in counts."""
     from forceaxis.axis import quantity
 
     width = max((len(name) for name in values), default=0)
@@ -64,7 +66,7 @@ def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return {NAME: VALUE} for a list of texts "NAME=VALUE". Raises InputError."""
+    """Return {NAME: VALUE} for a list of texts "NAME=VALUE". Raises InputError for other texts."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -73,7 +75,8 @@ def assignments(words: Sequence[str]) -> dict[str, str]:
 
 
 def in_mm(axis: Axis, position: int) -> str:
-    """Convert a position in encoder counts to the text " (12.3 mm)", or "" without a scale."""
+    """Return a position in encoder counts as the text " (12.3 mm)". Return "" if the number of
+    counts per metre is unknown."""
     from forceaxis.axis import quantity
 
     scale = quantity.per_metre(axis, objects.BY_NAME["position"])
@@ -81,7 +84,7 @@ def in_mm(axis: Axis, position: int) -> str:
 
 
 def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
-    """Print the state of the axis in one line or as JSON."""
+    """Print drive state, mode, fault, position and force of the axis in one line or as JSON."""
     from forceaxis.axis import actions
 
     now = actions.state(axis)
@@ -104,7 +107,8 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
 @live_options.options
 @as_json
 def list_axes(way: Way, as_json: bool) -> None:
-    """List the axes on a bus: id, name, version, object table, state, fault.
+    """List the axes on a bus, each with node id, name, firmware version, object table, drive state
+    and fault.
 
     Without an option the verb lists the axes of all gateways on the LCM bus, with --can the nodes 1
     to 127 that answer or send, with --modbus the units 1 to 127 (20 s on a serial line). --json
@@ -122,7 +126,8 @@ def list_axes(way: Way, as_json: bool) -> None:
 
 
 def scanned(way: Way) -> list[ScannedAxis]:
-    """Return the axes of the one bus that the options select. Raises InputError for more buses."""
+    """Return the axes found on the bus that the options select. Raises InputError if the options
+    select several buses or a single axis."""
     from forceaxis.axis import scan
 
     given = [bus for bus in (way.can, way.modbus, way.sim) if bus is not None]
@@ -138,10 +143,11 @@ def scanned(way: Way) -> list[ScannedAxis]:
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
-    """Yield the lines of the table of axes, at most 80 columns; a note follows its row."""
+    """Yield the lines of the table of axes. A note about an axis is printed in the lines after its
+    row, at most 76 characters wide."""
     cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
-        # A version may name the table, and the commit, behind its number.
+        # The text of a version can contain object table and commit after the version number.
         version = row.version and row.version.split(" ")[0]
         values = (row.id, row.name, version, row.table, row.state, row.fault)
         cells.append(["-" if v is None else str(v).replace("_", " ") for v in values])
@@ -161,8 +167,9 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
 @live
 @as_json
 def get(names: Sequence[str], way: Way, as_json: bool) -> None:
-    """Read objects in engineering units; a pattern such as 'tare*' reads all matching objects.
+    """Read objects of the axis and print their values in engineering units, such as N or mm.
 
+    NAME is the name of an object, or a pattern such as 'tare*' for all objects that match.
     `forceaxis objects` lists the names. An axis that another client owns can be read too.
     """
     wanted = []
@@ -184,7 +191,8 @@ def get(names: Sequence[str], way: Way, as_json: bool) -> None:
 @live_in_mm
 @as_json
 def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
-    """Write objects in engineering units, in the order given, and print their new values.
+    """Write values in engineering units to objects of the axis, in the order of the arguments, and
+    print the new values.
 
     A value may have a unit: "75 N", "10 mm", "4 mm/s", "2 s", "3 V". Nothing is written if a name
     is unknown, a value is out of its range, or the axis would limit a target. An axis that another
@@ -203,8 +211,9 @@ def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
 @live
 @as_json
 def stop(way: Way, as_json: bool) -> None:
-    """Stop the axis by a quick stop, whoever owns it; quick_stop_option selects the ramp.
+    """Stop the axis by a quick stop, even if another client owns the axis.
 
+    The object quick_stop_option selects whether the axis stops by a ramp or at once.
     Before the owner can enable the axis again, it has to send a controlword that does not enable.
     """
     from forceaxis.axis import actions
@@ -218,7 +227,7 @@ def stop(way: Way, as_json: bool) -> None:
 @live
 @as_json
 def reset(way: Way, as_json: bool) -> None:
-    """Reset the fault. The exit status is 1 if the cause of the fault is still present."""
+    """Reset the latched fault of the axis. The exit status is 1 if its cause is still present."""
     with owned(way) as axis:
         axis.reset_fault()
         axis.wait_for(lambda s: s["fault"] == "none", ("fault",), "the fault to be reset", 1.0)
@@ -239,7 +248,7 @@ NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
 @live_in_mm
 @as_json
 def enable(mode: str, words: Sequence[str], seconds: float | None, way: Way, as_json: bool) -> None:
-    """Enable the axis in a mode of operation, keep it enabled, then disable it.
+    """Enable the axis in a mode of operation for --seconds, or until Ctrl-C, then disable it.
 
     MODE is a number or a name, as "profile position". The objects are written before the axis is
     enabled; targets are written again afterwards, because a target acts only then. Values may have
@@ -308,9 +317,10 @@ def move(
     way: Way,
     as_json: bool,
 ) -> None:
-    """Move to POSITION, "10 mm" or a number of counts or user units, and disable the axis there.
+    """Move the axis to POSITION and disable it there.
 
-    The position is measured from the zero of the axis. If the measured force exceeds --force-max
+    POSITION is a length, as "10 mm", or a number in encoder counts or user units, from the zero of
+    the axis. If the measured force exceeds --force-max
     (default: 32 counts), the axis is disabled in the same tick with the fault force_max. It still
     has its kinetic energy at that moment.
     """
@@ -365,7 +375,8 @@ def press(
     way: Way,
     as_json: bool,
 ) -> None:
-    """Press on the workpiece with FORCE, print the measured force, and disable the axis.
+    """Approach the workpiece, press on it with the force FORCE, print the measured force, and
+    disable the axis.
 
     FORCE "75 N" selects mode 4 with the active force law or bank. FORCE 30 is in counts at 8 bits
     and selects mode -1, the P law with force_gain. Afterwards all parameters have their earlier

@@ -28,11 +28,10 @@ if TYPE_CHECKING:
 @live
 @as_json
 def tare(way: Way, as_json: bool) -> None:
-    """Take the tare of an axis that is at standstill and out of contact.
+    """Measure the force without load and set it as the tare, so that the force is 0 without load.
 
-    The exit status is 1, with the reason, if the axis moves, if the measured force is too noisy or
-    if it exceeds tare_band.
-    """
+    The axis has to be at standstill and out of contact. The exit status is 1, with the reason, if
+    the axis moves, if the measured force is too noisy or if it exceeds tare_band."""
     from forceaxis.axis import actions
 
     with owned(way) as axis:
@@ -54,8 +53,10 @@ def tare(way: Way, as_json: bool) -> None:
 @live
 @as_json
 def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
-    """Set force_scale by a straight line through 2 to 8 points of a reference load cell or weights.
+    """Calibrate the force sensor: determine force_scale, in N per count, from 2 to 8 forces of a
+    reference load cell or of weights.
 
+    The result is the slope of a straight line through these points, with its linearity error.
     The axis is disabled during the calibration. Without --point, type the force that the reference
     shows; the verb then reads the sensor. An empty line ends the input. `axis params store` keeps
     the result over a power cut.
@@ -77,7 +78,8 @@ def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
 
 
 def point(text: str) -> tuple[float, float]:
-    """Parse a text "COUNT,N". Raises InputError."""
+    """Return the measured force in counts and the reference force in N of a text "COUNT,N". Raises
+    InputError for another text."""
     try:
         count, newton = text.split(",")
         return float(count), float(newton)
@@ -86,7 +88,8 @@ def point(text: str) -> tuple[float, float]:
 
 
 def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
-    """Ask the user for calibration points (counts, N) until an empty line; at most `most`."""
+    """Ask the user for reference forces until the user enters an empty line, at most `most` times.
+    Yield each calibration point as (measured force in counts, reference force in N)."""
     from forceaxis.axis import actions
 
     for i in range(most):
@@ -108,11 +111,22 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
 )
 @click.argument("signals", nargs=-1, required=True, type=Object(), metavar="SIGNAL...")
 @click.option(
-    "--samples", type=click.IntRange(0, 65535), default=0, help="Default: as many as fit."
+    "--samples",
+    type=click.IntRange(0, 65535),
+    default=0,
+    help="Number of samples. Default: as many as the memory of the axis can store.",
 )
-@click.option("--decimation", type=click.IntRange(1, 65535), default=1, help="Ticks per sample.")
 @click.option(
-    "--pretrigger", type=click.IntRange(0, 65535), default=0, help="Samples before trigger."
+    "--decimation",
+    type=click.IntRange(1, 65535),
+    default=1,
+    help="Number of ticks from one sample to the next.",
+)
+@click.option(
+    "--pretrigger",
+    type=click.IntRange(0, 65535),
+    default=0,
+    help="Number of samples before the trigger.",
 )
 @click.option(
     "--trigger",
@@ -124,7 +138,7 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
     type=Positive(0.1, 86400),
     default=30.0,
     show_default=True,
-    help="Longest time to wait, s.",
+    help="Longest time to wait for the end of the recording, s.",
 )
 @click.option("--out", type=Folder(), help="Folder for capture.csv, .npz and .png.")
 @live
@@ -140,7 +154,8 @@ def capture(
     way: Way,
     as_json: bool,
 ) -> None:
-    """Record up to 8 objects in each tick (1500 per second) in the axis, and read the recording.
+    """Record up to 8 signals in the memory of the axis, at up to 1500 samples per second, and print
+    minimum, mean, maximum and standard deviation of each signal.
 
     An axis that another client of the same bus has enabled stays enabled. A recording cannot be
     read over Modbus.
@@ -173,7 +188,7 @@ def capture(
 
 @dataclass(frozen=True)
 class SignalSummary:
-    """Values of one recorded signal, in its engineering unit."""
+    """Statistics of one recorded signal, in the engineering unit of the signal."""
 
     least: float
     mean: float
@@ -183,16 +198,16 @@ class SignalSummary:
 
 @dataclass(frozen=True)
 class CaptureSummary:
-    """A recording as `axis capture` prints it."""
+    """Result of `axis capture`: number and spacing of the samples, statistics of each signal."""
 
     samples: int
-    decimation: int  #: ticks from sample to sample
+    decimation: int  #: ticks from one sample to the next
     trigger_sample: int
     signals: dict[str, SignalSummary]
 
 
 def summary(values: NDArray[np.float64]) -> SignalSummary:
-    """Return least, mean and most value of a signal, and the standard deviation."""
+    """Return minimum, mean, maximum and standard deviation of the samples of a signal."""
     return SignalSummary(
         float(values.min()), float(values.mean()), float(values.max()), float(values.std())
     )

@@ -17,19 +17,20 @@ from forceaxis.results import to_json
     epilog="""forceaxis axis check --can can0 --node 1
     forceaxis axis check --axis 1 --yes --travel 200 --output 150 --json"""
 )
-@click.option("--yes", is_flag=True, help="Let the axis move without asking.")
+@click.option("--yes", is_flag=True, help="Move the axis without asking for consent.")
 @click.option(
     "--travel", type=click.IntRange(50, 20_000), default=400, show_default=True,
     help="Travel of the move out and back, in counts.",
 )  # fmt: skip
 @click.option(
     "--output", type=click.IntRange(1, 2047), default=250, show_default=True,
-    help="Largest DAC code of that move.",
+    help="Largest DAC code of the move out and back.",
 )  # fmt: skip
 @live
 @as_json
 def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
-    """Guide the first motion of an axis at low output: checks at rest, a test, a small move.
+    """Check a new axis in steps before it is used: sensors at standstill, signs of encoder and
+    drive at low output, then one small move out and back.
 
     At rest the verb checks connection, object table, faults, enable chain, limit switches, position
     gain, force sensor (code, noise, zero), current, encoder and travel to the limits. Then it asks

@@ -1,4 +1,4 @@
-"""`forceaxis axis params`: write and read the parameters of a live axis as a file."""
+"""`forceaxis axis params`: parameters of an axis as a file, and the parameter store of the axis."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ FILE = click.argument("file", type=click.Path(dir_okay=False, exists=True))
     forceaxis axis params store --can can0""",
 )
 def params() -> None:
-    """Dump, compare and load the parameters of an axis as a TOML file; store or restore them.
+    """Write the parameters of an axis to a TOML file, compare an axis with a file, load a file, and
+    store the parameters in the axis or delete the stored ones.
 
     A parameter is an object that the axis can store. A file never contains node id and bit rate.
     Tare and calibration points belong to one sensor; they are loaded and compared only with
@@ -54,7 +55,8 @@ def params() -> None:
 @live
 @as_json
 def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
-    """Write the parameters that differ from their defaults to FILE, or print them.
+    """Write all parameters of the axis that differ from their default values to FILE, or print
+    them if FILE is missing.
 
     FILE also contains type, scale, unit and range of each value, so that a later version can name
     what it cannot load. Over Modbus it has only the objects with a register; through a gateway it
@@ -87,7 +89,8 @@ def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
 @live
 @as_json
 def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool) -> None:
-    """Print each parameter whose value in the axis differs from FILE: name, axis, file, unit.
+    """Compare the parameters of the axis with FILE, and print each parameter that differs with its
+    value in the axis, its value in FILE and its unit.
 
     A parameter that a dump does not contain is compared with its default. The exit status is 1 if
     a value differs.
@@ -118,7 +121,8 @@ def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool
 def load(
     file: str, dry_run: bool, skip: Sequence[str], measured: bool, way: Way, as_json: bool
 ) -> None:
-    """Set the parameters of a disabled axis to the values of FILE, all of them or none.
+    """Write the values of FILE to the parameters of a disabled axis. If one value cannot be
+    written, none of the parameters changes.
 
     FILE is a dump or the bank.toml of `forceaxis design`. With a dump, parameters that it does not
     contain get their defaults; with a bank nothing else changes. If the object table of the axis
@@ -154,7 +158,8 @@ def load(
 @live
 @as_json
 def store(way: Way, as_json: bool) -> None:
-    """Store all parameters of the axis in its non-volatile memory and wait until that is done.
+    """Store all parameters of the axis in its non-volatile memory, so that they are kept when the
+    power is off.
 
     The axis is disabled while it stores. If storing fails, the exit status is 1 and the parameter
     set that was stored before remains valid.
@@ -172,7 +177,8 @@ def store(way: Way, as_json: bool) -> None:
 @live
 @as_json
 def restore(yes: bool, way: Way, as_json: bool) -> None:
-    """Delete the stored parameters; from its next power-up the axis has the default values.
+    """Delete the parameters that the axis has stored. After its next power-up the axis has the
+    default values.
 
     The defaults also become active with a reset of the node (NMT). Before that nothing changes, and
     `params store` cancels the deletion. The stored node id is deleted too.
@@ -181,19 +187,21 @@ def restore(yes: bool, way: Way, as_json: bool) -> None:
 
     if not yes:
         if not sys.stdin.isatty():
-            raise InputError("params restore: expected --yes where nobody can be asked")
-        click.confirm("Forget all parameters that the axis has stored?", abort=True)
+            raise InputError(
+                "params restore: expected --yes, because there is no terminal to ask for consent"
+            )
+        click.confirm("Delete all parameters that the axis has stored?", abort=True)
     with owned(way) as found:
         parameters.restore(found)
         where = found.link.where
     if as_json:
         click.echo(json.dumps({"store_state": "restored"}))
     else:
-        click.echo(f"{where}: defaults are in force after its next power-up or reset of the node")
+        click.echo(f"{where}: defaults become active at its next power-up or reset of the node")
 
 
 def table(rows: Sequence[DifferenceShown]) -> Iterator[str]:
-    """Yield the lines of a table with a header; no line if there are no rows."""
+    """Yield the lines of the table of differences, with a header. Yield nothing without a row."""
     if not rows:
         return
     columns = ("name", "axis", "file", "unit")

@@ -51,7 +51,8 @@ def bench_(
     check: bool,
     as_json: bool,
 ) -> None:
-    """Measure the speed of the simulator, and of odeint, MuJoCo and SciPy if they are installed.
+    """Measure the speed of the simulator. The programs odeint, MuJoCo and SciPy are measured for
+    comparison if they are installed.
 
     The verb prints how many times faster than real time one thread simulates 2 s of a force loop,
     and the error of the contact force against an independent integration with extended precision.

@@ -1,4 +1,4 @@
-"""Verbs for axes on buses: gateway, monitor and logs."""
+"""The verbs `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
 
 import json
 import os
@@ -47,7 +47,9 @@ log_file = click.argument(
 @click.option(
     "--speed", type=Positive(0.01, 1000), help="Speed of --replay. Default: 1, real time."
 )
-@click.option("--once", is_flag=True, help="Print one snapshot after --seconds and end.")
+@click.option(
+    "--once", is_flag=True, help="Print the state of the axes once, after --seconds, and end."
+)
 @click.option(
     "--seconds",
     type=Positive(0.05, 3600),
@@ -83,7 +85,8 @@ def monitor(
     port: int | None,
     as_json: bool,
 ) -> None:
-    """Show axes live over LCM: state, mode, fault, values, strip charts and lost messages.
+    """Show the axes of running gateways in a terminal: drive state, mode, fault, values, strip
+    charts and lost messages.
 
     The monitor shows what a gateway publishes (AXIS_n_STATE, _EVENT, _CAPTURE) and writes nothing
     to an axis. Forces are in N by the scale of the axis. Positions are in its user unit, in mm with
@@ -133,14 +136,16 @@ def monitor(
 def source_of(
     watch: "Watch", url: str | None, replay: Path | None, speed: float, axis: int | None
 ) -> "Source":
-    """Return the log at `replay`, or the bus without one, as the source of `watch`."""
+    """Return the source of the messages for `watch`: the log file `replay`, or the LCM bus `url` if
+    there is no log file."""
     from forceaxis.bus.sources import LiveSource, ReplaySource
 
     return ReplaySource(watch, replay, speed, axis) if replay else LiveSource(watch, url, axis)
 
 
 def encoder_mm(model: str) -> float:
-    """Return the length in mm of one encoder count of a model."""
+    """Return the length in mm of one encoder count, from the encoder of `model`. Raises InputError
+    if the model has no encoder."""
     from forceaxis.linear import system
 
     encoder = system.facts(model).encoder
@@ -150,7 +155,8 @@ def encoder_mm(model: str) -> float:
 
 
 def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
-    """Serve the monitor to browsers until a signal ends it; exit with the status of the signal."""
+    """Serve the monitor to web browsers until a signal ends the program; the exit status is 128 +
+    the number of the signal."""
     try:
         from forceaxis.bus import monitor_web
     except ImportError:
@@ -168,7 +174,7 @@ def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
 def snapshot(
     watch: "Watch", source: "Source", axis: int | None, seconds: float, as_json: bool
 ) -> None:
-    """Print the states received so far; exit with status 1 if there is none."""
+    """Print the latest state of each axis. Exit with status 1 if no state was received."""
     from forceaxis.bus.sources import ReplaySource
     from forceaxis.cli.buses_text import snapshot_text
 
@@ -196,7 +202,7 @@ def snapshot(
     forceaxis log export out/axis2.log --out out/axis2""",
 )
 def log() -> None:
-    """Show the contents of LCM logs, or export them as tables.
+    """Show the contents of recorded logs of LCM messages, or export the messages as tables.
 
     A log may come from `forceaxis monitor --record` or from lcm-logger, and may have further
     channels.
@@ -207,7 +213,8 @@ def log() -> None:
 @log_file
 @as_json
 def info(log_path: Path, as_json: bool) -> None:
-    """Print channels, types, numbers of messages, rates, time span and lost messages of a log.
+    """Print the contents of a log: time span, and for each channel the type, number, rate and
+    losses of its messages.
 
     A log that is damaged or incomplete is read as far as possible; one line names what was skipped.
     """
@@ -230,7 +237,8 @@ def info(log_path: Path, as_json: bool) -> None:
 @click.option("--npz", is_flag=True, help="Write NPZ only, unless --csv is given too.")
 @as_json
 def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> None:
-    """Write states, events, commands, captures, clock and plant signals of a log as CSV and NPZ.
+    """Write the messages of a log (states, events, commands, captures, clock, plant signals) as
+    tables in CSV and NPZ files.
 
     Each channel becomes one table with the name of the channel; each capture becomes a table, as
     AXIS_1_CAPTURE_1. The unit is part of a column's name: force_cnt_q8 is in 1/256 count,
@@ -252,7 +260,7 @@ def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> No
 
 
 def report_damage(damage: str | None) -> None:
-    """Print what was skipped of a damaged log."""
+    """Print on standard error which part of a damaged log was skipped."""
     if damage:
         click.echo(f"forceaxis: {damage}", err=True)
 
@@ -265,7 +273,8 @@ def report_damage(damage: str | None) -> None:
 )
 @click.argument("args", nargs=-1, type=click.UNPROCESSED)
 def gateway(args: tuple[str, ...]) -> None:
-    """Run the gateway: CANopen master of the axes on a CAN bus, served on LCM and Modbus TCP.
+    """Run the gateway, the program that controls the axes of a CAN bus as CANopen master and makes
+    them available over LCM and Modbus TCP.
 
     SIGTERM or SIGINT ends it. `forceaxis gateway --help` lists its options.
     """

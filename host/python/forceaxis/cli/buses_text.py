@@ -1,4 +1,4 @@
-"""Snapshots and summaries of logs as text of the terminal."""
+"""Texts that `forceaxis monitor --once` and `forceaxis log` print on a terminal."""
 
 import time
 
@@ -8,7 +8,7 @@ from forceaxis.bus.monitor_state import AxisSnapshot, Snapshot
 
 
 def snapshot_text(shown: Snapshot) -> str:
-    """Return a snapshot as text with one line for each axis."""
+    """Return the states of the axes at one time as text, with one line for each axis."""
     lines = []
     for number, a in shown.axes.items():
         force = "-"
@@ -46,7 +46,7 @@ def position_text(a: AxisSnapshot) -> str:
 
 
 def log_text(summary: LogSummary) -> str:
-    """Return the contents of a log as a table of its channels."""
+    """Return the summary of a log as text: a line on the log and a table of its channels."""
     rows: list[tuple[str, ...]] = [("channel", "type", "messages", "per s", "lost", "doubled", "")]
     for name, row in summary.channels.items():
         rate = "" if row.rate_per_s is None else f"{row.rate_per_s:.1f}"
@@ -68,7 +68,8 @@ def log_text(summary: LogSummary) -> str:
 
 
 def export_text(summary: ExportSummary) -> str:
-    """Return the written tables, and what was left out, as lines."""
+    """Return the text about an export: the written tables, and the channels and messages that were
+    not exported."""
     lines = []
     for table in summary.tables:
         lines.append(f"{' '.join(table.files):44} {table.rows} rows, {len(table.columns)} columns")

@@ -1,4 +1,5 @@
-"""Code that all verbs share: layout of the help, common options, error messages."""
+"""Code for all verbs of the command line: layout of the help, common options and their types,
+error messages, progress and colours."""
 
 import contextlib
 import io
@@ -26,17 +27,19 @@ if TYPE_CHECKING:
 
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
-SENTENCE = 300  # characters; click ends a longer one in dots
+# Longest first sentence of a help text in characters; click replaces the rest by dots.
+FIRST_SENTENCE_LENGTH = 300
 
 
-# What the program itself sends to a terminal: colours (click.style) and the line that `waiting`
-# rewrites.
+# Control sequences that the program itself sends to a terminal: colours (click.style), and the
+# start of the progress line of `waiting`.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 
 class Printed(io.TextIOWrapper):
-    """A standard stream that shows control sequences from buses and files as plain characters, so
-    that they cannot change the terminal. The colours of the program itself still work."""
+    """A standard stream for output to a terminal. Control sequences in texts from buses and files
+    are printed as visible characters, so that they cannot change the terminal. The colours of the
+    program itself still work."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -44,7 +47,7 @@ class Printed(io.TextIOWrapper):
         )
 
     def write(self, text: str) -> int:
-        """Write `text` and return its length; see the class for what is escaped."""
+        """Write `text` with foreign control sequences as visible characters; return its length."""
         pieces = OWN_SEQUENCES.split(text)
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))
@@ -53,7 +56,8 @@ class Printed(io.TextIOWrapper):
 
 @contextlib.contextmanager
 def printed_streams() -> Iterator[None]:
-    """Replace standard output and error by Printed streams; binary output is not changed."""
+    """Replace standard output and standard error by `Printed` streams for a `with` block. Binary
+    output is not changed."""
     before = sys.stdout, sys.stderr
     streams = [Printed(s) if hasattr(s, "buffer") else s for s in before]
     sys.stdout, sys.stderr = streams
@@ -63,17 +67,17 @@ def printed_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
         for stream in streams:
             if isinstance(stream, Printed):
-                stream.detach()  # the descriptor belongs to the stream of before
+                stream.detach()  # otherwise the file of the earlier stream would be closed
 
 
-# {parameter of the library: the option that sets it}, where neither the option nor the parameter of
-# the click command has the same name.
+# {parameter of the library: its option}, for parameters whose option has a different name.
 OTHER_NAMES = {"states": "--mode", "overrides": "--set", "forces_N": "--force"}
 
 
 def option_of(command: click.Command, parameter: str) -> str | None:
-    """Return the option of `command` that sets a parameter of the library, or the metavar of the
-    argument that sets it. Return None if the command has neither."""
+    """Return the name of the option of `command` that sets a parameter of the library, such as
+    "--gain" for "gain". For an argument of the command, return the name that its help shows.
+    Return None if the command has no such option or argument."""
     wanted = OTHER_NAMES.get(parameter, "--" + parameter.lower().replace("_", "-"))
     for known in command.params:
         if wanted in known.opts:
@@ -90,8 +94,8 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 
 def with_options(command: click.Command, error: InputError) -> str:
-    """Return the message of `error` with the options of `command` instead of the names of
-    parameters: the parameter of the error, and each name that is between backticks."""
+    """Return the message of `error` for a user of the command line: names of parameters of the
+    library, between backticks or at the head of the message, become options of `command`."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
@@ -99,7 +103,8 @@ def with_options(command: click.Command, error: InputError) -> str:
 
 
 class Verb(click.Command):
-    """A verb whose help keeps the line breaks of its example. Its errors name options."""
+    """A verb of the command line. Its help prints an example with the line breaks of the source,
+    and its error messages name options instead of parameters of the library."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -118,7 +123,8 @@ class Verb(click.Command):
 
 
 class Slow(Verb):
-    """A verb that may compute for seconds; a terminal shows its progress until it prints."""
+    """A verb whose computation can last many seconds. A terminal shows the progress until the verb
+    prints its result."""
 
     def invoke(self, ctx: click.Context) -> Any:
         with waiting(self.name):
@@ -126,20 +132,22 @@ class Slow(Verb):
 
 
 def done_waiting() -> None:
-    """Clear the progress line of `waiting` before a verb prints."""
+    """Clear the progress line on the terminal. A verb calls this before it prints its result."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
 def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterable[str]) -> None:
-    """Write a list of verbs, each with the first sentence of its help, wrapped."""
+    """Write a list of verbs to the help, each with the first sentence of its own help."""
     group = cast(click.Group, context.command)
     found = [(name, cast(click.Command, group.get_command(context, name))) for name in verbs]
-    formatter.write_dl([(name, verb.get_short_help_str(SENTENCE)) for name, verb in found])
+    formatter.write_dl(
+        [(name, verb.get_short_help_str(FIRST_SENTENCE_LENGTH)) for name, verb in found]
+    )
 
 
 class Verbs(click.Group):
-    """A verb that is a group of verbs."""
+    """A verb that has verbs of its own, such as `axis` with `axis move`."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
@@ -150,7 +158,7 @@ class Verbs(click.Group):
 
 
 class Folder(click.Path):
-    """The name of a folder to write to; the code that writes creates it."""
+    """Type of an option for the folder to which results are written. The folder need not exist."""
 
     def __init__(self) -> None:
         super().__init__(file_okay=False, path_type=Path)
@@ -167,7 +175,7 @@ class Folder(click.Path):
 
 
 class Positive(click.ParamType[float]):
-    """A number from `low` to `high`; both bounds are above 0."""
+    """Type of an option for a number from `low` to `high`; both bounds are above 0."""
 
     name = "float"
 
@@ -188,14 +196,15 @@ class Positive(click.ParamType[float]):
 
 
 class File(click.Path):
-    """The name of a file to write."""
+    """Type of an option for the path of a file that the verb writes."""
 
     def __init__(self) -> None:
         super().__init__(dir_okay=False, path_type=Path)
 
 
 class Kind(click.Choice[str]):
-    """The kinds of a link. Their module is loaded only for a verb with the option --link."""
+    """Type of the option --link, the kinds of a link between firmware and plant. The module of the
+    links is loaded only for a verb that has this option."""
 
     def __init__(self) -> None:
         from forceaxis.experiments import link
@@ -204,8 +213,9 @@ class Kind(click.Choice[str]):
 
 
 class Subject(click.ParamType[str | Path]):
-    """A file that a verb reads. The user gives its path, or for a file in one of `folders` its
-    name without ".toml". The value is the typed text, or with `as_path` the Path."""
+    """Type of an argument for a file that the verb reads. The user gives the path of the file, or,
+    for a file in one of `folders`, its name without ".toml". The verb receives the text as typed,
+    or a Path if `as_path` is True."""
 
     name = "file"
 
@@ -213,7 +223,8 @@ class Subject(click.ParamType[str | Path]):
         self.folders, self.as_path = folders, as_path
 
     def files(self) -> dict[str, Path]:
-        """Return {name without ".toml": path}; a file of the first folder takes precedence."""
+        """Return {name without ".toml": path} of all files in the folders. If a name occurs in two
+        folders, the file of the first folder is returned."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
     def convert(
@@ -247,7 +258,8 @@ class Subject(click.ParamType[str | Path]):
 
 
 class Override(click.ParamType[str]):
-    """A text NAME=VALUE. A shell can complete names of parameters, objects and their values."""
+    """Type of the option --set, a text NAME=VALUE. A shell can complete the names of model
+    parameters and firmware objects, and the named values of an object."""
 
     name = "override"
 
@@ -258,14 +270,15 @@ class Override(click.ParamType[str]):
 
 
 def set_option(text: str) -> Callable[[Callback], Callback]:
-    """Return the option --set with the help `text`."""
+    """Return the decorator that adds the option --set with the help `text` to a verb."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
     )
 
 
 def mode_option(name: str) -> Callable[[Callback], Callback]:
-    """Return the option --mode; the verb receives its value as the parameter `name`."""
+    """Return the decorator that adds the option --mode to a verb. The function of the verb receives
+    the states of elements as the parameter `name`."""
     return click.option(
         "--mode",
         name,
@@ -279,7 +292,8 @@ def mode_option(name: str) -> Callable[[Callback], Callback]:
 
 
 class Parameter(click.ParamType[str]):
-    """A text NAME=VALUE. A shell can complete the names of the model's parameters."""
+    """Type of an option for a text NAME=VALUE about a parameter of the model. A shell can complete
+    the names of the parameters."""
 
     name = "parameter"
 
@@ -290,7 +304,8 @@ class Parameter(click.ParamType[str]):
 
 
 class Object(click.ParamType[str]):
-    """The name of a firmware object, or with `end="="` a text NAME=VALUE for a writable object."""
+    """Type of an argument for the name of a firmware object, or with `end="="` for a text
+    NAME=VALUE with a writable object. A shell can complete the names."""
 
     name = "object"
 
@@ -307,8 +322,8 @@ class Object(click.ParamType[str]):
 
 
 def completed(ctx: click.Context, text: str) -> list[str]:
-    """Return the completions of `--set TEXT`: objects, values of enumerations, parameters of the
-    model, verdict and duration. Raises no exception."""
+    """Return all texts with which a shell can complete `--set TEXT`: names of firmware objects with
+    their named values, parameters of the model, duration and window of the verdict."""
     from forceaxis import objects
 
     name, equals, _ = text.partition("=")
@@ -322,11 +337,12 @@ def completed(ctx: click.Context, text: str) -> list[str]:
 
 
 def _parameters(ctx: click.Context) -> list[str]:
-    """Return "NAME=" for each parameter of the model that is on the command line."""
+    """Return "NAME=" for each parameter of the model that the command line names. Return an empty
+    list if there is no model or if it cannot be read."""
     from forceaxis import _core, toml
     from forceaxis.linear import plant_facts, settings
 
-    # An option without its value, which is what is completed, leaves the words in `args`.
+    # The last option has no value yet, therefore click leaves the arguments in `args`.
     arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)] + [
         "model",
         "sim",
@@ -357,9 +373,10 @@ threads = click.option(
 
 
 def linked(command: Callback) -> Callback:
-    """Add the options of a verb that can run the firmware as a separate process."""
+    """Add the options --link, --lcm-url and --link-can to a verb that can run the firmware as a
+    separate process."""
     for option in (
-        click.option("--inject", default="", hidden=True, help="For tests: faults of the link."),
+        click.option("--inject", default="", hidden=True, help="Faults of the link, for tests."),
         click.option(
             "--link-can",
             default="vcan1",
@@ -382,7 +399,8 @@ def linked(command: Callback) -> Callback:
 
 
 def link_of(kind: str | None, lcm_url: str, link_can: str, inject: str) -> "LinkOptions | None":
-    """Return the Link that the options select, or None. May restart the verb in a guest kernel."""
+    """Return the settings of the link to a separate firmware process, or None without --link. If
+    the kernel has no CAN, the verb is started again in a guest kernel that has it."""
     if kind is None:
         return None
     from forceaxis.experiments import link
@@ -400,15 +418,17 @@ COLOURS = {
 
 
 def coloured(text: str, word: str | None = None) -> str:
-    """Return `text` in the colour of a result such as "stable"; `word` names the result if it is
-    not the text itself. The text stays plain if the variable NO_COLOR is set."""
+    """Return `text` with the colour of a result such as "stable" or "failed". `word` is the result
+    if `text` contains more. Without a colour for the result, or if the environment variable
+    NO_COLOR is set, `text` is returned as it is."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
 def fitted(text: str, indent: int = 0) -> str:
-    """Wrap a line to the width of the terminal and indent its continuation lines."""
+    """Wrap a line to the width of the terminal and indent its continuation lines by `indent`
+    characters. Without a terminal the line is returned as it is."""
     if not sys.stdout.isatty():
         return text
     width = max(shutil.get_terminal_size().columns, 40)
@@ -417,18 +437,20 @@ def fitted(text: str, indent: int = 0) -> str:
 
 
 def fitted_lines(text: str) -> str:
-    """Wrap lines "key          text" to the width of the terminal, except rows of a table."""
+    """Wrap the text of lines "key          text" to the width of the terminal. Rows of a table,
+    which contain two spaces in their text, are not wrapped."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
 def show(rows: Iterable[tuple[str, str]]) -> None:
-    """Print rows of (key, text). A terminal shows them wrapped, with the verdict in colour."""
+    """Print rows of (key, text), one line each. On a terminal long texts are wrapped, and the
+    verdict is coloured."""
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
-        if key not in ("trace hash", "axis hash", "again", "files"):  # are copied whole
+        if key not in ("trace hash", "axis hash", "again", "files"):  # the user copies these
             line = fitted(line, 13)
         if key == "verdict":
             word = text.partition(":")[0]
@@ -438,8 +460,8 @@ def show(rows: Iterable[tuple[str, str]]) -> None:
 
 @contextlib.contextmanager
 def waiting(what: str | None) -> Iterator[None]:
-    """Show the progress of a computation on standard error: after two seconds one line that is
-    updated on a terminal, elsewhere one line for each phase."""
+    """Show the progress of the verb `what` on standard error during a `with` block. A terminal
+    shows one line that is updated, from two seconds on; a file gets one line for each phase."""
     if not sys.stderr.isatty():
         with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
             yield
@@ -475,6 +497,6 @@ def waiting(what: str | None) -> Iterator[None]:
 
 
 def fail(message: str, status: int = 2) -> NoReturn:
-    """Print the message on one line of standard error and exit with `status`."""
+    """Print an error message on one line of standard error and exit with `status`, by default 2."""
     click.echo("forceaxis: " + " ".join(message.split()), err=True)
     sys.exit(status)

@@ -21,7 +21,8 @@ def _script(shell: str) -> str:
 
 
 def _places(shell: str) -> tuple[Path, Path | None]:
-    """Return the path of the script and the start-up file that has to read it, None for fish."""
+    """Return the path of the completion script of a shell, and the start-up file of the shell that
+    has to read the script. Fish needs no start-up file; the second value is then None."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":
@@ -35,7 +36,8 @@ def _places(shell: str) -> tuple[Path, Path | None]:
 
 @click.group(cls=Verbs, epilog="forceaxis completion install")
 def completion() -> None:
-    """Let a shell complete verbs, options, models, experiments and firmware objects."""
+    """Set up a shell so that the tabulator key completes names of verbs, options, models,
+    experiments and firmware objects."""
 
 
 @completion.command(
@@ -43,8 +45,9 @@ def completion() -> None:
 )
 @click.argument("shell", metavar="[SHELL]", type=SHELLS, required=False)
 def install(shell: str | None) -> None:
-    """Install the completion for SHELL; default: the shell of the environment variable SHELL.
+    """Install the completion script for SHELL, which is bash, zsh or fish.
 
+    Without SHELL the verb uses the shell that the environment variable SHELL names.
     The verb writes the script and, for bash and zsh, one line at the end of the start-up file of
     the shell. A second call replaces the script and adds no line.
     """
@@ -68,7 +71,7 @@ def install(shell: str | None) -> None:
 @completion.command(cls=Verb, epilog="forceaxis completion show bash")
 @click.argument("shell", metavar="SHELL", type=SHELLS)
 def show(shell: str) -> None:
-    """Print the completion script of SHELL, so that you can save it where you want."""
+    """Print the completion script of SHELL (bash, zsh or fish), for an installation by hand."""
     click.echo(_script(shell))
 
 

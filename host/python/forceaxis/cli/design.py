@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Newtons(click.ParamType[tuple[float, ...]]):
-    """One or more forces in N with commas between them; the value is a tuple."""
+    """Type of an option for one or more forces in N with commas between them, as "30,75"."""
 
     name = "newtons"
 
@@ -137,7 +137,8 @@ def design(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Design the force law with the largest bandwidth for MODEL and its tolerances.
+    """Design a force law: find the bank with the largest bandwidth that keeps the required margins
+    for all plants within the tolerances of MODEL.
 
     The law is a bank of the firmware: gain, integral action and up to three second-order sections,
     with coefficients rounded as the firmware stores them. It keeps the margins for every corner of
@@ -202,7 +203,8 @@ def design(
 def _identified(
     order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
 ) -> "DesignOrder":
-    """Return the order with the parameters and tolerances that fit the measured responses."""
+    """Fit the model to the measured responses. Return `order` with the fitted parameters and with
+    their confidence intervals as tolerances. Raises Refusal if the fit is rejected."""
     from forceaxis.commission import damper_fit, known
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify.fit import read_response
@@ -244,7 +246,8 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
 
 @contextlib.contextmanager
 def progress_on(stream: TextIO) -> Iterator[Callable[[str], None] | None]:
-    """Give a function that shows one line of progress on a terminal; None without a terminal."""
+    """Provide a function for a `with` block that shows its text as the progress line of a terminal.
+    Provide None if `stream` is no terminal."""
     if not stream.isatty():
         yield None
         return

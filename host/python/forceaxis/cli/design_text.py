@@ -1,4 +1,4 @@
-"""Text of `forceaxis design` for a terminal: the design, and the trade-off of --pareto."""
+"""Texts that `forceaxis design` prints: the designed bank, and the trade-off of --pareto."""
 
 from pathlib import Path
 
@@ -14,7 +14,8 @@ NARROW_HEAD = ["law", "stable", "error %", "peak N", "losses", "settle ms"]
 
 
 def describe(outcome: DesignOutcome, width: int | None = None) -> str:
-    """The outcome for a terminal of `width` columns; None: any width."""
+    """Return the text of a design, at most `width` characters wide. Without `width` the tables have
+    all columns."""
     bank = outcome.bank
     ranges = ", ".join(f"{n} {r[1]:.4g} to {r[2]:.4g}" for n, r in outcome.ranges.items())
     lines = [
@@ -46,7 +47,8 @@ def describe(outcome: DesignOutcome, width: int | None = None) -> str:
 
 
 def _figures(outcome: DesignOutcome) -> list[str]:
-    """The worst figures of P and of the design, and those of each structure."""
+    """Return two tables: bandwidth and margins of the P law and of the designed bank for the worst
+    plant of the set, and the same for each structure that was tried."""
     table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
     for name, law in (("P", outcome.p), ("design", outcome.worst)):
         w = law if isinstance(law, WorstFigures) else None
@@ -67,7 +69,8 @@ def _figures(outcome: DesignOutcome) -> list[str]:
 
 
 def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
-    """The table of the simulated contacts, with fewer columns where the terminal is narrow."""
+    """Return the table of the simulated contacts. A terminal narrower than the table gets a table
+    with fewer columns."""
     if not outcome.rows:
         return []
     rows = cases(outcome.rows)
@@ -79,13 +82,14 @@ def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
         lines = columns([["simulated contact", *NARROW_HEAD], *short])
     if max(row.losses_max or 0 for row in outcome.rows) > simulate.LOSSES_MAX:
         lines.append(
-            "losses       of as many as are allowed: one more than the impact makes by itself"
+            "losses       contact losses of the permitted number, one more than the impact causes"
         )
     return lines
 
 
 def _set_lines(outcome: DesignOutcome) -> list[str]:
-    """Lines on the mode of the linear analysis, the other modes of the set, and the frictions."""
+    """Return the lines about the states of the model in the linear analysis, its other states in
+    the set of plants, and the dry friction in the simulated contacts."""
     text = outcome.working.text
     lines = [f"mode         {text}"] if text else []
     others = [Member({}, m).label() for m in outcome.plants.modes if m != outcome.order.states]
@@ -100,7 +104,8 @@ def _set_lines(outcome: DesignOutcome) -> list[str]:
 
 
 def columns(table: list[list[str]]) -> list[str]:
-    """Lines of a table with aligned columns."""
+    """Return the lines of a table with aligned columns: the first to the left, others to the
+    right."""
     wide = [max(len(r[i]) for r in table) for i in range(len(table[0]))]
     lines = []
     for row in table:
@@ -110,7 +115,7 @@ def columns(table: list[list[str]]) -> list[str]:
 
 
 def describe_tradeoff(result: Tradeoff) -> str:
-    """The trade-off for a terminal."""
+    """Return the text of `forceaxis design --pareto`: a table with one row for each design."""
 
     def short(value: float | None) -> str:
         return "-" if value is None else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""Verbs for experiments: run, replay, sweep, test."""
+"""The verbs `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
 
 import json
 import sys
@@ -72,7 +72,8 @@ def run(
     inject: str,
     as_json: bool,
 ) -> None:
-    """Run one experiment: the firmware controls the simulated plant, 1500 ticks per second.
+    """Run one experiment: the firmware controls a simulated plant, with 1500 ticks per simulated
+    second. The result is a verdict, such as stable or unstable.
 
     The verb prints the verdict with its reasons and window, the controlled force and its set-point,
     the events, the energy balance, the smallest distance of a value from a code edge, and the trace
@@ -107,7 +108,8 @@ def run(
 @codes_option
 @as_json
 def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
-    """Repeat the run of an axis_node in one process, from the journal that it has written.
+    """Repeat an earlier run of the program axis_node (the firmware on this computer) from its
+    journal, and check that all codes are the same.
 
     The replay has to give the trace hash of the journal; otherwise the exit status is 1. If the
     node was killed, its journal has no hash: the recorded part is replayed and the exit status is
@@ -146,7 +148,8 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
 def named(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, str]:
-    """Return {NAME: VALUE} for the texts "NAME=VALUE" of an option. Raises InputError."""
+    """Return {NAME: VALUE} for the texts "NAME=VALUE" of an option. Raises InputError for a text of
+    another form and for a name that occurs twice."""
     given: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -235,8 +238,10 @@ def sweep(
     scheduler: str | None,
     as_json: bool,
 ) -> None:
-    """Run one experiment at many points of any parameters; NAME as in `run --set`.
+    """Run one experiment many times with different values of parameters, and show for which values
+    it is stable.
 
+    NAME is a parameter of the model or an object of the firmware, as in `forceaxis run --set`.
     The journal in the folder of --out keeps every finished run. After an interruption, or with more
     points, the same command runs only the missing points. A failed run becomes a row with its
     error; the exit status is 1 only if all runs fail. --bisect gives a stability boundary: the last
@@ -258,8 +263,8 @@ def sweep(
 
 
 def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = str) -> str:
-    """Return an outcome for a terminal: its line, a line for each difference, and how to see both
-    curves. coloured: returns the status in colour."""
+    """Return the text about one test of `forceaxis test`: a line with its status, a line for each
+    figure that differs, and where the curves are drawn. `coloured` adds colour to the status."""
     line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
     line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
     if outcome.status != "failed":
@@ -267,10 +272,10 @@ def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = 
     rows = list(outcome.lines)
     if outcome.drawn:
         drawn = paths.quoted(outcome.drawn)
-        rows.append(f"both drawn: {drawn}; the trace beside it as .npz")
+        rows.append(f"both curves: {drawn}; the trace is the file .npz beside it")
     elif outcome.checks:
         file = paths.quoted(outcome.file)
-        rows.append(f"to see both: forceaxis test {file} --out FOLDER")
+        rows.append(f"to draw both curves: forceaxis test {file} --out FOLDER")
     return line + "".join(f"\n           {text}" for text in rows)
 
 
@@ -301,7 +306,8 @@ def test(
     threads: int | None,
     as_json: bool,
 ) -> None:
-    """Run every experiment in DIR that has a table [expect], and compare the results with it.
+    """Test experiments: run every experiment in DIR that has a table [expect], and compare its
+    results with the values in the table.
 
     \b
     [expect]                  # a verdict needs [verdict]

@@ -1,4 +1,4 @@
-"""`forceaxis flash`: write a firmware image to the chip."""
+"""`forceaxis flash`: write an image of the firmware to the flash memory of a board."""
 
 import json
 import sys
@@ -13,7 +13,7 @@ from forceaxis.results import to_json
 
 
 class Address(click.ParamType[int]):
-    """An address of 32 bits, hexadecimal (0x08000000) or decimal."""
+    """Type of an option for a memory address of 32 bits, hexadecimal (0x08000000) or decimal."""
 
     name = "address"
 
@@ -63,7 +63,8 @@ def flash_(
     dry_run: bool,
     as_json: bool,
 ) -> None:
-    """Write a firmware image (.elf, .hex, .bin) to its board with openocd and a debug probe.
+    """Write a firmware image (.elf, .hex, .bin) to the flash memory of its board, with the program
+    openocd and a debug probe.
 
     The verb prints the contents of the file and the flash sectors that they occupy, asks for
     consent, writes, verifies and resets the chip. The stored parameters are kept. Switch the power
@@ -90,11 +91,14 @@ def flash_(
     if as_json:
         click.echo(json.dumps(to_json(flash.summary(plan, probe, chip))))
     else:
-        click.echo("written      verified; the chip was reset and runs it, the axis disabled")
+        click.echo(
+            "written      verified; the chip was reset and runs the image, the axis is disabled"
+        )
 
 
 def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
-    """Print the plan of the write on standard output and its warning on standard error."""
+    """Print what will be written to the chip on standard output, and a warning about it on standard
+    error. With `quiet` only the warning is printed."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:
@@ -102,7 +106,8 @@ def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
 
 
 def plan_text(plan: flash.Plan) -> str:
-    """Return what a write would change, as lines."""
+    """Return a text about the image, the flash sectors that it overwrites, its version and whether
+    the stored parameters are kept."""
     who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
     options = plan.probe.options
     starts = [sector.start for sector in flash.sectors_of(plan.board)]

@@ -1,4 +1,4 @@
-"""Verbs for identification: the procedures of section 4.4 of the thesis, and parameter fits."""
+"""The verbs of `forceaxis identify`: the procedures of the thesis, and fits of model parameters."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 
 class Known(click.ParamType["Estimate"]):
-    """A known value above 0, typed as VALUE or VALUE+-ERROR; the 95 % interval is +-ERROR."""
+    """Type of an option for a known value above 0, typed as VALUE or VALUE+-ERROR. The 95 %
+    confidence interval is VALUE-ERROR to VALUE+ERROR."""
 
     name = "VALUE[+-ERROR]"
 
@@ -58,7 +59,8 @@ class Known(click.ParamType["Estimate"]):
     forceaxis identify fit fig4_19 out/measured --fit m_r --fit k_w""",
 )
 def identify() -> None:
-    """Identify parameters from recordings and measured responses, with 95 % confidence intervals.
+    """Identify parameters of an axis from recordings and measured frequency responses, with 95 %
+    confidence intervals.
 
     decrement, split, tach and motor are the procedures of the thesis (4.1.2, 4.4, 5.2.1). fit
     determines parameters of a model from a frequency response of `forceaxis measure`.
@@ -66,7 +68,7 @@ def identify() -> None:
 
 
 def show(result: Any, as_json: bool, rows: Iterable[tuple[str, Any]]) -> None:
-    """Print the result of a procedure as JSON, or as text from its `rows` (name, text)."""
+    """Print the result of an identification as JSON, or as the lines of `rows` (name, text)."""
     if as_json:
         click.echo(json.dumps(to_json(result), allow_nan=False))
     else:
@@ -107,7 +109,8 @@ def decrement(
     stiffness: Estimate | None,
     as_json: bool,
 ) -> None:
-    """Identify frequency and damping of a decaying vibration by its logarithmic decrement.
+    """Identify frequency and damping ratio of a decaying vibration from a recording, by its
+    logarithmic decrement.
 
     DATA.csv has a column time_s and a signal of any unit and offset, with at least 3 cycles. A
     damped sine is fitted to the signal. A signal that is not one decaying vibration is refused.
@@ -155,7 +158,8 @@ def decrement(
 )
 @as_json
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_json: bool) -> None:
-    """Identify two masses on either side of a spring from their sum and frequency (thesis 4.4.2).
+    """Identify two masses that a spring connects from the sum of the masses, the stiffness of the
+    spring and the frequency of the vibration (thesis 4.4.2).
 
     There are two solutions; the verb chooses the one in which the actuator side m_r1 has more than
     half of the mass. The equations assume that both masses are free. With a locked motor shaft, as
@@ -190,7 +194,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
 
 
 def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
-    """Add the option --offset of the regressions."""
+    """Add the option --offset to a verb that fits a straight line."""
     return click.option("--offset", is_flag=True, help="Fit a line with an offset, not through 0.")(
         verb
     )
@@ -203,7 +207,8 @@ def with_offset(verb: Callable[..., None]) -> Callable[..., None]:
 @with_offset
 @as_json
 def tach(data: str, speed: str, tach: str, offset: bool, as_json: bool) -> None:
-    """Identify the tachometer constant: slope of its voltage over the speed (thesis 4.1.2)."""
+    """Identify the tachometer constant in V s/rad from a table of speeds and tachometer voltages
+    (thesis 4.1.2). The constant is the slope of a straight line."""
     from forceaxis.identify import procedures
 
     found = procedures.regression_of(data, speed, tach, offset, ("V s/rad", "V"))
@@ -236,7 +241,8 @@ def motor(
     offset: bool,
     as_json: bool,
 ) -> None:
-    """Identify the motor damping b_m from constant motor and tachometer voltages (thesis 4.1.2).
+    """Identify the damping b_m of a motor from voltages of motor and tachometer at constant speeds
+    (thesis 4.1.2).
 
     The shaft is uncoupled. At constant speed V_tach / V_motor = k_t k_tach / (R b_m + k_b k_t). The
     errors of the constants enter the confidence interval.
@@ -295,7 +301,8 @@ def fit(
     as_json: bool,
     **given: Any,
 ) -> None:
-    """Fit parameters of MODEL to a measured frequency response.
+    """Fit parameters of MODEL to a measured frequency response, and test whether the model explains
+    the response.
 
     RESPONSE is the folder of `forceaxis measure --out`, or a CSV file with columns frequency_hz,
     coherence and magnitude, phase_deg (or real, imag). For each parameter the verb prints its 95 %
@@ -377,7 +384,8 @@ def resonances(
     overrides: Sequence[str],
     as_json: bool,
 ) -> None:
-    """Identify resonances of a measured response, by the five steps of thesis section 4.2.
+    """Identify frequencies and damping ratios of the resonances in a measured frequency response
+    (procedure of thesis section 4.2).
 
     MODEL is a rigid body out of contact (fig4_11), whose response the resonances multiply. RESPONSE
     is the folder of `forceaxis measure --out`. Only the magnitude is fitted; the phase matches too
@@ -398,7 +406,8 @@ def resonances(
 
 
 def resonances_in_words(result: ResonanceResult) -> str:
-    """Return the text of `forceaxis identify resonances`."""
+    """Return the text of `forceaxis identify resonances`: a table of the resonances, and the error
+    of the fitted response."""
     lines = [f"{'peak Hz':>10}{'damping':>10}{'trough Hz':>12}{'damping':>10}"]
     for r in result.resonances:
         line = f"{r.peak_hz:10.4g}{r.peak_damping:10.4f}"

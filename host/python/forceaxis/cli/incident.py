@@ -1,4 +1,4 @@
-"""`forceaxis incident`: read the recording of the black box of an axis."""
+"""`forceaxis incident`: read and explain the recording that an axis has kept of an error."""
 
 import json
 from pathlib import Path
@@ -34,7 +34,8 @@ def incident(
     way: Way, out: Path | None, clear: bool, wait_s: float | None, counts_per_mm: float | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Read the recording of the last second before an error, and explain the fault.
+    """Explain why an axis has stopped with a fault: read the signals of the last second before the
+    error, which the axis has recorded, and describe in words what happened.
 
     The black box of an axis keeps the first incident, also over a reset, until it is cleared or a
     recording is started. The first incident since power-up is also kept over a power cut, at most

@@ -1,4 +1,4 @@
-"""Options of the verbs for a live axis, and context managers that connect to an axis."""
+"""Options that select the connection to an axis, and context managers that connect to the axis."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ if TYPE_CHECKING:
 
 Verb = Callable[..., None]
 
-OWN_NODE = 126  # as axis.can's, which is not loaded here
-WAYS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
+OWN_NODE = 126  # same value as in axis/can.py, which is loaded only for a connection over CAN
+CONNECTIONS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
 
 
 @dataclass(frozen=True)
 class Way:
-    """The connection to one axis that the options select."""
+    """Connection to one axis: the values of the options --axis, --can, --modbus and --sim and of
+    the options that belong to them."""
 
     axis: int | None = None
     lcm_url: str | None = None
@@ -42,10 +43,11 @@ class Way:
     sim: Path | None = None
     overrides: tuple[str, ...] = ()
     store: str = ""
-    model: str | None = None  #: whose encoder says what a count is in mm
+    model: str | None = None  #: model whose encoder converts counts to mm
 
     def link(self) -> Link:
-        """Connect to the axis and return the link. Raises InputError, NoAnswer."""
+        """Connect to the axis and return the open link. Raises InputError for wrong options and
+        NoAnswer if the axis does not respond."""
         found = self._connect()
         if self.model is not None:
             from forceaxis import linear
@@ -75,7 +77,7 @@ class Way:
         return SimLink(self.sim or "", self.overrides, self.store)
 
     def options(self) -> str:
-        """Return the options that select the same axis again."""
+        """Return the text of the options with which another command selects the same axis."""
         if self.axis is not None:
             return f"--axis {self.axis}" + (f" --lcm-url {self.lcm_url}" if self.lcm_url else "")
         if self.can is not None:
@@ -88,7 +90,7 @@ class Way:
         """Raise InputError unless the options select exactly one connection."""
         given = [way for way in (self.axis, self.can, self.modbus, self.sim) if way is not None]
         if len(given) != 1:
-            raise InputError(f"expected one way to an axis: {WAYS}")
+            raise InputError(f"expected exactly one connection to an axis: {CONNECTIONS}")
         for option, is_given, belongs in (
             ("--lcm-url", self.lcm_url is not None, self.axis),
             ("--set", self.overrides != (), self.sim),
@@ -140,7 +142,8 @@ OPTIONS = (
 
 
 def options(command: Verb) -> Verb:
-    """Add the options of a connection. The command gets them unchecked, as a `Way`."""
+    """Add the options of a connection to a verb. The function of the verb receives their values as
+    a `Way`, which may select no axis or several."""
 
     @functools.wraps(command)
     def with_way(*arguments: Any, **given: Any) -> None:
@@ -155,7 +158,8 @@ def options(command: Verb) -> Verb:
 
 
 def live(command: Verb) -> Verb:
-    """Add the options of a connection; exactly one axis must be selected. See Way."""
+    """Add the options of a connection to a verb that needs exactly one axis. The function of the
+    verb receives their values as a `Way`."""
 
     @functools.wraps(command)
     def with_one(*arguments: Any, way: Way, **others: Any) -> None:
@@ -166,7 +170,8 @@ def live(command: Verb) -> Verb:
 
 
 def live_in_mm(command: Verb) -> Verb:
-    """As live(), with the option --model, whose encoder converts counts to mm."""
+    """Add the options of a connection to exactly one axis, and the option --model, whose encoder
+    converts counts to mm."""
 
     @functools.wraps(command)
     def with_model(*arguments: Any, way: Way, model: str | None, **others: Any) -> None:
@@ -183,7 +188,8 @@ def live_in_mm(command: Verb) -> Verb:
 
 @contextlib.contextmanager
 def connected(way: Way) -> Iterator[Axis]:
-    """Connect to an axis for a `with` block. Ctrl-C ends the verb with status 130, SIGTERM 143."""
+    """Connect to an axis for a `with` block. Ctrl-C in the block ends the program with exit status
+    130, the signal SIGTERM with 143."""
     from forceaxis.axis.axis import Axis
 
     axis: Axis | None = None
@@ -206,23 +212,24 @@ def connected(way: Way) -> Iterator[Axis]:
 
 def warn_of_newtons(axis: Axis, way: Way) -> None:
     """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
-    For a simulated axis the link compares the scale with the model instead."""
+    A simulated axis gets no warning here, because its link compares the scale with the model."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
     if way.sim is None and quantity.never_set(**found):
-        scale = f"force_scale is {found['force_scale'] * 1e-6:g} N/count"
+        scale = f"force_scale ({found['force_scale'] * 1e-6:g} N/count)"
         click.echo(
-            f"forceaxis: warning: {axis.link.where}: {scale} as delivered: newtons are right only "
-            "if its sensor has that; set it, or `forceaxis axis calibrate`",
+            f"forceaxis: warning: {axis.link.where}: {scale} was never set, so forces in N are "
+            "wrong unless the sensor has this scale; set force_scale, or use "
+            "`forceaxis axis calibrate`",
             err=True,
         )
 
 
 @contextlib.contextmanager
 def owned(way: Way, shared: bool = False) -> Iterator[Axis]:
-    """Connect to an axis and own it for a `with` block; at its end the axis is disabled and
-    released. `shared`: see Axis.acquire()."""
+    """Connect to an axis and own the axis for a `with` block. At the end of the block the axis is
+    disabled and released. `shared`: see Axis.acquire()."""
     with connected(way) as axis:
         axis.acquire(shared)
         yield axis
@@ -230,7 +237,8 @@ def owned(way: Way, shared: bool = False) -> Iterator[Axis]:
 
 @contextlib.contextmanager
 def errors(way: Way | None = None) -> Iterator[None]:
-    """Print a refusal or a missing response of the axis as one line; exit with status 1."""
+    """Print one line and exit with status 1 if the axis refuses a request or does not respond
+    during a `with` block."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     try:

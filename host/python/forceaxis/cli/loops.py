@@ -1,4 +1,4 @@
-"""Verbs for a force loop: critical gain, root locus, Nyquist plot, step response."""
+"""The verbs `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
 
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,8 @@ from forceaxis.cli.models import (
 )
 @as_json
 def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: Any) -> None:
-    """Compute the critical gain of a force loop around MODEL|EXPERIMENT.
+    """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the loop
+    becomes unstable.
 
     With an EXPERIMENT (a path or a name in sim/experiments) the verb takes the control law or the
     quantised bank, the gain and the latency of its firmware; options take precedence. The loop is
@@ -87,7 +88,8 @@ def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: An
 def rlocus(
     vary: tuple[str, ...], span_hz: float | None, out: Path | None, as_json: bool, **given: Any
 ) -> None:
-    """Draw the root locus of a force loop around MODEL|EXPERIMENT, with its critical gain.
+    """Draw the root locus of the force loop of MODEL|EXPERIMENT: the closed-loop poles over the
+    gain, with the critical gain.
 
     The figure shows the upper half-plane in Hz, with x for open-loop poles and o for zeros; the
     poles of a sampled loop are drawn as log(z) / T. A filled diamond is the critical gain of
@@ -118,7 +120,7 @@ def rlocus(
 def nyquist(
     out: Path | None, as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: Any
 ) -> None:
-    """Draw the Nyquist plot of a force loop around MODEL|EXPERIMENT.
+    """Draw the Nyquist plot of the force loop of MODEL|EXPERIMENT, and print its margins.
 
     The gain is that of the options, of the experiment, or half the critical gain. JSON: as
     `forceaxis limit` at that gain (margins under "at"), and the curve of the loop gain:
@@ -160,7 +162,8 @@ def step(
     visit: str | None,
     **given: Any,
 ) -> None:
-    """Compute the step response of the closed loop around MODEL|EXPERIMENT, linear, in contact.
+    """Compute the response of the closed force loop of MODEL|EXPERIMENT to a step of the set-point,
+    with rise time, settling time and overshoot, for the linear model in contact.
 
     The gain is that of the options, of the experiment, or half the critical gain. At time 0 the
     set-point steps by 1 N, or by 1 in the unit of --output. JSON: time_s, value, and rise_s (10 to

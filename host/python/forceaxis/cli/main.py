@@ -1,4 +1,5 @@
-"""The command line. Exit status: 0 done, 1 the run or check failed, 2 wrong usage or input."""
+"""The program `forceaxis`: it loads the module of a verb and runs the verb. Its exit status is 0 on
+success, 1 if the run or check failed, 2 for wrong usage or input."""
 
 import importlib
 import os
@@ -9,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import cast
 
-# Matrices here are small: threads of a BLAS that wait for each other cost fifty times the work
-# where the cores are busy. Read when NumPy loads.
+# The matrices are small. On a busy computer several threads of the BLAS library wait for each other
+# and need fifty times as long as one thread. NumPy reads this variable when it is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
@@ -31,8 +32,8 @@ Keep it from breaking in CI
   forceaxis test press --update     records the results of today
   forceaxis test press              status 1 and the figures if one changed"""
 
-# {group: {verb: the module beside this one whose VERBS hold it}}; a module loads with its verb, and
-# with it the modules NAME_..., which add verbs to it.
+# {group: {verb: module of this folder whose list VERBS contains the verb}}. A module MODULE is
+# loaded when one of its verbs is used, and with it the modules MODULE_..., which add verbs to it.
 GROUPS = {
     "An axis and its runs": {
         "new": "new",
@@ -73,8 +74,8 @@ GROUPS = {
 }
 MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
 
-# Failures of what was asked for: one line and status 1. A class whose module is not loaded cannot
-# have been raised.
+# Exceptions that end a verb with one line and exit status 1. They are listed by name, so that the
+# modules of the classes need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
     "forceaxis.experiments.link.LinkError",
@@ -96,7 +97,8 @@ def show_versions(context: click.Context, _parameter: click.Parameter, wanted: b
 
 
 class Program(click.Group):
-    """The group of all verbs; the module of a verb is loaded when the verb is used."""
+    """The command `forceaxis` with all its verbs. The module of a verb is loaded only when the verb
+    is used, so that the program starts fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(MODULES)
@@ -106,7 +108,7 @@ class Program(click.Group):
             return None
         name = MODULES[cmd_name]
         for found in pkgutil.iter_modules(forceaxis.cli.__path__):
-            if found.name.endswith("_text"):  # no verbs: the text of a result, loaded with it
+            if found.name.endswith("_text"):  # has no verbs, only functions for the printed text
                 continue
             if found.name.startswith(f"{name}_"):
                 importlib.import_module(f"forceaxis.cli.{found.name}")
@@ -154,7 +156,8 @@ def cli(context: click.Context) -> None:
 
 
 def with_help(error: click.ClickException) -> str:
-    """Return the message of a usage error; it names `--help` if it lacks what was expected."""
+    """Return the message of a usage error. If the message does not say what was expected, it gets a
+    hint to `--help`."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if re.search(r"\bexpected\b", text):
@@ -165,7 +168,8 @@ def with_help(error: click.ClickException) -> str:
 
 
 def with_table(message: str) -> str:
-    """Return the message about an unknown name in [set], with the table that has this name."""
+    """Return `message` with a hint if it is about an unknown name in the table [set] of a file and
+    another table of the file format has this name. Return other messages as they are."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
         from forceaxis.experiments.points import meant
@@ -175,16 +179,18 @@ def with_table(message: str) -> str:
 
 
 def main() -> None:
-    """Run the program. An input error prints one line on standard error and exits with status 2."""
+    """Run the program `forceaxis`. Control sequences from buses and files cannot reach the
+    terminal."""
     with printed_streams():
         command_line()
 
 
 def command_line() -> None:
-    """Run one verb, or print one line that says why it cannot be run."""
+    """Run the verb that sys.argv names. An expected error prints one line on standard error and
+    exits with status 1, 2 or 130 (Ctrl-C)."""
     try:
         for text in sys.argv:
-            text.encode()  # what is not UTF-8 is refused before anything sees it
+            text.encode()  # raises UnicodeError for an argument that is not UTF-8
         cli(standalone_mode=False)
     except click.exceptions.Abort:
         fail("interrupted", status=130)
@@ -195,7 +201,11 @@ def command_line() -> None:
         fail(with_help(error))
     except subprocess.TimeoutExpired as error:
         program = error.cmd if isinstance(error.cmd, str) else error.cmd[0]
-        fail(f"{Path(program).name}: expected it to end within {error.timeout:g} s", status=1)
+        fail(
+            f"{Path(program).name}: expected the program to end within {error.timeout:g} s; "
+            "try again when the computer is less busy",
+            status=1,
+        )
     except Exception as error:
         names = {f"{kind.__module__}.{kind.__qualname__}" for kind in type(error).__mro__}
         if names & FAILURES:
@@ -204,11 +214,14 @@ def command_line() -> None:
             fail(with_table(str(error)))
         if isinstance(error, FileNotFoundError) and error.filename:
             folder = Path(error.filename).parent
-            what = f"file, there is none in {folder}" if folder.is_dir() else f"folder {folder}"
-            fail(f"{error.filename}: expected a {what}; check the path")
+            missing = "no such file" if folder.is_dir() else f"no folder {folder}"
+            fail(f"{error.filename}: expected a file, but there is {missing}; check the path")
         if isinstance(error, OSError):
             where = f"{error.filename}: " if error.filename else ""
-            fail(f"{where}expected to be able to read and write here, {error.strerror}")
+            fail(
+                f"{where}expected permission and space to read and write, got: {error.strerror}; "
+                "check the path"
+            )
         if isinstance(error, UnicodeError):
-            fail("expected UTF-8 in file names and files")
+            fail("expected UTF-8 in arguments, file names and files, got other bytes")
         raise

@@ -1,4 +1,4 @@
-"""`forceaxis measure`: measure frequency responses of models and of live axes."""
+"""`forceaxis measure`: measure the frequency response of a simulated plant or of a live axis."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def band(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
-    """Parse a text "LOW:HIGH" into two frequencies in Hz. Raises InputError."""
+    """Return the two frequencies in Hz of a text "LOW:HIGH". Raises InputError for other texts."""
     if text is None:
         return None
     try:
@@ -43,7 +43,8 @@ def band(context: click.Context, option: click.Parameter, text: str | None) -> l
 
 
 def newtons(context: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...]:
-    """Parse a text such as "30,75" into forces in N, all above 0. Raises InputError."""
+    """Return the forces in N of a text such as "30,75". Raises InputError for another text or if a
+    force is not above 0."""
     if text is None:
         return ()
     try:
@@ -62,7 +63,8 @@ def measure_axis(
     live: Mapping[str, Any],
     options: Mapping[str, Any],
 ) -> None:
-    """Run `forceaxis measure` on a live axis."""
+    """Run the verb `measure` on a live axis: measure, write the files to `out` and print the
+    result."""
     from forceaxis import linear
     from forceaxis.cli.response_text import describe_response
     from forceaxis.commission import as_found, measuring
@@ -75,7 +77,9 @@ def measure_axis(
     given |= {"settle_s": live["settle_s"], "amplitude": options["level"] and int(options["level"])}
     order = MeasuringOrder(**{n: value for n, value in given.items() if value is not None})
     if not live["forces"] and not options["free"]:
-        raise InputError("measure: expected --free, --force or both: what is to be measured")
+        raise InputError(
+            "measure: expected --free (response out of contact), --force (in contact) or both"
+        )
     model = str(linear.find_model(live["model"])) if live["model"] else ""
     own = [text for text in way.overrides if not text.startswith("firmware.")]
     values = linear.overrides(own) if model else {}
@@ -187,7 +191,8 @@ def measure(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Measure a frequency response of a model, with a simulated signal analyzer, or of a live axis.
+    """Measure the frequency response of a simulated plant or of a live axis by an excitation, and
+    compare it with the response that a model predicts.
 
     TARGET is a measurement file (a path, or one of fig3_6 to fig3_12 in sim/measurements), or a
     model (a path, or a name in sim/models) together with --output. Options replace keys of the
@@ -243,7 +248,8 @@ def measure(
 def command_line(
     target: str, options: Mapping[str, Any], plant_set: Mapping[str, float | str]
 ) -> str:
-    """Return the command that measures with the same options again."""
+    """Return the text of the command `forceaxis measure` with which the user can repeat this
+    measurement."""
     from forceaxis import linear
 
     names = {"band_hz": "band", "resolution_hz": "resolution"}
@@ -261,7 +267,8 @@ def command_line(
 
 
 def in_words(summary: MeasurementSummary) -> str:
-    """Return the text of `forceaxis measure` for a model."""
+    """Return the text about a measurement of a model: excitation, figures of the response,
+    coherence, and the comparison with the model."""
     from forceaxis.identify.measurement import COHERENT
 
     compared, readings = summary.comparison, summary.readings

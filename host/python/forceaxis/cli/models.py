@@ -1,4 +1,5 @@
-"""Verbs for linear models: state space, poles, modes, frequency response, and the beam."""
+"""The verbs `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models, and the
+options that they share with the verbs for force loops."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -31,7 +32,8 @@ if TYPE_CHECKING:
 
 
 def check_drawing(out: Path | None) -> None:
-    """Check the suffix of a figure file before the computation starts. Raises InputError."""
+    """Raise InputError if `out` has no suffix of a figure file. A verb calls this before a long
+    computation."""
     if out:
         from forceaxis import drawing
 
@@ -39,7 +41,8 @@ def check_drawing(out: Path | None) -> None:
 
 
 def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
-    """Draw a figure with make(linear.plots) and write it to `out`, unless that is None."""
+    """Write the figure that `make` draws to the file `out`, or draw nothing if `out` is None.
+    `make` is called with the module linear.plots, which is loaded only for a figure."""
     if out:
         from forceaxis import drawing
         from forceaxis.linear import plots
@@ -53,7 +56,8 @@ def present(
     describe: Callable[["Summary"], str],
     out: Path | None = None,
 ) -> None:
-    """Print the result of a verb as a JSON object or as text, with the name of the figure file."""
+    """Print the result of a verb, as a JSON object or as the text of `describe` and the path of the
+    figure `out`."""
     done_waiting()
     if as_json:
         click.echo(json.dumps(summary, allow_nan=False))
@@ -76,7 +80,7 @@ def _model_options(subject: str, *folders: Path) -> Callable[[Callback], Callbac
     return add
 
 
-# --set, --mode, and MODEL or either of MODEL and EXPERIMENT (then --set also takes firmware.NAME).
+# Decorators that add the argument MODEL (or MODEL|EXPERIMENT) and the options --set and --mode.
 model_options = _model_options("MODEL", paths.MODELS)
 subject_options = _model_options("MODEL|EXPERIMENT", paths.MODELS, paths.EXPERIMENTS)
 
@@ -90,7 +94,8 @@ TIMINGS = click.Choice(["continuous", "zoh", "zoh+1"])
 
 
 def law_options(verb: Callback) -> Callback:
-    """Add the option --law, the parameters of the laws, and the options for a gain."""
+    """Add the options of a control law to a verb: --law, the parameters of each law, and the gain
+    in two units."""
     for name, text in reversed(
         {
             "--integral-rad-per-s": "w_i of law pi: k (1 + w_i / s).",
@@ -115,7 +120,7 @@ def law_options(verb: Callback) -> Callback:
     )(verb)
 
 
-# Parameters of the laws: click writes the names of options in lower case.
+# {parameter of the verb's function, which click writes in lower case: parameter of the law}
 LAW_PARAMETERS = {
     name.lower(): name
     for name in (
@@ -131,7 +136,7 @@ LAW_PARAMETERS = {
 
 
 def loop_request(given: Mapping[str, Any]) -> "LoopRequest":
-    """Return the LoopRequest of a verb's arguments `given`, those that describe a force loop."""
+    """Return the request for a force loop from `given`, the values of the options of a verb."""
     from forceaxis import linear
     from forceaxis.linear.request import LoopRequest
 
@@ -176,7 +181,8 @@ loop_timing = click.option(
 
 
 def over_options(verb: Callback) -> Callback:
-    """Add the options --over, --modes and --timing; --timing also accepts "both" here."""
+    """Add the options for a set of plants to a verb: --over, --modes and --timing, which also
+    accepts "both"."""
     for decorate in (
         click.option(
             "--modes",
@@ -244,7 +250,8 @@ def modes_(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compute the modes of vibration of MODEL, and which are dynamically colocated (thesis 6.1.4).
+    """Compute the modes of vibration of MODEL: frequency, damping ratio, shape, and whether
+    actuator and sensor are colocated in the mode (thesis 6.1.4).
 
     MODEL is a path or a name in sim/models. The modes are those of the mechanics without damping
     and without drive. The label compares the sign of the residue of a mode, from input to output,
@@ -308,7 +315,7 @@ def poles(
     span_hz: float | None,
     **given: Any,
 ) -> None:
-    """Compute poles, zeros and transfer function of MODEL, or of a loop closed around it.
+    """Compute the poles and zeros of MODEL, or of the closed force loop of MODEL|EXPERIMENT.
 
     Without a gain the transfer function is from --input (default drive.command, V) to --output.
     With a gain it is from the set-point of the law to the controlled signal. With an EXPERIMENT the
@@ -408,7 +415,8 @@ def _overlay(
     as_json: bool,
     measured: tuple[str, ...],
 ) -> None:
-    """Draw measured points over the model, with signals, states and timing of the measurement."""
+    """Draw measured points over the response of the model. Input, output, states and timing of the
+    model are those of the measurement."""
     from forceaxis import linear
     from forceaxis.cli import text_models
     from forceaxis.identify import overlay
@@ -465,7 +473,8 @@ def linearise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compute the state space of MODEL in one mode: x' = A x + B u, y = C x + D u, in SI units.
+    """Compute the linear state space model of MODEL, the matrices of x' = A x + B u and
+    y = C x + D u in SI units, for one combination of states of its elements.
 
     With a sampled timing the equation is x(k+1) = A x(k) + B u(k). JSON, .npz and .mat contain A,
     B, C, D, dt in s (null or 0: continuous) and the names of states, inputs and outputs.
@@ -503,7 +512,8 @@ def linearise(
 @click.option("--modes", type=click.IntRange(1, 200), default=4, show_default=True)
 @as_json
 def beam(modes: int, as_json: bool, **given: float) -> None:
-    """Compute poles and zeros of the elastic beam of thesis section 2.4.4.
+    """Compute the exact poles and zeros of the elastic beam of thesis section 2.4.4, and the error
+    of its approximation by a few modes of vibration.
 
     The beam slides at the actuator; its tip is free. The verb prints the undamped poles and zeros
     and the error of an approximation by the first n modes, for the first four modes.

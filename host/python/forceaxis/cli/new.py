@@ -1,4 +1,4 @@
-"""`forceaxis new`: write a model and experiments from data sheets."""
+"""`forceaxis new`: write a model and experiments of an axis from the values of data sheets."""
 
 import json
 import sys
@@ -13,7 +13,7 @@ from forceaxis.results import to_json
 
 
 def options(command: Callback) -> Callback:
-    """Add one command-line option for each value of the data sheets."""
+    """Add one option for each value of the data sheets to the verb."""
     for field in reversed(data_sheet.FIELDS):
         default = field.why if callable(field.default) else data_sheet.shown(field, field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
@@ -24,7 +24,8 @@ def options(command: Callback) -> Callback:
 
 
 def prompt(field: data_sheet.Field, proposed: str, number: int) -> str:
-    """Ask for one value until the answer is valid, or until the user asks to go back."""
+    """Ask the user for one value of the data sheets until the answer is valid. Return the answer,
+    or the word that asks for the question before."""
     count = len(data_sheet.FIELDS)
     if number == 1:
         click.echo(
@@ -58,7 +59,7 @@ def prompt(field: data_sheet.Field, proposed: str, number: int) -> str:
 def new_(
     name: Path, yes: bool, force: bool, no_design: bool, as_json: bool, **given: str | None
 ) -> None:
-    """Write a model and experiments of your axis into the folder NAME.
+    """Write a model and experiments of your axis into the folder NAME, from values of data sheets.
 
     The verb asks for values from the data sheets of motor, amplifier, transmission, sensor and
     workpiece. Options give them instead: plain numbers in the unit that the name of the option ends

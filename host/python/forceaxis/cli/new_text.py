@@ -1,15 +1,17 @@
-"""Text of `forceaxis new` for a terminal."""
+"""Text that `forceaxis new` prints on a terminal."""
 
 import shlex
 
 from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
 
-LIMIT_NAMED_BELOW = 1.5  # times the bandwidth of P: below, the text names what limits the bank
+LIMIT_NAMED_BELOW = (
+    1.5  # times the bandwidth of the P law; below this the text says what limits the bank
+)
 
 
 def describe(done: NewAxis) -> list[tuple[str, str]]:
-    """Lines (key, text) on the files, the first gains and the bank."""
+    """Return the lines (key, text) about the written files, the gain of the P law and the bank."""
     return [
         ("written", ", ".join(shlex.quote(f"{done.folder}/{name}") for name in done.files)),
         ("total mass", f"{done.total_mass_kg:.4g} kg, reflected rotor included"),
@@ -25,7 +27,8 @@ def describe(done: NewAxis) -> list[tuple[str, str]]:
 
 
 def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
-    """Lines on the bank, beside P at the same margins."""
+    """Return the lines (key, text) that compare the designed bank with the P law at the same
+    margins."""
     if bought is None:
         return []
     if isinstance(bought, NoBank):

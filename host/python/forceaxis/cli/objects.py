@@ -1,4 +1,4 @@
-"""`forceaxis objects`: list the objects of the firmware and export their descriptions."""
+"""`forceaxis objects`: list the objects of the firmware, and write files that describe them."""
 
 import json
 import shutil
@@ -22,7 +22,8 @@ FILES = {
 
 
 def addresses(o: objects.AxisObject) -> tuple[str, str]:
-    """Return the CANopen address and the Modbus register of an object as texts."""
+    """Return the CANopen address and the Modbus register of an object as texts. The second text is
+    empty if the object has no register."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -43,14 +44,15 @@ def line(o: objects.AxisObject) -> str:
     canopen, modbus = addresses(o)
     text = f"{o.meaning} [{span(o)}{writable(o)}]"
     whole = f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
-    if not sys.stdout.isatty():  # one object, one line for other programs
+    if not sys.stdout.isatty():  # other programs get one line for each object
         return whole
     width = max(60, shutil.get_terminal_size().columns)
     return textwrap.fill(whole, width, subsequent_indent=" " * 28, break_on_hyphens=False)
 
 
 def details(o: objects.AxisObject) -> Iterator[str]:
-    """Yield lines with all properties of one object."""
+    """Yield the lines about one object: meaning, addresses, type, range, default, access, values,
+    storage and PDO."""
     yield from textwrap.wrap(f"{o.name}: {o.meaning}", DETAIL_COLUMNS, subsequent_indent="  ")
     size = 32 if o.type.endswith("32") else 16
     registers = f"{o.modbus:#06x}" + (f" and {o.modbus + 1:#06x}" if size == 32 else "")
@@ -86,7 +88,8 @@ def details(o: objects.AxisObject) -> Iterator[str]:
 @click.option("--modbus", type=File(), metavar="FILE", help=f"Write the {FILES['modbus'][1]}.")
 @as_json
 def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
-    """List the objects of the firmware, or write files that describe them to other programs.
+    """List the objects of the firmware (parameters, commands and signals), or write files that
+    describe the objects to other programs.
 
     The list has name, CANopen index:sub-index and Modbus register (h holding, i input) in
     hexadecimal, access, meaning and range. PATTERN selects objects by a part of their name; the

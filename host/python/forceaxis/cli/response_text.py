@@ -1,4 +1,4 @@
-"""Measured and fitted responses of a live axis in words for a terminal."""
+"""Texts about measured and fitted frequency responses of a live axis, for a terminal."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from forceaxis.identify.measurement import COHERENT
 
 
 def describe_response(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows (key, text) of one response for a terminal."""
+    """Return the rows (key, text) about one measured frequency response."""
     readings, compared = summary["readings"], summary["comparison"]
     low, high = summary["band_hz"]
     rows = [
@@ -49,7 +49,7 @@ def describe_response(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _friction_rows(about: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows (key, text) for people; none where no friction shows."""
+    """Return the rows (key, text) about the measured dry friction; no row without friction."""
     if not about["rubs"]:
         return []
     rows, parts = [], []
@@ -80,7 +80,8 @@ def _friction_rows(about: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def describe_freed(summary: dict[str, Any]) -> list[str]:
-    """Lines for people on what was freed; none where nothing was."""
+    """Return the lines about the dampers that replace dry friction in a fit; no line if the fit
+    needs no damper."""
     about = summary["friction"]
     if about is None:
         return []

@@ -1,4 +1,4 @@
-"""The result of `forceaxis sweep` for a terminal."""
+"""Text that `forceaxis sweep` prints on a terminal."""
 
 import math
 
@@ -10,7 +10,8 @@ SHOWN_POINTS = 10
 
 
 def rows(done: Sweep) -> list[Row]:
-    """Return the result of a sweep as rows of (key, text)."""
+    """Return the rows (key, text) about a sweep: runs, verdicts or boundaries, warnings,
+    failures."""
     result, counts = done.result, done.result.counts
     ran = counts.runs - counts.resumed
     speed = f", {ran / result.seconds:.0f} a second" if ran and result.seconds else ""
@@ -34,7 +35,7 @@ def rows(done: Sweep) -> list[Row]:
 
 
 def alone_text(point: LonePoint) -> str:
-    """Return a point that stands alone, in words."""
+    """Return a text about a point whose verdict differs from the verdict of its neighbours."""
     at = ", ".join(f"{name} = {value:g}" for name, value in point.values.items())
     if point.around:
         return f"{at}: {point.verdict}, as are {point.alike} of {point.around} points around it"
@@ -42,7 +43,7 @@ def alone_text(point: LonePoint) -> str:
 
 
 def boundary_text(done: Sweep, i: int) -> str:
-    """Return the boundary of row i, in words."""
+    """Return a text about the stability boundary that row `i` of the sweep has found."""
     assert done.search is not None
     columns = done.columns
     at = ", ".join(f"{a.name} = {columns[a.name][i]:g}" for a in done.axes)

@@ -1,4 +1,5 @@
-"""Texts of the verbs for a force loop: limit, rlocus, nyquist, step, and bode over a set."""
+"""Texts that the verbs for a force loop print: limit, rlocus, nyquist, step, and bode for a set of
+plants."""
 
 from forceaxis.linear import working
 from forceaxis.linear.limits import Summary, hz_text
@@ -8,7 +9,7 @@ from forceaxis.words import counted
 
 
 def law_text(summary: Summary) -> str:
-    """The law with its parameters or its bank, for people."""
+    """Return the name of the control law with its parameters or the coefficients of its bank."""
     bank = summary.get("bank")
     parts = [f"{name} {value:.5g}" for name, value in summary["parameters"].items()]
     if bank:
@@ -22,7 +23,7 @@ def law_text(summary: Summary) -> str:
     return f"{law} ({', '.join(parts)})" if parts else law
 
 
-# How the firmware runs the laws that are no mode of its own.
+# {control law that is no mode of the firmware: how the firmware can compute it}
 IN_FIRMWARE = {
     "pi": "runs this law as a bank with an integral: `forceaxis design`",
     "lead": "runs this law as a bank with a section: `forceaxis design`",
@@ -31,7 +32,7 @@ IN_FIRMWARE = {
 }
 
 
-# Where a law's static error alone is that large.
+# Texts for a bandwidth of 0 Hz, which has its cause in a large static error of the control law.
 AT_REST = {
     "fS_Hz": "above it from 0 Hz on: a static error of 71 % or more",
     "fT_Hz": "below it from 0 Hz on: a static error of 29 % or more",
@@ -39,7 +40,7 @@ AT_REST = {
 
 
 def describe_limit(summary: Summary) -> str:
-    """Return the text of the verb that prints this result."""
+    """Return the text of `forceaxis limit`: critical gain, crossings and margins of one loop."""
     unit = summary["unit"]
     lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
     lines += working.lines(summary)
@@ -90,7 +91,7 @@ def describe_limit(summary: Summary) -> str:
 
 
 def figures_text(at: Summary) -> list[str]:
-    """Lines about |S| and |T| of a loop, or of the worst of some."""
+    """Return the lines about bandwidths and Ms of a loop, or of the worst plant of a set."""
     rows = []
     for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
         text = {None: "nowhere", 0.0: AT_REST[key]}.get(at[key]) or hz_text(at[key])
@@ -101,7 +102,7 @@ def figures_text(at: Summary) -> list[str]:
 
 
 def describe_step(summary: Summary) -> str:
-    """Return the text of the verb that prints this result."""
+    """Return the text of `forceaxis step` for one loop: final value, overshoot and times."""
     lines = [
         f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
         f"{summary['gain']:.6g} {summary['unit']}",
@@ -118,7 +119,7 @@ def describe_step(summary: Summary) -> str:
 
 
 def describe_loci(summary: Summary) -> str:
-    """The text of `forceaxis rlocus`: the limit of each locus."""
+    """Return the text of `forceaxis rlocus`: the critical gain of each root locus."""
     lines = working.lines(summary)
     for one in summary["loci"]:
         limit = one["critical_gain"]
@@ -140,7 +141,7 @@ FIGURE_UNITS = {"fS_Hz": " Hz", "fT_Hz": " Hz", "phase_margin_deg": " degrees"}
 
 
 def member_text(one: Summary) -> str:
-    """Return the text of the verb that prints this result."""
+    """Return the text that names a plant of a set: its parameters, states and timing."""
     label = Member(one["values"], one["modes"]).label()
     return f"{label}, {one['timing']}"
 
@@ -158,7 +159,8 @@ def _range_text(summary: Summary) -> list[str]:
 
 
 def worst_text(at: Summary, unit: str) -> list[str]:
-    """Lines of `worst_summary`."""
+    """Return the lines about the worst value of each figure over a set of plants, each with its
+    plant."""
     own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
     lines = [f"at           {at['gain']:.6g} {unit}{own}: "]
     if not at["stable"]:
@@ -180,7 +182,7 @@ def worst_text(at: Summary, unit: str) -> list[str]:
 
 
 def describe_set(summary: Summary) -> str:
-    """The text of `forceaxis limit --over`, and of the others with a set."""
+    """Return the text of `forceaxis limit --over`, and of other verbs for a set of plants."""
     lines = [
         f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}",
         *_range_text(summary),
@@ -210,7 +212,8 @@ def describe_set(summary: Summary) -> str:
 
 
 def describe_step_of_set(summary: Summary) -> str:
-    """Return the text of the verb that prints this result."""
+    """Return the text of `forceaxis step --over`: the largest overshoot and settling time over a
+    set of plants."""
     lines = [
         f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
         f"{summary['gain']:.6g} {summary['unit']}",

@@ -1,4 +1,4 @@
-"""Texts of the verbs for linear models: poles, bode, modes, linearise and beam."""
+"""Texts that the verbs for linear models print: poles, bode, modes, linearise and beam."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from forceaxis.linear.working import Working
 
 
 def describe_poles(summary: Summary) -> str:
-    """Return the text of the verb that prints this result."""
+    """Return the text of `forceaxis poles`: a line for each pole and each zero."""
 
     def lines(kind: str) -> Iterator[str]:
         for root in summary[kind]:
@@ -37,7 +37,8 @@ ABOUT_ONE_GAIN = ("at ", "gain ", "phase ", "|S|", "|T|", "Ms")  # lines about o
 
 
 def describe_bode(summary: Summary) -> str:
-    """The text of `forceaxis bode`: the ends of each curve and where its phase crosses -180."""
+    """Return the text of `forceaxis bode`: for each curve its lowest and highest frequency, and the
+    frequencies at which the phase is -180 degrees."""
     lines = working.lines(summary)
     for c in summary["curves"]:
         frequency, phase = np.array(c["frequency_hz"]), np.array(c["phase_deg"])
@@ -60,7 +61,8 @@ def describe_bode(summary: Summary) -> str:
 
 
 def describe_measured(summary: Summary) -> str:
-    """The text of `forceaxis bode --measured`."""
+    """Return the text of `forceaxis bode --measured`: the curves, and whether the model explains
+    each measurement."""
     lines = [describe_bode(summary)]
     for row in summary["measured"]:
         inside = "-" if row["inside"] is None else f"{100 * row['inside']:.1f} %"
@@ -73,7 +75,7 @@ def describe_measured(summary: Summary) -> str:
 
 
 def describe_modes(result: Summary) -> str:
-    """The text of `forceaxis modes`."""
+    """Return the text of `forceaxis modes`: a row for each mode of vibration, and its shape."""
     lines = [
         f"{result['model']}, contact {result['contact'] or 'none'}: "
         f"{result['input']} to {result['output']}",
@@ -108,7 +110,8 @@ def _number(value: float | None) -> str:
 
 
 def describe_system(system: System, mode: Working | None = None) -> str:
-    """The same for people: one row of numbers a state or output."""
+    """Return the text of `forceaxis linearise`: one row of the matrices for each state and
+    output."""
     kind = "continuous" if system.dt is None else f"sampled every {system.dt:.6g} s"
     lines = [f"system       {kind}, inputs {', '.join(system.inputs)}"]
     lines += working.lines({"mode_text": mode.text} if mode else {})
@@ -120,7 +123,7 @@ def describe_system(system: System, mode: Working | None = None) -> str:
 
 
 def describe_beam(result: Summary) -> str:
-    """Return the text of the verb that prints this result."""
+    """Return the text of `forceaxis beam`: poles and zeros, and the errors of the approximation."""
     lines = [f"{'mode':4}{'b l':>16}{'pole':>18}{'actuator zero':>20}{'tip zero':>18}"]
     for k, mode in enumerate(result["modes"], 1):
         lines.append(

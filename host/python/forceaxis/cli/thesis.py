@@ -1,4 +1,5 @@
-"""Verbs for the thesis (tables, claims, session), and the report of a folder."""
+"""The verbs `tables`, `check-thesis` and `session`, which repeat results of the thesis, and the
+verb `report`, which writes a page about a folder of experiments."""
 
 import json
 import signal
@@ -32,7 +33,8 @@ def tables_(
     inject: str,
     as_json: bool,
 ) -> None:
-    """Simulate the 55 cells of the stability tables of the thesis and compare the results.
+    """Simulate the 55 cases of the stability tables of the thesis, and compare the results with the
+    tables.
 
     The exit status is 1 if fewer cells match than the parameter file records. With --link the
     firmware is one separate process for all cells.
@@ -67,7 +69,8 @@ def tables_(
 @threads
 @as_json
 def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -> None:
-    """Run every experiment in FOLDER and write one self-contained HTML page.
+    """Run every experiment in FOLDER, and write one HTML page about the axis with gains, margins,
+    verdicts and traces.
 
     For each model the page shows the recommended P gain and the margins of each designed bank, for
     each experiment the verdict, the controlled force and the traces. Without FOLDER the verb runs
@@ -103,7 +106,8 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
 )
 @as_json
 def session(out: Path, as_json: bool) -> None:
-    """Repeat a laboratory session of the thesis through the gateway, on virtual CAN in real time.
+    """Repeat a laboratory session of the thesis in real time, with a simulated robot that is
+    operated through the gateway over a virtual CAN bus.
 
     The session boots the axis, sets the gains, moves 36,000 counts, makes contact at k_f = 5 and
     f_d = 30, applies an impact, reads the recorder and draws a plot. Plant, firmware and gateway
@@ -140,7 +144,7 @@ def session(out: Path, as_json: bool) -> None:
 )
 @as_json
 def check_thesis(as_json: bool) -> None:
-    """Compare the numbers in the thesis with the results of its models.
+    """Compare the numbers in the text of the thesis with the results that its models give here.
 
     The numbers are frequencies, crossovers, damping ratios and improvements. Each difference has a
     line with its reason. The exit status is 1 if a difference has no known reason.
@@ -156,7 +160,8 @@ def check_thesis(as_json: bool) -> None:
 
 
 def claims_text(result: "claims.CheckedClaims") -> str:
-    """Return the claims beside our values as lines."""
+    """Return two lines for each number of the thesis: whether it agrees, and its value in the
+    thesis and here."""
     from forceaxis.thesis import claims
 
     lines = []

@@ -1,4 +1,4 @@
-"""`forceaxis tune`: identify a live axis and design its force law."""
+"""`forceaxis tune`: identify a live axis, design its force law, verify the law and store it."""
 
 import json
 from pathlib import Path
@@ -72,7 +72,8 @@ from forceaxis.results import to_json
 def tune(
     way: Way, only: str | None, out: Path, as_json: bool, **options: Any
 ) -> None:  # fmt: skip
-    """Measure a live axis, design the force law with the largest bandwidth, verify and store it.
+    """Tune the force control of a live axis: measure the axis, design the force law with the
+    largest bandwidth, verify the law on the axis and store it.
 
     The steps are: check (sensors at rest, tare), free (response out of contact), measure (response
     in contact at each force), fit (parameters of MODEL), design (law for the set of plants),
