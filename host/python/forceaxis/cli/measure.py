@@ -78,7 +78,7 @@ def measure_axis(
     order = MeasuringOrder(**{n: value for n, value in given.items() if value is not None})
     if not live["forces"] and not options["free"]:
         raise InputError(
-            "measure: expected --free (response out of contact), --force (in contact) or both"
+            "measure: expected --free, --force or both, to measure out of contact or in contact"
         )
     model = str(linear.find_model(live["model"])) if live["model"] else ""
     own = [text for text in way.overrides if not text.startswith("firmware.")]
