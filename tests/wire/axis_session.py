@@ -16,6 +16,7 @@ from pathlib import Path
 from forceaxis.axis import actions, params, scan
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.can import CanLink
+from forceaxis.axis.drive import FaultObjects
 from forceaxis.axis.gateway import GatewayLink
 from forceaxis.axis.link import Refused
 from forceaxis.axis.modbus import ModbusLink
@@ -54,7 +55,7 @@ def use(way):
             axis.set(adc_bits=10)  # only while disabled
         except Refused as error:
             found["refused"] = str(error)
-        found["reached"] = axis.move(-2000)["position"]
+        found["reached"] = axis.move(-2000).position
         axis.off()
         found["pressed"] = asdict(axis.press(30.0, 1.5, speed=20_000, approach_s=5.0))
         try:
@@ -160,7 +161,7 @@ def provoked():
         axis.set(**GAINS, trajectory_velocity=100_000, speed_max=5)
         axis.enable("profile position")
         axis.set(target_position=axis.read("position") - 4000, controlword=0x1F)
-        axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 5.0)
+        axis.wait_for(FaultObjects, lambda s: s.fault != "none", "a fault", 5.0)
     return fetched("can")
 
 

@@ -52,13 +52,22 @@ class _Parameter(TypedDict):
     value: float
     unit: str
 
+class ConverterTable(TypedDict):
+    """A converter of the model: quantity = (code - zero) * per_code, in `unit`."""
+
+    signal: str
+    unit: str
+    per_code: float
+    zero: int
+    bits: int
+
 class Inputs(TypedDict):
-    """What inputs() reads of an experiment; its metrics and tables are dicts as in Result."""
+    """Result of inputs(): an experiment; metrics and tables are dicts as in Result."""
 
     title: str
     model: str
     contacts: list[str]
-    converters: dict[str, dict[str, Any]]
+    converters: dict[str, ConverterTable]
     firmware: dict[str, float]
     expect: dict[str, Any] | None
     inputs_hash: str
@@ -66,6 +75,18 @@ class Inputs(TypedDict):
     unjudged: str | None
     parameters: dict[str, _Parameter]
     unused: list[str]
+
+class LiveAxis:
+    """The simulated axis of an experiment, which runs in steps of ticks."""
+
+    def __init__(self, experiment: str, overrides: Sequence[str], store: str) -> None: ...
+    def step(self, ticks: int) -> None: ...
+    def read(self, number: int) -> int: ...
+    def write(self, number: int, raw: int) -> int: ...
+    def end_schedule(self) -> None: ...
+    def samples(
+        self, first: int, count: int, signals: int
+    ) -> np.ndarray[Any, np.dtype[np.int32]]: ...
 
 def inputs(
     experiment: str | Path, overrides: Sequence[str] = ..., text: str | None = ...

@@ -16,6 +16,7 @@ from chip import ROOT
 from forceaxis import objects
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.can import OWN_NODE, CanLink
+from forceaxis.axis.drive import FaultObjects
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.modbus import ModbusLink
 
@@ -133,8 +134,8 @@ def test_an_axis_on_the_chip_is_one_as_any_other(frames):
         axis.enable("open loop", first_motion_test=0, open_loop_code=0)
         assert axis.read("consumer_heartbeat_1") >> 16 == OWN_NODE
         link._keeper.close()  # as if it were killed
-        found = axis.wait_for(lambda s: s["fault"] != "none", ("fault",), "a fault", 10.0)
-        assert found["fault"] == "heartbeat_lost"
+        found = axis.wait_for(FaultObjects, lambda s: s.fault != "none", "a fault", 10.0)
+        assert found.fault == "heartbeat_lost"
         assert axis.read("drive_state") == "fault"
 
 

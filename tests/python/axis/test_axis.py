@@ -14,6 +14,7 @@ import pytest
 from forceaxis._core import InputError
 from forceaxis.axis import actions, quantity
 from forceaxis.axis.axis import Axis, trigger_on
+from forceaxis.axis.drive import FaultObjects, StatusObjects
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.scan import ScannedAxis
 from forceaxis.axis.sim import SimLink
@@ -260,9 +261,9 @@ def test_enable_holds_for_a_while_and_ends_with_a_fault():
 def test_reset_and_stop(axis):
     axis.enable("force counts", approach_timeout=100, force_setpoint=-5.0)
     with pytest.raises(NoAnswer):
-        axis.wait_for(lambda s: False, ("statusword",), "the fault", 1.0)
+        axis.wait_for(StatusObjects, lambda s: False, "the fault", 1.0)
     axis.reset_fault()
-    assert axis.wait_for(lambda s: s["fault"] == "none", ("fault",), "no fault")
+    assert axis.wait_for(FaultObjects, lambda s: s.fault == "none", "no fault")
     axis.enable("profile velocity", target_velocity=0)
     axis.set(target_velocity=-5000)
     axis.link.wait(0.5)

@@ -338,7 +338,7 @@ def test_a_retract_is_bounded():
     with Axis(SimLink(HOLD)) as axis:
         axis.enable("force")
         axis.set(target_force="75 N")
-        axis.wait_for(lambda s: s["contact"] == 1, ("contact",), "contact", 10.0)
+        axis.wait_for(actions.ContactObjects, lambda s: s.contact == 1, "contact", 10.0)
         axis.link.wait(1.0)
         axis.arm(["velocity_actual", "force"], 3000)
         found = axis.retract("2 mm", "4 mm/s")

@@ -148,9 +148,7 @@ def test_an_incident_outlives_a_power_cut_until_it_is_cleared(tmp_path):
         axis = Axis(link)
         if wait_s:
             axis.link.axis.step(round(wait_s * 1500))
-            axis.wait_for(
-                lambda s: s["incident_stored"] == "stored", ("incident_stored", "fault"), "", 5.0
-            )
+            axis.wait_for(incident.ArchiveObjects, lambda s: s.incident_stored == "stored", "", 5.0)
         axis.acquire()
         try:
             found = incident.fetch(axis)
@@ -160,7 +158,6 @@ def test_an_incident_outlives_a_power_cut_until_it_is_cleared(tmp_path):
             return found
         finally:
             axis.close()
-            del link.axis
 
     first = powered(wait_s=3.0)
     assert not first.archived

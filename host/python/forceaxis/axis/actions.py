@@ -2,34 +2,34 @@
 
 import contextlib
 import datetime
+import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from forceaxis._core import InputError
 from forceaxis.axis import bounds, quantity
-from forceaxis.axis.link import Live, NoAnswer, Refused
+from forceaxis.axis.drive import Drive, DriveObjects, ModeObjects, StoppedObjects
+from forceaxis.axis.link import POLL_PERIOD_S, NoAnswer, Refused
 from forceaxis.axis.quantity import Force, force_per_count
 from forceaxis.bus import state_names
-from forceaxis.bus.client import from_raw
+from forceaxis.bus.client import Value, from_raw
 from forceaxis.bus.state_names import POWERED
 from forceaxis.errors import ParameterError
 
 QUICK_STOP = 0x02
-STOP_S = 10.0  # longest duration of a quick stop
+QUICK_STOP_MAX_S = 10.0  # longest duration of a quick stop
 FIRST_DAY = datetime.date(1984, 1, 1)  # of CiA 301's dates
-POINTS = range(2, 9)
-POLL_S = 0.02
-MOST_COUNTS = 512  # of force_max
-STAND_S = 5.0  # longest time for which a disabled axis may coast
-GUARD_COUNTS = 8  # counts by which the force may exceed its initial value during a retract
+CALIBRATION_POINTS = range(2, 9)
+FORCE_MAX_COUNTS = 512  # of force_max
+COAST_MAX_S = 5.0  # longest time for which a disabled axis may coast
+RETRACT_FORCE_COUNTS = 8  # counts by which the force may exceed its initial value during a retract
 # steps of the target down to 0; longest wait until the force is released
-RELEASE_STEPS, RELEASE_S = 25, 3.0
+RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 # {mode of operation: the target that sets the force in it}
-TARGETS = {
+FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
-APART_S = 10.0  # time that a retract may take in addition to the time for its distance
+RETRACT_EXTRA_S = 10.0  # time that a retract may take in addition to the time for its distance
 # force counts, a quarter of a signed range: a move ends if the force reaches this value
 MOVE_COUNTS = 32
 
@@ -49,23 +49,21 @@ class AxisStatus:
     force_N: float
 
 
-def state(axis: Live) -> AxisStatus:
+def state(axis: Drive) -> AxisStatus:
     """The present AxisStatus. Raises NoAnswer, Refused."""
-    word, mode, fault, position, force, source = axis.get(
-        "statusword", "modes_of_operation_display", "fault", "position", "force", "command_source"
-    ).values()
+    now = axis.record(DriveObjects)
     return AxisStatus(
-        state=state_names.drive_state(word),
-        mode=str(mode).replace("_", " "),
-        fault=fault,
-        position=position,
-        force=force,
-        command_source=source,
-        force_N=force * force_per_count(axis),
+        state=now.state,
+        mode=now.mode,
+        fault=now.fault,
+        position=now.position,
+        force=now.force,
+        command_source=now.command_source,
+        force_N=now.force * force_per_count(axis),
     )
 
 
-def stop(axis: Live) -> AxisStatus:
+def stop(axis: Drive) -> AxisStatus:
     """Commands a quick stop, which acts for every owner, and waits until the axis is disabled, or
     at standstill if quick_stop_option keeps it enabled; returns its state(). Raises NoAnswer,
     Refused."""
@@ -77,25 +75,22 @@ def stop(axis: Live) -> AxisStatus:
             if not remaining:
                 raise
     axis.wait_for(
-        lambda s: state_names.drive_state(s["statusword"]) != "operation enabled",
-        ("statusword", "fault"),
+        StoppedObjects,
+        lambda s: s.state != "operation enabled",
         "the axis to leave operation enabled",
     )
-    stays = axis.link.read(["quick_stop_option"])["quick_stop_option"] >= 5
-    if not stays:
+    stays_enabled = axis.link.read_one("quick_stop_option") >= 5
+    if not stays_enabled:
         axis.wait_for(
-            lambda s: state_names.drive_state(s["statusword"]) not in POWERED,
-            ("statusword", "fault"),
-            "the axis to be off",
-            STOP_S,
+            StoppedObjects, lambda s: s.state not in POWERED, "the axis to be off", QUICK_STOP_MAX_S
         )
     return state(axis)
 
 
-def wait_to_stand(axis: Live) -> None:
-    """Waits while a disabled axis coasts, at most STAND_S. Raises NoAnswer, Refused."""
+def wait_to_stand(axis: Drive) -> None:
+    """Waits while a disabled axis coasts, at most COAST_MAX_S. Raises NoAnswer, Refused."""
     before, passed = None, 0.0
-    while (now := axis.read("position")) != before and passed < STAND_S:
+    while (now := axis.read("position")) != before and passed < COAST_MAX_S:
         before = now
         axis.link.wait(0.2)
         passed += 0.2
@@ -109,28 +104,30 @@ class TareResult:
     force: float
 
 
-def tare(axis: Live) -> TareResult:
+@dataclass(frozen=True)
+class TareObjects:
+    """Progress of the tare: idle, running, done, or the reason of a failure; latched fault."""
+
+    tare_state: str
+    fault: str
+
+
+def tare(axis: Drive) -> TareResult:
     """Tares a disabled axis at standstill. Raises Refused with the reason from the axis."""
     axis.set(tare=1)
-    axis.link.wait(POLL_S)
+    axis.link.wait(POLL_PERIOD_S)
     found = axis.wait_for(
-        lambda s: s["tare_state"] != "running", ("tare_state", "fault"), "the end of the tare", 10.0
+        TareObjects, lambda s: s.tare_state != "running", "the end of the tare", 10.0
     )
-    if found["tare_state"] != "done":
-        raise Refused(f"{axis.link.where}: tare {found['tare_state'].replace('_', ' ')}")
-    axis.link.wait(POLL_S)
-    return TareResult(**axis.get("force_tare", "force"))
+    if found.tare_state != "done":
+        raise Refused(f"{axis.link.where}: tare {found.tare_state.replace('_', ' ')}")
+    axis.link.wait(POLL_PERIOD_S)
+    return axis.record(TareResult)
 
 
-def reading(axis: Live, seconds: float = 0.5) -> float:
+def reading(axis: Drive, seconds: float = 0.5) -> float:
     """Mean of the measured force in counts over `seconds` of the axis' time."""
-    values: list[float] = []
-    passed = 0.0
-    while passed < seconds:
-        values.append(axis.read("force"))
-        axis.link.wait(POLL_S)
-        passed += POLL_S
-    return sum(values) / len(values)
+    return statistics.fmean(axis.read("force") for _ in axis.link.polls(seconds))
 
 
 @dataclass(frozen=True)
@@ -142,11 +139,21 @@ class CalibrationResult:
     linearity_permille: float
 
 
-def calibrate(axis: Live, points: Sequence[tuple[float, float]]) -> CalibrationResult:
+@dataclass(frozen=True)
+class CalibrationObjects:
+    """Progress of a calibration, linearity error in per mille of the span, force_scale in uN per
+    8-bit count."""
+
+    calibration_state: str
+    calibration_linearity: float
+    force_scale: float
+
+
+def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> CalibrationResult:
     """Calculates and sets force_scale of a disabled axis from a line through 2 to 8 `points`, each
     (measured force in counts, reference force in N). Raises InputError, and Refused with the reason
     from the axis."""
-    if len(points) not in POINTS:
+    if len(points) not in CALIBRATION_POINTS:
         raise InputError(f"calibrate: expected 2 to 8 points, got {len(points)}")
     values: dict[str, float] = {}
     for i, (count, newton) in enumerate(points, 1):
@@ -157,25 +164,25 @@ def calibrate(axis: Live, points: Sequence[tuple[float, float]]) -> CalibrationR
     refusal = None
     try:
         axis.set(calibrate=1)
-        axis.link.wait(POLL_S)
+        axis.link.wait(POLL_PERIOD_S)
     except Refused as error:  # calibration_state contains the reason
         refusal = error
-    found = axis.get("calibration_state", "calibration_linearity", "force_scale")
-    if refusal or found["calibration_state"] != "done":
-        if refusal and found["calibration_state"] in ("idle", "done"):
+    found = axis.record(CalibrationObjects)
+    if refusal or found.calibration_state != "done":
+        if refusal and found.calibration_state in ("idle", "done"):
             raise refusal
         raise Refused(
-            f"{axis.link.where}: calibration {found['calibration_state'].replace('_', ' ')}, "
-            f"linearity error {found['calibration_linearity']:g} per mille"
+            f"{axis.link.where}: calibration {found.calibration_state.replace('_', ' ')}, "
+            f"linearity error {found.calibration_linearity:g} per mille"
         )
     return CalibrationResult(
-        force_scale_N_per_count=found["force_scale"] * 1e-6,
-        linearity_permille=found["calibration_linearity"],
+        force_scale_N_per_count=found.force_scale * 1e-6,
+        linearity_permille=found.calibration_linearity,
     )
 
 
 @contextlib.contextmanager
-def bounded(axis: Live, counts: float) -> Iterator[None]:
+def bounded(axis: Drive, counts: float) -> Iterator[None]:
     """Context with a lower force limit: a measured force above `counts`, or above force_max if that
     is less, disables the axis in the same tick. At the end the axis is disabled and force_max is
     restored."""
@@ -188,7 +195,7 @@ def bounded(axis: Live, counts: float) -> Iterator[None]:
         axis.put_back(force_max=own)
 
 
-def expect_position_gain(axis: Live) -> None:
+def expect_position_gain(axis: Drive) -> None:
     """Raises Refused for an axis whose position_gain is 0, because it cannot approach or follow a
     position."""
     if axis.read("position_gain") == 0:
@@ -199,15 +206,7 @@ def expect_position_gain(axis: Live) -> None:
         )
 
 
-def expect_unclipped(axis: Live, values: Mapping[str, Any], when: str) -> None:
-    """Raises Refused, in one line, if the axis now limits one of the force targets. when: text such
-    as "while it moved"."""
-    text = bounds.clipped(axis, values)
-    if text:
-        raise Refused(f"{axis.link.where}: its bounds have changed {when}: {text}")
-
-
-def most_counts(axis: Live, force_max: float | str | None) -> float | None:
+def most_counts(axis: Drive, force_max: float | str | None) -> float | None:
     """A force limit in counts, from "120 N" or counts; None stays None. Raises InputError."""
     if force_max is None:
         return None
@@ -215,18 +214,18 @@ def most_counts(axis: Live, force_max: float | str | None) -> float | None:
         counts = quantity.number(axis, "force_max", str(force_max))
     except InputError:
         counts = 0.0
-    if not 0 < counts <= MOST_COUNTS:
-        newton = MOST_COUNTS * force_per_count(axis)
+    if not 0 < counts <= FORCE_MAX_COUNTS:
+        newton = FORCE_MAX_COUNTS * force_per_count(axis)
         raise ParameterError(
             "force_max",
-            f'expected up to {MOST_COUNTS} force counts, or a force as "75 N" up to '
+            f'expected up to {FORCE_MAX_COUNTS} force counts, or a force as "75 N" up to '
             f"{newton:.6g} N, got {force_max}",
         )
     return counts
 
 
 def move(
-    axis: Live,
+    axis: Drive,
     position: int | str,
     speed: float | str | None = None,
     timeout_s: float = 60.0,
@@ -238,8 +237,8 @@ def move(
     the axis would limit a target; Refused; NoAnswer, which names the fault if the force limit was
     exceeded."""
     expect_position_gain(axis)
-    settings = {} if speed is None else {"trajectory_velocity": speed}
-    settings = expect(axis, {**settings, "target_position": position})
+    given: dict[str, Value] = {} if speed is None else {"trajectory_velocity": speed}
+    settings = expect(axis, {**given, "target_position": position})
     place = int(settings.pop("target_position"))
     before = axis.get(*settings)
     try:
@@ -251,12 +250,12 @@ def move(
         axis.put_back(**before)
 
 
-def expect(axis: Live, values: Mapping[str, Any]) -> dict[str, Any]:
+def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
     """Converts targets and quantities to engineering values and checks that the axis limits none of
     them. Raises InputError with the bound and its object."""
-    found = {n: from_raw(n, raw) for n, raw in quantity.all_raw(axis, values).items()}
-    bounds.expect(axis, found)
-    return found
+    raw = quantity.all_raw(axis, values)
+    bounds.expect_raw(axis, raw)
+    return {name: from_raw(name, value) for name, value in raw.items()}
 
 
 @dataclass(frozen=True)
@@ -295,8 +294,16 @@ class PressResult:
     retracted_position: int | None = None  #: after a retract, otherwise None
 
 
+@dataclass(frozen=True)
+class ContactObjects:
+    """Whether the axis is in contact (1), and the measured force in 8-bit counts."""
+
+    contact: int
+    force: float
+
+
 def press(
-    axis: Live,
+    axis: Drive,
     force: Force,
     order: PressOrder,
     shown: Callable[[PressSample], None] | None = None,
@@ -307,7 +314,7 @@ def press(
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
     wanted = "target_force" if force.newton else "force_setpoint"
-    given: dict[str, Any] = {} if speed is None else {"approach_velocity_max": speed}
+    given: dict[str, Value] = {} if speed is None else {"approach_velocity_max": speed}
     given[wanted] = f"{force.value!r} N" if force.newton else force.value
     asked = expect(axis, given)
     value, per_count = asked[wanted], force_per_count(axis)
@@ -315,7 +322,7 @@ def press(
         axis, abs(force.value) / (per_count if force.newton else 1), order.force_max
     )
     way = None if order.retract is None else _distance(axis, order.retract)
-    settings = {"approach_timeout": order.approach_s * 1e3}
+    settings: dict[str, Value] = {"approach_timeout": order.approach_s * 1e3}
     if speed is not None or not (force.newton or axis.read(bound)):
         settings[bound] = asked.get("approach_velocity_max") or axis.read("approach_velocity_max")
     before = axis.get(*settings, *(() if force.newton else (wanted,)))
@@ -328,7 +335,7 @@ def press(
             axis.set(target_force=value)
         else:
             axis.enable("force counts", **settings, force_setpoint=value)
-        axis.wait_for(lambda s: s["contact"] == 1, ("contact",), "contact", order.approach_s + 1)
+        axis.wait_for(ContactObjects, lambda s: s.contact == 1, "contact", order.approach_s + 1)
         samples = _hold(axis, order.seconds, {wanted: value}, shown)
         if way is not None:
             apart = _back(axis, way, speed, wanted).position
@@ -348,7 +355,7 @@ def press(
     )
 
 
-def _force_bound(axis: Live, counts: float, force_max: float | str | None) -> float:
+def _force_bound(axis: Drive, counts: float, force_max: float | str | None) -> float:
     """Force limit of a press in counts, which has to exceed the force of the press. Raises
     InputError."""
     most = most_counts(axis, force_max)
@@ -363,38 +370,34 @@ def _force_bound(axis: Live, counts: float, force_max: float | str | None) -> fl
                 f"expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
                 f"{by} disables it, got {counts * newton:.6g} N; {remedy}",
             )
-    return most or min(2 * counts + MOVE_COUNTS / 4, MOST_COUNTS)
+    return most or min(2 * counts + MOVE_COUNTS / 4, FORCE_MAX_COUNTS)
 
 
 def _hold(
-    axis: Live,
+    axis: Drive,
     seconds: float,
-    target: Mapping[str, Any],
+    target: Mapping[str, Value],
     shown: Callable[[PressSample], None] | None,
 ) -> list[PressSample]:
     """Samples the axis while it presses; calls shown(sample) a few times per second. Raises Refused
     if the axis becomes disabled, or if it limits the target because a bound has changed."""
     samples: list[PressSample] = []
-    passed, steps, limited = 0.0, 0, False
-    while passed < seconds:
-        found = axis.wait_for(lambda s: True, ("force", "position", "statusword"), "")
-        found.pop("fault")
-        now = PressSample(**found)
-        word = now.statusword
-        if state_names.drive_state(word) != "operation enabled":
+    was_limited = False
+    for _ in axis.link.polls(seconds):
+        now = axis.record(PressSample)
+        if state_names.drive_state(now.statusword) != "operation enabled":
             raise Refused(f"{axis.link.where}: it was disabled while it pressed, {axis.about()}")
-        if word & bounds.INTERNAL_LIMIT and not limited:
-            expect_unclipped(axis, target, "while it pressed")
-        limited = bool(word & bounds.INTERNAL_LIMIT)
+        is_limited = bool(now.statusword & bounds.INTERNAL_LIMIT)
+        if is_limited and not was_limited:
+            axis.expect_unlimited(target, "while it pressed")
+        was_limited = is_limited
         samples.append(now)
-        if shown is not None and steps % 10 == 0:
+        if shown is not None and len(samples) % 10 == 1:
             shown(now)
-        axis.link.wait(POLL_S)
-        passed, steps = passed + POLL_S, steps + 1
     return samples
 
 
-def _distance(axis: Live, distance: float | str) -> float:
+def _distance(axis: Drive, distance: float | str) -> float:
     """A distance in user units of the axis. Raises InputError."""
     value = quantity.number(axis, "target_position", str(distance))
     if not value > 0:
@@ -402,7 +405,7 @@ def _distance(axis: Live, distance: float | str) -> float:
     return value
 
 
-def retract(axis: Live, distance: float | str, speed: float | str | None = None) -> AxisStatus:
+def retract(axis: Drive, distance: float | str, speed: float | str | None = None) -> AxisStatus:
     """Moves back from a contact by a distance and disables the axis; returns its state() before
     that. Arguments and errors as in Axis.retract()."""
     expect_position_gain(axis)
@@ -410,24 +413,40 @@ def retract(axis: Live, distance: float | str, speed: float | str | None = None)
     if speed is not None:
         expect(axis, {"approach_velocity_max": speed})
     force = axis.read("force")
-    with bounded(axis, min(abs(force) + GUARD_COUNTS, MOST_COUNTS)):
-        mode = str(axis.read("modes_of_operation_display"))
-        enabled = state_names.drive_state(axis.read("statusword")) == "operation enabled"
-        return _back(axis, way, speed, TARGETS.get(mode, "") if enabled else "")
+    with bounded(axis, min(abs(force) + RETRACT_FORCE_COUNTS, FORCE_MAX_COUNTS)):
+        now = axis.record(ModeObjects)
+        is_enabled = now.state == "operation enabled"
+        mode = str(now.modes_of_operation_display)
+        return _back(axis, way, speed, FORCE_TARGETS.get(mode, "") if is_enabled else "")
 
 
-def _back(axis: Live, way: float, speed: float | str | None, target: str) -> AxisStatus:
+@dataclass(frozen=True)
+class RetractObjects:
+    """The objects from which a retract follows: velocity and position in user units, forces in
+    8-bit counts."""
+
+    trajectory_velocity: float
+    contact_force: float
+    polarity: int
+    force: float
+    position_actual: float
+
+
+def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
     """Releases the force, if a target presses, then moves in the opposite direction of the force by
     `way`, measured from the position of the press. Returns the state() there; the axis is still
     enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
-    slow = {} if speed is None else {"approach_velocity_max": speed}
-    most = (expect(axis, slow) or axis.get("approach_velocity_max"))["approach_velocity_max"]
-    own, counts = axis.read("trajectory_velocity"), axis.read("contact_force")
-    per_s = max(1.0, min(ratio * most, own))
-    reverse = bool(axis.read("polarity") & bounds.REVERSED)
-    sign = 1 if (axis.read("force") < 0) != reverse else -1
-    place = round(axis.read("position_actual") + sign * way)
+    if speed is None:
+        most = axis.read("approach_velocity_max")
+    else:
+        (most,) = expect(axis, {"approach_velocity_max": speed}).values()
+    before = axis.record(RetractObjects)
+    own, counts = before.trajectory_velocity, before.contact_force
+    per_s = max(1.0, min(ratio * float(most), own))
+    is_reversed = bool(before.polarity & bounds.REVERSED)
+    sign = 1 if (before.force < 0) != is_reversed else -1
+    place = round(before.position_actual + sign * way)
     if target:
         _release(axis, target, counts)
     here = axis.read("position_actual")  # the axis does not move toward the workpiece
@@ -435,12 +454,12 @@ def _back(axis: Live, way: float, speed: float | str | None, target: str) -> Axi
     try:
         axis.enable("profile position", trajectory_velocity=per_s)
         try:
-            axis.move(place, way / per_s + APART_S)
+            axis.move(place, way / per_s + RETRACT_EXTRA_S)
         except InputError as error:  # a limit in the way
             raise Refused(f"{axis.link.where}: it cannot be retracted: {error}") from None
-        found = axis.get("contact", "force")
-        if found["contact"] or abs(found["force"]) > counts:
-            newton = found["force"] * force_per_count(axis)
+        found = axis.record(ContactObjects)
+        if found.contact or abs(found.force) > counts:
+            newton = found.force * force_per_count(axis)
             raise Refused(
                 f"{axis.link.where}: expected it apart after the retract, it still reads "
                 f"{newton:.4g} N: retract it further"
@@ -450,14 +469,13 @@ def _back(axis: Live, way: float, speed: float | str | None, target: str) -> Axi
         axis.put_back(trajectory_velocity=own)
 
 
-def _release(axis: Live, target: str, counts: float) -> None:
+def _release(axis: Drive, target: str, counts: float) -> None:
     """Lowers a target to 0 in steps and waits until the measured force is below `counts`. In one
     step, the contact spring would accelerate the axis away from the workpiece."""
     value = axis.read(target)
-    for step in range(1, RELEASE_STEPS + 1):
-        axis.put_back(**{target: value * (1 - step / RELEASE_STEPS)})
-        axis.link.wait(POLL_S)
-    passed = 0.0
-    while passed < RELEASE_S and abs(axis.read("force")) > counts:
-        axis.link.wait(POLL_S)
-        passed += POLL_S
+    for step in range(1, RELEASE_MAX_STEPS + 1):
+        axis.put_back(**{target: value * (1 - step / RELEASE_MAX_STEPS)})
+        axis.link.wait(POLL_PERIOD_S)
+    for _ in axis.link.polls(RELEASE_MAX_S):
+        if abs(axis.read("force")) <= counts:
+            return

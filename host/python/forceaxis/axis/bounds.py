@@ -1,22 +1,21 @@
-"""Checks targets against the limits of an axis. The firmware limits such targets, so they are
-refused before they are written; the text states the target, the bound, the object that sets the
-bound, and the remedy.
+"""Checks targets against the bounds of an axis. The firmware limits a target beyond a bound, so
+such a target is refused before it is written. The text of the error states the target, the bound,
+the object that sets the bound, and the remedy.
 
 expect(axis, {"target_force": 5000})      # InputError where 6072h and rated_force permit less
 
-Axis.set() does this for every target. A bound that is lowered while the axis moves is seen by the
-statusword's bit "internal limit", and expect() says then which one it is.
+Axis.set() does this for every target. If a bound is lowered while the axis moves, the bit "internal
+limit" of the statusword is set, and expect() then finds the bound.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from forceaxis._core import InputError
 from forceaxis.axis import quantity
-from forceaxis.axis.link import Live
-from forceaxis.bus.client import from_raw, object_named, to_raw
+from forceaxis.axis.values import AxisValues, PlannedValues
+from forceaxis.bus.client import Value, to_raw
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
 
@@ -24,9 +23,7 @@ INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or t
 RELATIVE = 1 << 6  # bit of the controlword: a target position is relative to the present position
 REVERSED = 0x80  # bit of polarity that reverses the direction of positions
 NO_LIMIT = 2**31 - 1  # a position limit of this magnitude means no limit
-CODE_MOST = 2047  # of the DAC
-WHOLE = 1000  # per mille of 1
-WAVE = "excitation"  # the mode of operation
+DAC_CODE_MAX = 2047
 
 
 @dataclass(frozen=True)
@@ -39,24 +36,51 @@ class Bound:
     remedy: str
 
 
-class Present:
-    """Values of an axis, with those of `values` as they will be after writing."""
-
-    def __init__(self, axis: Live, values: Mapping[str, Any]) -> None:
-        self.axis, self.given = axis, frozenset(values)
-        self._found = {n: _engineering(n, v) for n, v in values.items()}
-
-    def __call__(self, *names: str) -> tuple[Any, ...]:
-        """Engineering values of objects; None for an object that the connection cannot access."""
-        missing = [n for n in names if n not in self._found]
-        reached = [n for n in missing if self.axis.link.reaches(n)]
-        self._found |= dict.fromkeys(missing) | (self.axis.get(*reached) if reached else {})
-        return tuple(self._found[name] for name in names)
+# The objects from which bounds follow. A value is None if the connection cannot access the object.
 
 
-def _engineering(name: str, value: Any) -> Any:
-    known = object_named(name)
-    return value if known is None else from_raw(name, to_raw(name, value))
+@dataclass(frozen=True)
+class SensorObjects:
+    """Conversion of the ADC code to the measured force; force_tare is in 8-bit counts."""
+
+    adc_bits: int | None
+    force_zero_code: int | None
+    force_sign: int | None
+    force_tare: float | None
+
+
+@dataclass(frozen=True)
+class ForceLimits:
+    """Limits of the demanded force in per mille of rated_force, which is in mN."""
+
+    force_limit: float
+    force_limit_positive: float | None
+    force_limit_negative: float | None
+    rated_force: float
+    uncertified_force: float  # per mille of force_limit
+    certificate_required: str | None
+    force_bank: int | None
+
+
+@dataclass(frozen=True)
+class EncoderLimits:
+    """Limits of the position in encoder counts."""
+
+    position_min: int
+    position_max: int
+
+
+@dataclass(frozen=True)
+class PositionLimits(EncoderLimits):
+    """Limits of a target in user units, and the present position in user units and in encoder
+    counts."""
+
+    controlword: int
+    position_limit_min: int
+    position_limit_max: int
+    polarity: int | None
+    position: int
+    position_actual: float | None
 
 
 def _object(name: str) -> str:
@@ -65,52 +89,45 @@ def _object(name: str) -> str:
     return f"{name} ({known.index:04X}h{sub})"
 
 
-def expect(axis: Live, values: Mapping[str, Any]) -> None:
-    """Checks engineering values that are to be written in this order. Raises InputError, in one
-    line, if the axis would limit one of them. Only the objects of the relevant bounds are read."""
-    targets = [name for name in values if name in BOUNDS]
-    if not targets:
-        return
-    present = Present(axis, values)
+def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
+    """Checks raw values that are to be written in this order. Raises InputError, in one line, if
+    the axis would limit one of them. Only the objects from which their bounds follow are read."""
+    targets = [name for name in raw if name in BOUNDS]
+    planned = PlannedValues(axis, raw)
     for name in targets:
-        (value,) = present(name)
-        for bound in BOUNDS[name](present):
+        value = planned.read(name)
+        for bound in BOUNDS[name](planned):
             if not bound.least <= value <= bound.most:
                 raise InputError(_refusal(axis, name, value, bound))
 
 
-def clipped(axis: Live, values: Mapping[str, Any]) -> str:
-    """The text of the error that expect() would raise for the values now; "" if none would be
-    limited."""
-    try:
-        expect(axis, values)
-    except InputError as error:
-        return str(error)
-    return ""
+def expect(axis: AxisValues, values: Mapping[str, Value]) -> None:
+    """Checks engineering values as expect_raw() checks raw values."""
+    expect_raw(axis, {name: to_raw(name, value) for name, value in values.items()})
 
 
-def most_force(axis: Live) -> float:
+def most_force(axis: AxisValues) -> float:
     """The largest target_force that the axis does not limit, in per mille of rated_force, an
     integer."""
-    return math.floor(min(b.most for b in BOUNDS["target_force"](Present(axis, {}))))
+    return math.floor(min(b.most for b in BOUNDS["target_force"](PlannedValues(axis, {}))))
 
 
-def expect_force(axis: Live, force_N: float, swing: float) -> None:
+def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
     """Checks a force in N that is to be pressed with an excitation. Raises InputError if the axis
     would limit it, or if expect_readable() does."""
-    force_scale, rated_force = axis.get("force_scale", "rated_force").values()
-    expect_readable(axis, force_N, swing, force_scale * 1e-6)
-    expect(axis, {"target_force": 1e6 * force_N / rated_force})
+    expect_readable(axis, force_N, swing, quantity.force_per_count(axis))
+    expect(axis, {"target_force": 1e6 * force_N / axis.read("rated_force")})
 
 
-def expect_readable(axis: Live, force_N: float, swing: float, newton_per_count: float) -> None:
+def expect_readable(
+    axis: AxisValues, force_N: float, swing: float, newton_per_count: float
+) -> None:
     """Checks that a force stays within the range of the measured force and below force_max.
     `swing`: range of the force peak to peak, relative to the force. Raises InputError."""
-    present = Present(axis, {})
-    reading, (own,) = of_reading(present), present("force_max")
+    reading, force_max = of_reading(PlannedValues(axis, {})), axis.read("force_max")
     for counts, by in (
         (reading.most if reading else math.inf, "the end of the reading's range"),
-        (own or math.inf, _object("force_max")),
+        (force_max or math.inf, _object("force_max")),
     ):
         most = counts * newton_per_count / (1 + swing / 2)
         if force_N > most:
@@ -122,7 +139,7 @@ def expect_readable(axis: Live, force_N: float, swing: float, newton_per_count: 
             )
 
 
-def _refusal(axis: Live, name: str, value: float, bound: Bound) -> str:
+def _refusal(axis: AxisValues, name: str, value: float, bound: Bound) -> str:
     above = value > bound.most
     limit = bound.most if above else bound.least
     wanted = f"at {'most' if above else 'least'} {quantity.shown(axis, name, limit)}"
@@ -132,12 +149,14 @@ def _refusal(axis: Live, name: str, value: float, bound: Bound) -> str:
     )
 
 
-def of_reading(present: Present) -> Bound | None:
+def of_reading(planned: PlannedValues) -> Bound | None:
     """Range of the measured force in counts by its ADC, without the end codes. An end at which the
     measured force is zero is not a bound: there the axis presses against the end or is out of
     contact."""
-    bits, zero, sign, tare = present("adc_bits", "force_zero_code", "force_sign", "force_tare")
-    if None in (bits, zero, sign, tare):
+    sensor = planned.record(SensorObjects)
+    bits, zero, tare = sensor.adc_bits, sensor.force_zero_code, sensor.force_tare
+    sign = sensor.force_sign
+    if bits is None or zero is None or sign is None or tare is None:
         return None
     code, top = 2.0 ** (8 - bits), 2**bits - 1
     ends = {end: sign * (end - zero) * code - tare for end in (0, top)}
@@ -151,29 +170,20 @@ def of_reading(present: Present) -> Bound | None:
     )
 
 
-def _force_setpoint(present: Present) -> Iterator[Bound]:
-    reading = of_reading(present)
+def _force_setpoint(planned: PlannedValues) -> Iterator[Bound]:
+    reading = of_reading(planned)
     if reading:
         yield reading
 
 
-def _without_certificate(present: Present) -> bool:
-    (bank,) = present("force_bank")
-    if not bank:
-        return bool(present("certificate_required")[0] == "yes")
-    return present(f"certificate_state_{bank}")[0] not in ("fits", None)
+def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
+    """Bounds of one of the two summands of the demanded force, in per mille of rated_force. other:
+    object of the other summand."""
 
-
-def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
-    """Bounds of one of the two summands of the demanded force, in per mille of rated_force."""
-
-    def bounds(present: Present) -> Iterator[Bound]:
-        (added,) = present(other)
-        added = added or 0
-        limit, positive, negative, rated = present(
-            "force_limit", "force_limit_positive", "force_limit_negative", "rated_force"
-        )
-        rated_N = rated * 1e-3
+    def bounds(planned: PlannedValues) -> Iterator[Bound]:
+        added = planned.read(other) or 0
+        limits = planned.record(ForceLimits)
+        rated_N = limits.rated_force * 1e-3
         beside = f", beside {other} {added:g} per mille" if added else ""
 
         def bound(most: float, least: float, by: str, remedy: str) -> Bound:
@@ -181,6 +191,8 @@ def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
 
         of_rated = f"per mille of rated_force {rated_N:.6g} N"
         more = "ask for less, or raise it or rated_force"
+        limit, positive = limits.force_limit, limits.force_limit_positive
+        negative = limits.force_limit_negative
         yield bound(limit, -limit, f"{_object('force_limit')}, {limit:g} {of_rated}", more)
         if positive is not None:
             by = f"{_object('force_limit_positive')}, {positive:g} {of_rated}"
@@ -188,19 +200,11 @@ def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
         if negative is not None:
             by = f"{_object('force_limit_negative')}, {negative:g} {of_rated}"
             yield bound(math.inf, -negative, by, more)
-        if _without_certificate(present):
-            share, (bank,) = present("uncertified_force")[0], present("force_bank")
-            most = limit * share // WHOLE
-            state = present(f"certificate_state_{bank}")[0] if bank else "none"
-            law = f"bank {bank}" if bank else "force_gain alone"
-            yield bound(
-                most, -most, f"{_object('uncertified_force')}, {share:g} per mille of force_limit, "
-                f"while the certificate of {law} is {str(state).replace('_', ' ')}",
-                "ask for less, give the bank a certificate (`forceaxis design`) or raise it",
-            )  # fmt: skip
-        reading = of_reading(present)
+        yield from _uncertified(planned, limits, bound)
+        reading = of_reading(planned)
         if reading:
-            per_count = present("force_scale")[0] / rated  # uN divided by mN gives per mille
+            # uN divided by mN gives per mille
+            per_count = planned.read("force_scale") / limits.rated_force
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
             )
@@ -208,25 +212,43 @@ def _target_force(other: str) -> Callable[[Present], Iterator[Bound]]:
     return bounds
 
 
-def _position(present: Present) -> Iterator[Bound]:
-    """Bounds of a target in user units of the axis."""
-    (word,) = present("controlword")
-    if word & RELATIVE:
+def _uncertified(
+    planned: PlannedValues, limits: ForceLimits, bound: Callable[[float, float, str, str], Bound]
+) -> Iterator[Bound]:
+    """The bound of a force law without a valid certificate."""
+    bank, share = limits.force_bank, limits.uncertified_force
+    if not bank and limits.certificate_required != "yes":
         return
-    low, high = present("position_limit_min", "position_limit_max")
+    # the state is None if the connection cannot access it
+    state = planned.read(f"certificate_state_{bank}") if bank else "none"
+    if state in ("fits", None):
+        return
+    most = limits.force_limit * share // 1000
+    law = f"bank {bank}" if bank else "force_gain alone"
+    yield bound(
+        most, -most, f"{_object('uncertified_force')}, {share:g} per mille of force_limit, "
+        f"while the certificate of {law} is {str(state).replace('_', ' ')}",
+        "ask for less, give the bank a certificate (`forceaxis design`) or raise it",
+    )  # fmt: skip
+
+
+def _position(planned: PlannedValues) -> Iterator[Bound]:
+    """Bounds of a target in user units of the axis."""
+    limits = planned.record(PositionLimits)
+    if limits.controlword & RELATIVE:
+        return
     more = "ask for a place inside, or move the limit"
-    yield Bound(_end(low), math.inf, _object("position_limit_min"), more)
-    yield Bound(-math.inf, _end(high), _object("position_limit_max"), more)
-    low, high, polarity, here, user = present(
-        "position_min", "position_max", "polarity", "position", "position_actual"
-    )
+    yield Bound(_end(limits.position_limit_min), math.inf, _object("position_limit_min"), more)
+    yield Bound(-math.inf, _end(limits.position_limit_max), _object("position_limit_max"), more)
+    low, high, here = limits.position_min, limits.position_max, limits.position
+    user = limits.position_actual
     if _end(low) == -math.inf and _end(high) == math.inf:
         return
-    ratio = quantity.user_per_count(present.axis)
+    ratio = quantity.user_per_count(planned.axis)
     if ratio is None or user is None:
         return
-    way = -ratio if (polarity or 0) & REVERSED else ratio
-    named = [(name, user + way * (_end(count) - here), count)
+    per_count = -ratio if (limits.polarity or 0) & REVERSED else ratio
+    named = [(name, user + per_count * (_end(count) - here), count)
              for name, count in (("position_min", low), ("position_max", high))]  # fmt: skip
     for (name, place, count), low_end in zip(sorted(named, key=lambda n: n[1]), (True, False),
                                              strict=True):  # fmt: skip
@@ -242,31 +264,32 @@ def _end(position: float) -> float:
     return math.copysign(math.inf, position) if abs(position) >= NO_LIMIT else position
 
 
-def _native_position(present: Present) -> Iterator[Bound]:
-    low, high = present("position_min", "position_max")
+def _native_position(planned: PlannedValues) -> Iterator[Bound]:
+    limits = planned.record(EncoderLimits)
     more = "ask for a place inside, or move the limit"
-    yield Bound(_end(low), math.inf, _object("position_min"), more)
-    yield Bound(-math.inf, _end(high), _object("position_max"), more)
+    yield Bound(_end(limits.position_min), math.inf, _object("position_min"), more)
+    yield Bound(-math.inf, _end(limits.position_max), _object("position_max"), more)
 
 
-def _velocity(other: str = "") -> Callable[[Present], Iterator[Bound]]:
+def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
     """Bounds of a speed in user units per second; other: object that is added to it in cyclic
     velocity mode."""
 
-    def bounds(present: Present) -> Iterator[Bound]:
-        most, mode = present("velocity_max", "modes_of_operation")
+    def bounds(planned: PlannedValues) -> Iterator[Bound]:
+        most = planned.read("velocity_max")
         if most is None:
             return
-        added = (present(other)[0] or 0) if other and mode == "cyclic_velocity" else 0
+        is_summed = other and planned.read("modes_of_operation") == "cyclic_velocity"
+        added = (planned.read(other) or 0) if is_summed else 0
         by = _object("velocity_max") + (f", beside {other} {added:g}" if added else "")
         yield Bound(-most - added, most - added, by, "ask for less, or raise it")
 
     return bounds
 
 
-def _approach(present: Present) -> Iterator[Bound]:
+def _approach(planned: PlannedValues) -> Iterator[Bound]:
     """Bounds of a speed in encoder counts per second."""
-    (most,), ratio = present("velocity_max"), quantity.user_per_count(present.axis)
+    most, ratio = planned.read("velocity_max"), quantity.user_per_count(planned.axis)
     if most is not None and ratio is not None:
         yield Bound(
             -math.inf, most / ratio, f"{_object('velocity_max')}, {most:g} of the axis' units/s",
@@ -274,18 +297,18 @@ def _approach(present: Present) -> Iterator[Bound]:
         )  # fmt: skip
 
 
-def _code(beside: str = "", always: bool = False) -> Callable[[Present], Iterator[Bound]]:
+def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
     """Bounds of DAC codes. beside: code that the excitation mode adds; it counts in this mode only,
     unless `always`."""
 
-    def bounds(present: Present) -> Iterator[Bound]:
-        (limit,) = present("output_limit")
-        most = min(limit, CODE_MOST)
-        counts = always or beside in present.given
-        if beside and not counts:
-            counts = present("modes_of_operation")[0] == WAVE
-        added = abs(present(beside)[0] or 0) if counts else 0
-        by = _object("output_limit") if limit <= CODE_MOST else "the range of the DAC"
+    def bounds(planned: PlannedValues) -> Iterator[Bound]:
+        limit = planned.read("output_limit")
+        most = min(limit, DAC_CODE_MAX)
+        is_summed = always or beside in planned.planned
+        if beside and not is_summed:
+            is_summed = planned.read("modes_of_operation") == "excitation"
+        added = abs(planned.read(beside) or 0) if is_summed else 0
+        by = _object("output_limit") if limit <= DAC_CODE_MAX else "the range of the DAC"
         by += f", beside {beside} {added:g}" if added else ""
         yield Bound(added - most, most - added, by, "ask for less, or raise output_limit")
 
@@ -293,7 +316,7 @@ def _code(beside: str = "", always: bool = False) -> Callable[[Present], Iterato
 
 
 # {target: its bounds}.
-BOUNDS: dict[str, Callable[[Present], Iterator[Bound]]] = {
+BOUNDS: dict[str, Callable[[PlannedValues], Iterator[Bound]]] = {
     "target_force": _target_force("force_offset"),
     "force_offset": _target_force("target_force"),
     "force_setpoint": _force_setpoint,

@@ -13,7 +13,14 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from forceaxis._core import InputError
-from forceaxis.axis.link import REASONS, NoAnswer, RawSamples, RecorderLink, Refused
+from forceaxis.axis.link import (
+    COMMAND_SOURCES,
+    REASONS,
+    NoAnswer,
+    RawSamples,
+    RecorderLink,
+    Refused,
+)
 from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
@@ -103,7 +110,7 @@ class CanLink(RecorderLink):
     node may have. bus: a python-can bus instead of the interface. Raises InputError.
     """
 
-    source = BY_NAME["command_source"].enum.index("canopen")
+    source = COMMAND_SOURCES.index("canopen")
 
     def __init__(
         self,
@@ -229,7 +236,7 @@ class CanLink(RecorderLink):
             self._sdo.download(known.index, known.sub, struct.pack(FORMATS[known.type], raw))
 
     def acquire(self) -> None:
-        if self.read(["command_source"])["command_source"] != self.source:
+        if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
         # a node that missed a heartbeat is in the state pre-operational
         with self._asking("NMT start"):

@@ -2,9 +2,17 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
-from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Recording, Refused, unsigned
+from forceaxis.axis.link import (
+    COMMAND_SOURCES,
+    NAME,
+    SOFTWARE,
+    Link,
+    NoAnswer,
+    Recording,
+    Refused,
+    unsigned,
+)
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.keeper import GatewayKeeper
@@ -12,7 +20,7 @@ from forceaxis.bus.state_names import BY_NAME
 
 READY_S = 10.0
 STOPPED_S = 2.0  # longest time until the gateway's polling detects the end of a recording
-POLL_S = 0.1
+RETRY_PERIOD_S = 0.1  # period in which a refused command is sent again
 # Phrases of the refusals of the gateway (host/gateway/commands.cpp).
 NOT_YET = "not set up yet"
 RECORDER_BUSY = "another recording is in progress"
@@ -27,7 +35,7 @@ class GatewayLink(Link):
     """Axis 1 to 127 at the gateway of an LCM bus. client: an existing client, which is not closed
     here; ready_s: longest time until the axis is operational. Raises InputError."""
 
-    source = BY_NAME["command_source"].enum.index("lcm")
+    source = COMMAND_SOURCES.index("lcm")
 
     def __init__(
         self,
@@ -41,8 +49,7 @@ class GatewayLink(Link):
         self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
         self._axis, self._url = axis, url
-        # the acknowledgement of the LCM command that started the recording
-        self._armed: Any = None
+        self._armed = 0  # number of the LCM command that started the recording
 
     def manages(self, name: str) -> bool:
         return name.startswith(MANAGED)
@@ -68,7 +75,7 @@ class GatewayLink(Link):
     def acquire(self) -> None:
         end = time.monotonic() + self._ready_s
         while True:
-            state = self.client.state(max(end - time.monotonic(), POLL_S))
+            state = self.client.state(max(end - time.monotonic(), RETRY_PERIOD_S))
             ready = state.nmt_state == state.NMT_OPERATIONAL
             try:
                 if ready and state.statusword != state.NOT_AVAILABLE:
@@ -78,7 +85,7 @@ class GatewayLink(Link):
             except Refused as refusal:
                 if NOT_YET not in str(refusal) or time.monotonic() > end:
                     raise
-                time.sleep(POLL_S)
+                time.sleep(RETRY_PERIOD_S)
             if time.monotonic() > end:
                 raise NoAnswer(
                     f"{self.where}: expected it operational within {self._ready_s:g} s, it is "
@@ -103,7 +110,7 @@ class GatewayLink(Link):
                 if RECORDER_BUSY not in str(refusal) or time.monotonic() > end:
                     raise
             self.client.write_raw({"recorder_arm": 0})
-            time.sleep(POLL_S)
+            time.sleep(RETRY_PERIOD_S)
 
     def fetch(self, signals: Sequence[str]) -> None:
         self._armed = self.client.fetch(list(signals))

@@ -8,11 +8,10 @@ Each kind of connection is a module of this package: sim, gateway, can, modbus.
 import abc
 import contextlib
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +20,14 @@ from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.keeper import Keeper, WatchdogKeeper
-from forceaxis.bus.state_names import BY_NAME
+from forceaxis.bus.state_names import BY_NAME, enum
 from forceaxis.linear import plant_facts
 
-__all__ = ["Link", "Live", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
+__all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
+POLL_PERIOD_S = 0.02  # period in which a value is read again until it has changed
+COMMAND_SOURCES = BY_NAME["command_source"].enum  # names of the owners, by their raw value
 SCALE_WITHIN = 0.1  # relative difference from a sensor's force_scale that a calibration may have
 # CANopen indices of texts: name of the device, version of its firmware
 NAME, SOFTWARE = 0x1008, 0x100A
@@ -61,7 +62,7 @@ class Recording:
     trigger_sample: int = 0  #: index of the first sample at or after the trigger
 
     def values(self, name: str) -> NDArray[Any]:
-        """A signal in engineering units, (n,)."""
+        """A signal in engineering units, (n,); integers if the scale of the object is 1."""
         known = BY_NAME[name]
         column = self.raw[:, self.signals.index(name)]
         return column if known.scale == 1 else column * known.scale
@@ -99,6 +100,10 @@ class Link(abc.ABC):
     def read(self, names: Iterable[str]) -> dict[str, int]:
         """{name: raw value} of objects. Raises Refused, NoAnswer."""
 
+    def read_one(self, name: str) -> int:
+        """The raw value of one object. Raises Refused, NoAnswer."""
+        return self.read([name])[name]
+
     def reaches(self, name: str) -> bool:
         """Whether this connection can access an object; over Modbus it needs a register."""
         return True
@@ -129,6 +134,15 @@ class Link(abc.ABC):
         """Waits for `seconds` of the axis' own time."""
         time.sleep(seconds)
 
+    def polls(self, seconds: float) -> Iterator[float]:
+        """Yields the time in s since the start, every POLL_PERIOD_S of the axis' own time, for
+        `seconds`."""
+        passed = 0.0
+        while passed < seconds:
+            yield passed
+            self.wait(POLL_PERIOD_S)
+            passed += POLL_PERIOD_S
+
     @abc.abstractmethod
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         """Starts a recording of up to 8 objects. settings: {recorder object without its prefix:
@@ -148,58 +162,21 @@ class Link(abc.ABC):
     def close(self) -> None:
         """Ends the connection. Does not disable the axis: see Axis.close()."""
 
-    def unfed(self, values: Mapping[str, int]) -> AbstractContextManager[Any]:
-        """Context in which a WatchdogKeeper does not overwrite a watchdog that is among the
-        values."""
+    @contextlib.contextmanager
+    def unfed(self, names: Iterable[str]) -> Iterator[None]:
+        """Context in which a WatchdogKeeper does not overwrite a watchdog that is among the objects
+        `names`."""
         keeper = self._keeper
-        if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"} & values.keys():
-            unchanged: AbstractContextManager[Any] = keeper.unchanged
-            return unchanged
-        return contextlib.nullcontext()
+        if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"}.intersection(names):
+            with keeper.unchanged:
+                yield
+        else:
+            yield
 
     def _end_keeper(self) -> None:
         if self._keeper:
             self._keeper.close()
             self._keeper = None
-
-
-class Live(Protocol):
-    """The part of axis.Axis that operations use."""
-
-    link: Link
-
-    def get(self, *names: str) -> dict[str, Any]:
-        """{name: engineering value or text of an enumeration}."""
-
-    def read(self, name: str) -> Any:
-        """The value of one object."""
-
-    def set(self, **values: Any) -> None:
-        """Writes engineering values or texts of enumerations."""
-
-    def put_back(self, **values: Any) -> None:
-        """Writes values that the axis had before."""
-
-    def wait_for(
-        self,
-        holds: Callable[[dict[str, Any]], Any],
-        names: Sequence[str],
-        what: str,
-        timeout_s: float = 5.0,
-    ) -> dict[str, Any]:
-        """Reads names until holds({name: value}) is True."""
-
-    def about(self) -> str:
-        """The state of the axis as text."""
-
-    def enable(self, mode: str | int, **parameters: Any) -> None:
-        """Enables the axis in a mode of operation."""
-
-    def off(self) -> None:
-        """Disables the axis and waits."""
-
-    def move(self, position: int | str, timeout_s: float = 20.0) -> dict[str, Any]:
-        """Moves to a position in user units of the axis."""
 
 
 class RecorderLink(Link):
@@ -226,16 +203,15 @@ class RecorderLink(Link):
         if self._armed is None:
             raise Refused(f"{self.where}: expected a recording that was armed, there is none")
         signals, decimation = self._armed
-        trigger = self.read(["recorder_trigger_index"])["recorder_trigger_index"]
+        trigger = self.read_one("recorder_trigger_index")
         raw = self._samples(signals)
         self.write({"recorder_arm": 0})
         return Recording(signals, raw, decimation, trigger)
 
-    def _wait_recorded(self, timeout_s: float, poll_s: float = 0.02) -> None:
+    def _wait_recorded(self, timeout_s: float) -> None:
         passed = 0.0
         while True:
-            raw = self.read(["recorder_state"])["recorder_state"]
-            state = BY_NAME["recorder_state"].enum[raw]
+            state = enum("recorder_state", self.read_one("recorder_state"))
             if state == "done":
                 return
             if state == "idle":
@@ -245,8 +221,8 @@ class RecorderLink(Link):
                     f"{self.where}: expected a recording within {timeout_s:g} s, its recorder is "
                     f"{state}" + ("; its trigger has not fired" if state == "armed" else "")
                 )
-            self.wait(poll_s)
-            passed += poll_s
+            self.wait(POLL_PERIOD_S)
+            passed += POLL_PERIOD_S
 
 
 def _address(name: str) -> int:

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Refused
+from forceaxis.axis.link import COMMAND_SOURCES, NAME, SOFTWARE, Link, NoAnswer, Refused
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
@@ -68,7 +68,7 @@ class ModbusLink(Link):
     recordings, are refused before a request is sent. A thread writes to the watchdog. Raises
     InputError, NoAnswer."""
 
-    source = BY_NAME["command_source"].enum.index("modbus")
+    source = COMMAND_SOURCES.index("modbus")
 
     def __init__(self, url: str, unit: int = 1, timeout_s: float = 1.0) -> None:
         self.client = client(url, timeout_s)

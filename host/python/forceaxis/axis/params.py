@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from forceaxis.axis import params_file
-from forceaxis.axis.link import NAME, SOFTWARE, Live, NoAnswer, Refused
+from forceaxis.axis.drive import Drive
+from forceaxis.axis.link import NAME, POLL_PERIOD_S, SOFTWARE, NoAnswer, Refused
 from forceaxis.axis.params_file import MEASURED, PARAMETERS, About, engineering
 from forceaxis.bus import state_names
 from forceaxis.bus.state_names import BY_NAME, texts
@@ -23,8 +24,7 @@ PDOS, ENTRIES = 4, 8
 # objects that are written after all others, in this order
 LAST = ("_mapped_", "_cob_id", "force_bank")
 RANKS = 1 + len(LAST)
-STORE_S = 10.0  # time limit; erasing a sector of flash takes up to a second
-POLL_S = 0.02
+STORE_MAX_S = 10.0  # time limit; erasing a sector of flash takes up to a second
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def shown(known: AxisObject, raw: int) -> float | str:
     return engineering(known, raw) if named is None else named
 
 
-def read(axis: Live) -> dict[str, int]:
+def read(axis: Drive) -> dict[str, int]:
     """{object: raw value} of all parameters that the connection can access and does not manage
     itself. Raises Refused, NoAnswer."""
     expect_table(axis)
@@ -92,10 +92,10 @@ def read(axis: Live) -> dict[str, int]:
     )
 
 
-def expect_table(axis: Live) -> None:
+def expect_table(axis: Drive) -> None:
     """Raises Refused for an axis with another object table, in which names may have other
     meanings."""
-    theirs = f"0x{axis.link.read(['object_table_hash'])['object_table_hash']:08x}"
+    theirs = f"0x{axis.link.read_one('object_table_hash'):08x}"
     ours = params_file.table_hash()
     if theirs != ours:
         raise Refused(
@@ -104,28 +104,27 @@ def expect_table(axis: Live) -> None:
         )
 
 
-def about(axis: Live) -> About:
+def about(axis: Drive) -> About:
     """The table [about] for a file of this axis."""
-    names = ["node_id", "serial_number"]
-    found = axis.link.read([name for name in names if axis.link.reaches(name)])
-    serial = found.get("serial_number")
+    has_serial = axis.link.reaches("serial_number")
+    serial = axis.link.read_one("serial_number") if has_serial else None
     return About(
         object_table=params_file.table_hash(),
         firmware=axis.link.text(SOFTWARE),
         axis=axis.link.where,
         name=axis.link.text(NAME),
         serial_number=None if serial is None else f"0x{serial:08x}",
-        node_id=found["node_id"],
+        node_id=axis.link.read_one("node_id"),
     )
 
 
-def dump(axis: Live, everything: bool = False) -> str:
+def dump(axis: Drive, everything: bool = False) -> str:
     """Text of a file with the axis' parameters; everything: includes those with default values."""
     return params_file.dump(read(axis), about(axis), everything)
 
 
 def differences(
-    axis: Live, path: Path | str, skip: Collection[str] = (), measured: bool = False
+    axis: Drive, path: Path | str, skip: Collection[str] = (), measured: bool = False
 ) -> list[Difference]:
     """Differences between an axis and a file. measured: includes [measured] of the file. Raises
     InputError, Refused, NoAnswer."""
@@ -133,14 +132,14 @@ def differences(
 
 
 def _compared(
-    axis: Live,
+    axis: Drive,
     before: Mapping[str, int],
     path: Path | str,
     skip: Collection[str],
     measured: bool,
 ) -> LoadResult:
     """The changes by which a file would change {object: raw value}, without the bank."""
-    node_id = axis.link.read(["node_id"])["node_id"]
+    node_id = axis.link.read_one("node_id")
     file = params_file.read(path, node_id, skip)
     managed = [name for name in file.values if axis.link.manages(name)]
     wanted = {name: raw for name, raw in file.values.items() if name not in managed}
@@ -159,7 +158,7 @@ def _compared(
 
 
 def load(
-    axis: Live,
+    axis: Drive,
     path: Path | str,
     skip: Collection[str] = (),
     measured: bool = False,
@@ -175,7 +174,7 @@ def load(
     loaded = _compared(axis, before, path, skip, measured)
     if dry_run or not loaded.changed:
         return replace(loaded, bank=bank(axis))
-    word = axis.link.read(["statusword"])["statusword"]
+    word = axis.link.read_one("statusword")
     if state_names.drive_state(word) in state_names.POWERED:
         raise Refused(f"{axis.link.where}: expected it disabled, {axis.about()}")
     changes = {change.name: change.file for change in loaded.changed}
@@ -190,7 +189,7 @@ def load(
     return replace(loaded, bank=bank(axis))
 
 
-def bank(axis: Live) -> BankState:
+def bank(axis: Drive) -> BankState:
     """The selected bank and its states."""
     number = axis.read("force_bank")
     if not number:
@@ -200,7 +199,7 @@ def bank(axis: Live) -> BankState:
     return BankState(number, **{name: states[f"{name}_{number}"] for name in names})
 
 
-def _put_back(axis: Live, before: Mapping[str, int], reason: BaseException) -> None:
+def _put_back(axis: Drive, before: Mapping[str, int], reason: BaseException) -> None:
     try:
         now = axis.link.read(list(before))
         write(axis, {n: raw for n, raw in before.items() if now[n] != raw}, now)
@@ -211,7 +210,7 @@ def _put_back(axis: Live, before: Mapping[str, int], reason: BaseException) -> N
         ) from None
 
 
-def _expect_written(axis: Live, wanted: Mapping[str, int]) -> None:
+def _expect_written(axis: Drive, wanted: Mapping[str, int]) -> None:
     found = axis.link.read(list(wanted))
     for name, raw in wanted.items():
         if found[name] != raw:
@@ -242,7 +241,7 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
     return park | dict.fromkeys(heartbeats, 0)
 
 
-def write(axis: Live, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
+def write(axis: Drive, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
     """Writes {object: raw value} in rounds: refused values are tried again after the others. Raises
     Refused for the first value that is refused in every round."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
@@ -252,7 +251,7 @@ def write(axis: Live, changes: Mapping[str, int], present: Mapping[str, int]) ->
         _write_rounds(axis, {n: raw for n, raw in wanted.items() if _rank(n) == rank})
 
 
-def _write_rounds(axis: Live, remaining: Mapping[str, int]) -> None:
+def _write_rounds(axis: Drive, remaining: Mapping[str, int]) -> None:
     while remaining:
         refused: dict[str, tuple[int, Refused]] = {}
         for name, raw in remaining.items():
@@ -272,7 +271,7 @@ def _rank(name: str) -> int:
     return next((i for i, end in enumerate(LAST, 1) if end in name), 0)
 
 
-def _explained(axis: Live, name: str, raw: int) -> str:
+def _explained(axis: Drive, name: str, raw: int) -> str:
     """Text about a refused value; for a bank with the reason."""
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
@@ -283,25 +282,31 @@ def _explained(axis: Live, name: str, raw: int) -> str:
     return words
 
 
-def store(axis: Live) -> None:
+def store(axis: Drive) -> None:
     """Stores all parameters of an owned, disabled axis and waits until they are stored. Raises
     Refused with the state of the store, NoAnswer."""
     _command(axis, "store_parameters", "saved")
 
 
-def restore(axis: Live) -> None:
+def restore(axis: Drive) -> None:
     """Selects the default values for the next power-up or reset of the node; the present values do
     not change. Raises Refused, NoAnswer."""
     _command(axis, "restore_defaults", "restored")
 
 
-def _command(axis: Live, name: str, done: str) -> None:
+@dataclass(frozen=True)
+class StoreObjects:
+    """State of the parameter store, with or without a fault of the axis."""
+
+    store_state: str
+    fault: str
+
+
+def _command(axis: Drive, name: str, done: str) -> None:
     axis.link.write({name: 1})
-    passed = 0.0
-    while (state := axis.read("store_state")) == "saving" or passed == 0.0:
-        if passed >= STORE_S:
-            raise NoAnswer(f"{axis.link.where}: expected its store to end within {STORE_S:g} s")
-        axis.link.wait(POLL_S)
-        passed += POLL_S
+    axis.link.wait(POLL_PERIOD_S)
+    state = axis.wait_for(
+        StoreObjects, lambda s: s.store_state != "saving", "its store to end", STORE_MAX_S
+    ).store_state
     if state != done:
         raise Refused(f"{axis.link.where}: expected its store to report {done}, it is {state}")

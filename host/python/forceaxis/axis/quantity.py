@@ -10,13 +10,13 @@ axis. Lengths have the zero and the direction of the axis' positions.
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 from forceaxis import _core
 from forceaxis._core import InputError
-from forceaxis.axis.link import TICKS_PER_S, Link, Live
+from forceaxis.axis.link import TICKS_PER_S
+from forceaxis.axis.values import AxisValues, PlannedValues, known_object, object_names
 from forceaxis.bus import client
-from forceaxis.bus.client import object_named
+from forceaxis.bus.client import Value, object_named
 from forceaxis.bus.state_names import BY_NAME, texts
 from forceaxis.errors import ParameterError
 from forceaxis.objects import AxisObject, default
@@ -49,34 +49,16 @@ OF_COUNTS = (0x6063, 0x6069)  # CiA 402 objects that are in counts for every use
 UNKNOWN = "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
 
 
-class Scaled(Protocol):
-    """The values of an axis from which a scale is computed."""
+@dataclass(frozen=True)
+class GearObjects:
+    """The objects from which user units per encoder count follow (CiA 402)."""
 
-    link: Link
-
-    def read(self, name: str) -> Any:
-        """The value of one object."""
-
-    def get(self, *names: str) -> dict[str, Any]:
-        """{name: value}."""
-
-
-class After:
-    """Values of an axis after some raw values have been written; later values are scaled with
-    them."""
-
-    def __init__(self, axis: Live, raw: dict[str, int]) -> None:
-        self.link, self._axis, self._raw = axis.link, axis, raw
-
-    def read(self, name: str) -> Any:
-        """As Axis.read()."""
-        if name in self._raw:
-            return client.from_raw(name, self._raw[name])
-        return self._axis.read(name)
-
-    def get(self, *names: str) -> dict[str, Any]:
-        """As Axis.get()."""
-        return {name: self.read(name) for name in names}
+    feed: float
+    encoder_revolutions: int
+    gear_shaft_revolutions: int
+    feed_shaft_revolutions: int
+    encoder_increments: int
+    gear_motor_revolutions: int
 
 
 @dataclass(frozen=True)
@@ -87,7 +69,7 @@ class Force:
     newton: bool
 
 
-def force_per_count(axis: Scaled) -> float:
+def force_per_count(axis: AxisValues) -> float:
     """Force in N of one 8-bit count, from the force_scale of the axis."""
     return float(axis.read("force_scale")) * 1e-6
 
@@ -103,24 +85,21 @@ def is_reading(known: AxisObject | None) -> bool:
     return known is not None and known.unit == "count" and known.quantity == "force"
 
 
-def user_per_count(axis: Scaled) -> float | None:
+def user_per_count(axis: AxisValues) -> float | None:
     """User units per encoder count: 1 without user units; None if the connection cannot access
     their objects."""
     if not axis.read("feed"):
         return 1.0
-    above = ("feed", "encoder_revolutions", "gear_shaft_revolutions")
-    below = ("feed_shaft_revolutions", "encoder_increments", "gear_motor_revolutions")
-    if not all(axis.link.reaches(name) for name in (*above, *below)):
+    if not all(axis.link.reaches(name) for name in object_names(GearObjects)):
         return None
-    found, ratio = axis.get(*above, *below), 1.0
-    for name in above:
-        ratio *= found[name]
-    for name in below:
-        ratio /= found[name]
-    return ratio
+    gear = axis.record(GearObjects)
+    above = gear.feed * gear.encoder_revolutions * gear.gear_shaft_revolutions
+    return (
+        above / gear.feed_shaft_revolutions / gear.encoder_increments / gear.gear_motor_revolutions
+    )
 
 
-def _metres_of_user(axis: Scaled) -> float | None:
+def _metres_of_user(axis: AxisValues) -> float | None:
     """Metres per user unit by 60A8h; None if the unit is not a length."""
     if not axis.read("feed") or not axis.link.reaches("position_unit"):
         return None
@@ -128,7 +107,7 @@ def _metres_of_user(axis: Scaled) -> float | None:
     return 10.0 ** (exponent - 256 if exponent > 127 else exponent) if unit == METRE else None
 
 
-def per_metre(axis: Scaled, known: AxisObject) -> float | None:
+def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
     """Units per metre of an object with positions, speeds or accelerations; None if not known."""
     of_user = known.index >= 0x6000 and known.index not in OF_COUNTS
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
@@ -146,7 +125,7 @@ def _is_length(known: AxisObject) -> bool:
     return known.unit in LENGTHS and not is_reading(known) and known.name not in NOT_LENGTHS
 
 
-def scale_of(axis: Scaled, known: AxisObject) -> tuple[str, float] | None:
+def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
     """(SI unit, units of the object per SI unit); None if the object is no such quantity or its
     scale is not known."""
     if is_reading(known):
@@ -164,7 +143,7 @@ def scale_of(axis: Scaled, known: AxisObject) -> tuple[str, float] | None:
     return PLAIN.get(known.unit)
 
 
-def parse(axis: Scaled, name: str, text: str) -> Any:
+def parse(axis: AxisValues, name: str, text: str) -> Value:
     """The value for Axis.set() from a number, "30 count", "75 N", "10 mm" if the object has such a
     quantity, or the text of an enumeration. Raises InputError."""
     known = object_named(name)
@@ -187,33 +166,34 @@ def parse(axis: Scaled, name: str, text: str) -> Any:
     raise InputError(f"{name}: expected a value in {known.unit}{also}, got {text}{why}")
 
 
-def all_raw(axis: Live, values: Mapping[str, Any]) -> dict[str, int]:
+def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
     """Raw values of engineering values, texts of enumerations or quantities that are to be written
     in this order: a rated_force among them scales a later target_force. Raises InputError."""
     raw: dict[str, int] = {}
+    planned = PlannedValues(axis, raw)
     for name, value in values.items():
-        raw[name] = to_raw(After(axis, raw), name, value)
+        raw[name] = to_raw(planned, name, value)
     return raw
 
 
-def to_raw(axis: Scaled, name: str, value: Any) -> int:
+def to_raw(axis: AxisValues, name: str, value: Value) -> int:
     """Raw value of an engineering value, the text of an enumeration or a quantity. Raises
     InputError, with the range in N or mm if the value has such a unit."""
     if not isinstance(value, str):
-        return int(client.to_raw(name, value))
+        return client.to_raw(name, value)
     given = parse(axis, name, value)
     if isinstance(given, str):
-        return int(client.to_raw(name, given))
+        return client.to_raw(name, given)
     known = BY_NAME[name]
     least, most = known.min * known.scale, known.max * known.scale
     if not least - known.scale / 2 < given < most + known.scale / 2:
         raise InputError(
             f"{name}: expected {shown(axis, name, least)} to {shown(axis, name, most)}, got {value}"
         )
-    return int(client.to_raw(name, given))
+    return client.to_raw(name, given)
 
 
-def number(axis: Scaled, name: str, text: str) -> float:
+def number(axis: AxisValues, name: str, text: str) -> float:
     """A value that must be a number. Raises InputError."""
     try:
         return float(parse(axis, name, text))
@@ -241,7 +221,7 @@ def force(text: str | float) -> Force:
     raise InputError(f'{text}: expected a force as "75 N", or force counts as 30')
 
 
-def shown(axis: Scaled, name: str, value: float) -> str:
+def shown(axis: AxisValues, name: str, value: float) -> str:
     """A value of an object as text in N or mm, if its scale is known, and in its own unit."""
     known = object_named(name)
     if known is None:
@@ -254,11 +234,9 @@ def shown(axis: Scaled, name: str, value: float) -> str:
     return f"{factor * value / scale[1]:.6g} {unit} ({own})"
 
 
-def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
+def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value]:
     """Settings of a recording that begins when an object crosses a level, in engineering units."""
-    known = object_named(name)
-    if known is None:
-        raise InputError(f"{name}: expected the name of an object")
+    known = known_object(name)
     return {
         "trigger_source": known.index << 8 | known.sub,
         "trigger_level": round(level / known.scale),
@@ -266,7 +244,7 @@ def trigger_on(name: str, level: Any, edge: str = "rising") -> dict[str, Any]:
     }
 
 
-def trigger(axis: Live, text: str) -> dict[str, Any]:
+def trigger(axis: AxisValues, text: str) -> dict[str, Value]:
     """Settings of Axis.capture() from "force rising 31", "fault either 0.5" or a force in N."""
     words = text.split(None, 2)
     if text == "excitation_start":

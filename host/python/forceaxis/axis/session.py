@@ -20,14 +20,13 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from forceaxis.axis import bounds
-from forceaxis.axis.axis import BIT_12, ENABLE, HOMING_ERROR, START_HOMING, Axis
+from forceaxis.axis.drive import BIT_12, ENABLE, HOMING_ERROR, START_HOMING, Drive
 from forceaxis.axis.gateway import READY_S, GatewayLink
 from forceaxis.bus import state_names
-from forceaxis.bus.client import AxisClient, NoAnswer, Refused
-from forceaxis.bus.messages import axis_state_t
+from forceaxis.bus.client import AxisClient, NoAnswer, Refused, Value
+from forceaxis.bus.messages import axis_event_t, axis_state_t
 
 STATES_KEPT = 30_000  # ten minutes at 50 per second
 
@@ -46,14 +45,14 @@ class Session(AxisClient):
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
-        self._drive = Axis(self._link)
+        self._drive = Drive(self._link)
         try:
             self._link.acquire()
         except BaseException:
             super().close()
             raise
 
-    def write_all(self, values: Mapping[str, Any]) -> Any:
+    def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
         """As in AxisClient, but the thread that writes to the watchdog does not overwrite a new
         watchdog value, and a target that the axis would limit raises InputError (axis/bounds)."""
         bounds.expect(self._drive, values)
@@ -83,7 +82,7 @@ class Session(AxisClient):
                 self._states.append(state)
 
     def wait_for(
-        self, holds: Callable[[axis_state_t], Any], what: str, timeout_s: float = 5.0
+        self, holds: Callable[[axis_state_t], bool | int], what: str, timeout_s: float = 5.0
     ) -> axis_state_t:
         """The first state for which holds(state) is True. Raises NoAnswer, which names `what`, if
         there is none within timeout_s."""
@@ -98,14 +97,15 @@ class Session(AxisClient):
                 return state
         reason = self._bus.trouble or f"nothing was received on {self._bus.url}"
         if state is not None:
+            fault = state_names.enum("fault", state.fault)
             reason = (
-                f"{state_names.condition(state.statusword, state.fault)}, "
+                f"{state_names.condition(state.statusword, fault)}, "
                 f"mode {state_names.mode(state.mode_display)}, "
                 f"position {state.position_cnt}, force {state.force_cnt_q8 / 256:g}"
             )
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
-    def enable(self, mode: str | int, **parameters: Any) -> None:
+    def enable(self, mode: str | int, **parameters: Value) -> None:
         """See Axis.enable()."""
         self._drive.enable(mode, **parameters)
 

@@ -1,11 +1,15 @@
 """A simulated axis: firmware and plant of an experiment in this process, in their own time."""
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from forceaxis import _core
 from forceaxis.axis.link import (
+    COMMAND_SOURCES,
     REASONS,
     SCALE_WITHIN,
     TICKS_PER_S,
@@ -16,7 +20,11 @@ from forceaxis.axis.link import (
 )
 from forceaxis.bus.state_names import BY_NAME
 
+if TYPE_CHECKING:
+    from forceaxis._core import ConverterTable
+
 FEED_TICKS = 75  # 50 ms; the default of the watchdog is 500 ms
+WATCHDOG = BY_NAME["watchdog"].number
 
 
 class SimLink(RecorderLink):
@@ -26,31 +34,29 @@ class SimLink(RecorderLink):
     store: file of the parameter store, created if it does not exist. Raises InputError.
     """
 
-    source = BY_NAME["command_source"].enum.index("lcm")
+    source = COMMAND_SOURCES.index("lcm")
 
     def __init__(
         self, experiment: str | Path, overrides: Sequence[str] = (), store: str | Path = ""
     ) -> None:
         given = {text.split("=")[0] for text in overrides}
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
-        self.axis: Any = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
+        self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
         self.store = store  # "": none
         self._owned = False
         self.axis.step(1)  # the first inputs
         converters = _core.inputs(str(experiment), list(overrides))["converters"]
-        self.warning = self._scale_warning(experiment, converters.get("adc0"))
-        if "encoder" in converters:
-            self.counts_per_metre = 1 / abs(converters["encoder"]["per_code"])
+        self.warning = self._scale_warning(converters.get("adc0"))
+        if encoder := converters.get("encoder"):
+            self.counts_per_metre = 1 / abs(encoder["per_code"])
 
-    def _scale_warning(
-        self, experiment: str | Path, reading: Mapping[str, Any] | None
-    ) -> str | None:
+    def _scale_warning(self, reading: "ConverterTable | None") -> str | None:
         """A line of text if the axis' force_scale differs from that of its model's sensor,
         otherwise None."""
         if reading is None:
             return None
-        has = self.read(["force_scale"])["force_scale"] * 1e-6
+        has = self.read_one("force_scale") * 1e-6
         sensor = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
         if abs(has / sensor - 1) < SCALE_WITHIN:
             return None
@@ -94,12 +100,11 @@ class SimLink(RecorderLink):
             self.axis.step(min(ticks, FEED_TICKS))
             ticks -= FEED_TICKS
             if self._owned:
-                number = BY_NAME["watchdog"].number
-                self.axis.write(number, self.axis.read(number))
+                self.axis.write(WATCHDOG, self.axis.read(WATCHDOG))
 
     def _samples(self, signals: Sequence[str]) -> RawSamples:
-        count = self.read(["recorder_count"])["recorder_count"]
-        raw: RawSamples = self.axis.samples(0, count, len(signals)).astype("int64")
+        count = self.read_one("recorder_count")
+        raw = self.axis.samples(0, count, len(signals)).astype(np.int64)
         for i, name in enumerate(signals):
             if BY_NAME[name].type == "u32":
                 raw[:, i] %= 2**32
@@ -107,4 +112,6 @@ class SimLink(RecorderLink):
 
     def close(self) -> None:
         """Releases the file of the store, unless the caller still uses `axis`."""
-        self._owned, self.axis = False, None
+        self._owned = False
+        with contextlib.suppress(AttributeError):  # it was closed before
+            del self.axis

@@ -66,15 +66,15 @@ def drive_state(statusword: int) -> str:
     return f"statusword {statusword:04X}h"
 
 
-def condition(statusword: int, fault: int) -> str:
-    """What a drive is in, as a sentence: "it is operation enabled without a fault", "it has the
-    fault no_contact" with the state where that is another than fault; fault: raw."""
-    state, name = drive_state(statusword), enum("fault", fault)
-    if name == "none":
+def condition(statusword: int, fault: str) -> str:
+    """State and fault of a drive as a sentence, such as "it is operation enabled without a fault"
+    or "it has the fault no_contact". fault: the text of the object, "none" without a fault."""
+    state = drive_state(statusword)
+    if fault == "none":
         return f"it is {state} without a fault"
     if state == "fault":
-        return f"it has the fault {name}"
-    return f"it is {state} with the fault {name}"
+        return f"it has the fault {fault}"
+    return f"it is {state} with the fault {fault}"
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:

@@ -228,9 +228,11 @@ def stop(way: Way, as_json: bool) -> None:
 @as_json
 def reset(way: Way, as_json: bool) -> None:
     """Reset the latched fault of the axis. The exit status is 1 if its cause is still present."""
+    from forceaxis.axis.drive import FaultObjects
+
     with owned(way) as axis:
         axis.reset_fault()
-        axis.wait_for(lambda s: s["fault"] == "none", ("fault",), "the fault to be reset", 1.0)
+        axis.wait_for(FaultObjects, lambda s: s.fault == "none", "the fault to be reset", 1.0)
         print_state(axis, "reset", as_json)
 
 
@@ -280,7 +282,7 @@ def enable(mode: str, words: Sequence[str], seconds: float | None, way: Way, as_
                 print_state(axis, "no longer enabled", as_json)
                 sys.exit(1)
             if word & bounds.INTERNAL_LIMIT and not limited:
-                actions.expect_unclipped(axis, targets, "while it was enabled")
+                axis.expect_unlimited(targets, "while it was enabled")
             limited = bool(word & bounds.INTERNAL_LIMIT)
         print_state(axis, "after", as_json, seconds=passed)
 

@@ -66,7 +66,7 @@ def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
     points = [point(text) for text in given]
     with owned(way) as axis:
         if not points:
-            points = list(asked(axis, actions.POINTS.stop - 1))
+            points = list(asked(axis, actions.CALIBRATION_POINTS.stop - 1))
         found = actions.calibrate(axis, points)
     if as_json:
         click.echo(json.dumps(to_json(found) | {"points": points}))

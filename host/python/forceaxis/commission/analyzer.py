@@ -18,6 +18,7 @@ and restores all objects that the analyzer has written.
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +26,7 @@ import numpy as np
 
 from forceaxis.axis import bounds
 from forceaxis.axis.axis import Axis
+from forceaxis.axis.drive import ExcitationObjects
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
 from forceaxis.bus.state_names import BY_NAME
 from forceaxis.commission import friction, known, response
@@ -65,6 +67,15 @@ SEARCH_SETTLE = 0.5
 CERTAIN = 0.04  # relative error, median over the lines, at which fewer averages suffice
 STANDING = 4  # counts: at standstill the position changes by less
 CODE_NOISE = 5.0  # largest difference of two mean DAC codes, in standard deviations of a mean
+
+
+@dataclass(frozen=True)
+class TouchObjects:
+    """Whether the axis is in contact (1), number of contact losses, DAC code."""
+
+    contact: int
+    contact_losses: int
+    dac_code: int
 
 
 class Ended(Exception):
@@ -397,15 +408,14 @@ class Analyzer:
         a tick again and again because of noise."""
         fastest = 0
 
-        def touches(state: Mapping[str, Any]) -> bool:
+        def touches(state: TouchObjects) -> bool:
             nonlocal fastest
-            fastest = max(fastest, abs(state["dac_code"])) if not state["contact"] else fastest
-            return bool(state["contact"] or state["contact_losses"] > before)
+            fastest = max(fastest, abs(state.dac_code)) if not state.contact else fastest
+            return bool(state.contact or state.contact_losses > before)
 
         before = self.axis.read("contact_losses")
-        names = ("contact", "contact_losses", "dac_code")
         try:
-            self.axis.wait_for(touches, names, "a contact", APPROACH_S)
+            self.axis.wait_for(TouchObjects, touches, "a contact", APPROACH_S)
         except NoAnswer as late:
             raise Refusal("contact", str(late)) from None
         if fastest > self.known["contact_loss_cap"]:
@@ -459,9 +469,7 @@ class Analyzer:
         held = axis.link.recording(10 + 2 * self.samples / TICKS_PER_S)
         self.goes_on()
         axis.set(excitation_run="stop")
-        axis.wait_for(
-            lambda s: s["excitation_state"] == "done", ("excitation_state",), "the ramp's end"
-        )
+        axis.wait_for(ExcitationObjects, lambda s: s.excitation_state == "done", "the ramp's end")
         wave = held.values("excitation_value")
         return wave, held.values("dac_code"), self._output(held, "adc0")
 

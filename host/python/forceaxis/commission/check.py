@@ -9,6 +9,7 @@ import numpy as np
 from forceaxis.axis import actions, params, params_file, quantity
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
+from forceaxis.bus import client
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import LEFT, ORPHANED
 
@@ -120,7 +121,7 @@ class MotionCheck:
         self._connection()
         if not self._table():
             return
-        self.known = CheckedObjects(**self.axis.get(*CheckedObjects.__dataclass_fields__))
+        self.known = self.axis.record(CheckedObjects)
         for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
             step()
         if not self.passed:
@@ -286,7 +287,7 @@ class MotionCheck:
         """Runs the first motion and the move, each with narrower limits on the axis."""
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
-        bounds = {
+        bounds: dict[str, client.Value] = {
             "position_min": max(known.position_min, self.start - self._span()),
             "position_max": min(known.position_max, self.start + self._span()),
             "output_limit": min(known.output_limit, max(self.output, known.first_motion_code)),

@@ -9,6 +9,7 @@ import datetime
 import json
 import struct
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,19 +88,34 @@ def has_one(axis: Axis) -> bool:
     return axis.read("blackbox_state") in STATES
 
 
+@dataclass(frozen=True)
+class BlackBoxObjects:
+    """State of the black box of an axis, with or without a fault."""
+
+    blackbox_state: str
+    fault: str
+
+
+@dataclass(frozen=True)
+class ArchiveObjects:
+    """Whether the axis has saved an incident before a power cut, with or without a fault now."""
+
+    incident_stored: str
+    fault: str
+
+
 def wait(axis: Axis, seconds: float) -> None:
     """Waits up to `seconds` of the axis' time for an incident. Raises NoAnswer."""
-    axis.wait_for(
-        lambda s: s["blackbox_state"] in STATES, ("blackbox_state", "fault"), "an incident", seconds
-    )
+    axis.wait_for(BlackBoxObjects, lambda s: s.blackbox_state in STATES, "an incident", seconds)
 
 
 def _load(axis: Axis) -> bool:
     """Commands the axis to load the incident that it saved before a power cut; returns whether
     there is one."""
-    name = "incident_stored"
-    found = axis.wait_for(lambda s: s[name] != "checking", (name, "fault"), "its archive", 5.0)
-    if found[name] != "stored":
+    found = axis.wait_for(
+        ArchiveObjects, lambda s: s.incident_stored != "checking", "its archive", 5.0
+    )
+    if found.incident_stored != "stored":
         return False
     axis.set(incident_command="load")
     wait(axis, COMPLETE_S)

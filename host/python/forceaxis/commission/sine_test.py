@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forceaxis.axis.drive import ExcitationObjects
 from forceaxis.axis.link import TICKS_PER_S
 
 Samples = NDArray[np.float64]
@@ -131,9 +132,7 @@ def _sine(
     held = axis.link.recording(5.0)
     analyzer.goes_on()
     axis.set(excitation_run="stop")
-    axis.wait_for(
-        lambda s: s["excitation_state"] == "done", ("excitation_state",), "the ramp's end"
-    )
+    axis.wait_for(ExcitationObjects, lambda s: s.excitation_state == "done", "the ramp's end")
     wave = np.exp(-2j * np.pi * hz * np.arange(SAMPLES) / TICKS_PER_S) * 2 / SAMPLES
     raw = held.values("force_raw") * 2.0 ** (8 - analyzer.bits) * analyzer.sign * known.newton
     force, place = (wave @ (x - np.mean(x)) for x in (raw, held.values("position") / known.scale))

@@ -88,7 +88,7 @@ class AxisSettings:
 def check(tuning: TuningFolder) -> Checked:
     """Checks that the axis is at rest and that its converters agree with the model."""
     axis, model = tuning.axis, tuning.model
-    held = AxisSettings(**axis.get(*AxisSettings.__dataclass_fields__))
+    held = axis.record(AxisSettings)
     facts = linear.facts(model)
     _expect_axis_of_model(tuning, held, facts)
     settings = _sensor_settings(held, facts) | _position_settings(tuning, held, facts)

@@ -1,0 +1,223 @@
+"""Commands to one axis: write objects, wait, enable, move, disable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from forceaxis._core import InputError
+from forceaxis.axis import bounds, quantity
+from forceaxis.axis.link import POLL_PERIOD_S, NoAnswer, Refused
+from forceaxis.axis.values import AxisValues, R, known_object, object_names
+from forceaxis.bus import state_names
+from forceaxis.bus.client import Value, to_raw
+from forceaxis.bus.state_names import POWERED
+
+MODES = {text: number for number, text in state_names.MODES.items()}
+# CiA 402: controlwords and bits of the statusword.
+SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
+START_HOMING, FAULT_RESET = 0x1F, 0x80
+DISABLE_VOLTAGE = 0  # the only command that leaves a latched quick stop
+TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
+# End of the text of an error of an axis with a fault. The command line replaces the function by its
+# own command.
+FAULT_REMEDY = "; reset_fault() resets the fault"
+# longest time from the controlword to the disabled state, including the ramp of a stop
+DISABLE_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True)
+class DriveObjects:
+    """The objects that describe what an axis does: position in encoder counts, force in 8-bit
+    counts."""
+
+    statusword: int
+    modes_of_operation_display: str | int  # a number without a name remains a number
+    fault: str
+    position: int
+    force: float
+    command_source: str
+
+    @property
+    def state(self) -> str:
+        """The state of the drive, CiA 402."""
+        return state_names.drive_state(self.statusword)
+
+    @property
+    def mode(self) -> str:
+        """The mode of operation as text."""
+        return str(self.modes_of_operation_display).replace("_", " ")
+
+
+@dataclass(frozen=True)
+class FaultObjects:
+    """The latched fault; its text is "none" without a fault."""
+
+    fault: str
+
+
+@dataclass(frozen=True)
+class ExcitationObjects:
+    """State of the excitation, such as "running" or "done"."""
+
+    excitation_state: str
+
+
+@dataclass(frozen=True)
+class StatusObjects:
+    """The statusword."""
+
+    statusword: int
+
+    @property
+    def state(self) -> str:
+        """The state of the drive, CiA 402."""
+        return state_names.drive_state(self.statusword)
+
+
+@dataclass(frozen=True)
+class StoppedObjects(StatusObjects):
+    """The statusword of an axis that is to be disabled, with or without a fault."""
+
+    fault: str
+
+
+@dataclass(frozen=True)
+class ModeObjects(StatusObjects):
+    """The statusword and the active mode of operation."""
+
+    modes_of_operation_display: str | int
+
+
+@dataclass(frozen=True)
+class ReachedPosition(StatusObjects):
+    """The statusword and the position in encoder counts at the end of a move."""
+
+    position: int
+
+
+class Drive(AxisValues):
+    """An axis that accepts commands; its owner is the program that has acquired the connection."""
+
+    def set(self, **values: Value) -> None:
+        """Writes engineering values, texts of enumerations or quantities ("75 N", "10 mm/s") in
+        order. Raises InputError, before anything is written, for an unknown or read-only object, an
+        invalid value, or a target that the axis would limit (see bounds); Refused; NoAnswer."""
+        for name in values:
+            if known_object(name).access == "ro":
+                raise InputError(f"{name}: expected an object that can be written, it is read-only")
+        raw = quantity.all_raw(self, values)
+        bounds.expect_raw(self, raw)
+        self.link.write(raw)
+
+    def put_back(self, **values: Value) -> None:
+        """Writes back engineering values that the axis had before, or reduces a value in steps to
+        0. In contrast to set(), the bounds are not checked, so that a bound that has changed
+        meanwhile does not prevent the write. Raises InputError, Refused, NoAnswer."""
+        self.link.write({name: to_raw(name, value) for name, value in values.items()})
+
+    def wait_for(
+        self,
+        kind: type[R],
+        holds: Callable[[R], bool | int],
+        what: str,
+        timeout_s: float = 5.0,
+    ) -> R:
+        """Reads the objects that are the fields of the dataclass `kind` until holds(values) is
+        true, for at most timeout_s of the axis' time; returns these values. Raises NoAnswer, whose
+        text names `what` and the state of the axis, at the time limit, or after a fault if `kind`
+        has no field `fault`."""
+        names = object_names(kind)
+        passed_s = 0.0
+        while True:
+            values = self.get(*dict.fromkeys([*names, "fault"]))
+            found = kind(**{name: values[name] for name in names})
+            if holds(found):
+                return found
+            has_failed = values["fault"] != "none" and "fault" not in names
+            if passed_s >= timeout_s or has_failed:
+                remedy = FAULT_REMEDY if has_failed else ""
+                raise NoAnswer(
+                    f"{self.link.where}: expected {what} within {timeout_s:g} s, "
+                    f"{self.about()}{remedy}"
+                )
+            self.link.wait(POLL_PERIOD_S)
+            passed_s += POLL_PERIOD_S
+
+    def about(self) -> str:
+        """The state of the axis as text: drive, fault, mode, position in encoder counts, force in
+        8-bit counts."""
+        now = self.record(DriveObjects)
+        return (
+            f"{state_names.condition(now.statusword, now.fault)}, mode {now.mode}, "
+            f"position {now.position} encoder counts, force {now.force:g} force counts"
+        )
+
+    def enable(self, mode: str | int, **parameters: Value) -> None:
+        """Enables the axis (state operation enabled) in a mode of operation, which is a name
+        (state_names.MODES) or a number. `parameters` are written before the mode changes. Raises
+        InputError for an unknown mode; Refused for an axis with a fault; NoAnswer."""
+        number = MODES.get(mode, mode) if isinstance(mode, str) else mode
+        if number not in state_names.MODES:
+            raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
+        before = self.record(StoppedObjects)
+        if before.fault != "none":
+            fault = before.fault.replace("_", " ")
+            raise Refused(f"{self.link.where}: fault {fault}{FAULT_REMEDY}")
+        self.set(**parameters, modes_of_operation=number)
+        if before.state != "operation enabled":
+            for word in (SHUTDOWN, SWITCH_ON, ENABLE):
+                self.set(controlword=word)
+                self.link.wait(POLL_PERIOD_S)
+
+        def is_enabled(now: ModeObjects) -> bool:
+            mode = to_raw("modes_of_operation_display", now.modes_of_operation_display)
+            return now.state == "operation enabled" and mode == number
+
+        self.wait_for(ModeObjects, is_enabled, f"operation enabled in mode {mode}")
+
+    def disable(self) -> None:
+        """Commands the disabled state without waiting for it. Raises Refused, NoAnswer."""
+        self.link.write({"controlword": SHUTDOWN})
+
+    def off(self) -> None:
+        """Disables the axis if it is enabled, and waits for the disabled state for at most 2 s of
+        the axis' time. Raises Refused, NoAnswer."""
+        state = self.record(StatusObjects).state
+        if state not in (*POWERED, "switched on"):
+            return
+        self.link.write({"controlword": DISABLE_VOLTAGE if "quick" in state else SHUTDOWN})
+        self.wait_for(
+            StoppedObjects, lambda s: s.state not in POWERED, "it to be disabled", DISABLE_TIMEOUT_S
+        )
+
+    def reset_fault(self) -> None:
+        """Resets a fault; the axis stays disabled. Raises Refused, NoAnswer."""
+        self.link.write({"controlword": 0})
+        self.link.write({"controlword": FAULT_RESET})
+
+    def move(self, position: int | str, timeout_s: float = 20.0) -> ReachedPosition:
+        """Moves to `position` in profile position mode, in user units of the axis or "10 mm", and
+        waits until the position is reached, for at most timeout_s of the axis' time. Raises
+        InputError for a position beyond a limit; Refused if a limit has changed meanwhile;
+        NoAnswer."""
+        self.set(target_position=position, controlword=NEW_SETPOINT)
+        target = self.read("target_position")
+        self.wait_for(StatusObjects, lambda s: s.statusword & BIT_12, "the set-point acknowledged")
+        self.set(controlword=ENABLE)
+        reached = self.wait_for(
+            ReachedPosition,
+            lambda s: s.statusword & TARGET_REACHED,
+            f"position {position} to be reached",
+            timeout_s,
+        )
+        self.expect_unlimited({"target_position": target}, "while it moved")
+        return reached
+
+    def expect_unlimited(self, targets: Mapping[str, Value], when: str) -> None:
+        """Raises Refused, in one line, if the axis now limits one of the targets. when: text such
+        as "while it moved"."""
+        try:
+            bounds.expect(self, targets)
+        except InputError as error:
+            raise Refused(f"{self.link.where}: its bounds have changed {when}: {error}") from None

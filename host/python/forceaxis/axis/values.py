@@ -1,0 +1,88 @@
+"""Engineering values of the objects of one axis, by name or as the fields of a dataclass.
+
+    @dataclass(frozen=True)
+    class TareObjects:
+        tare_state: str
+        force_tare: float
+
+    AxisValues(link).record(TareObjects)      # TareObjects(tare_state="idle", force_tare=0.0)
+
+A value is a number in the unit of its object, or the text of an enumeration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from forceaxis._core import InputError
+from forceaxis.bus.client import from_raw, object_named
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from forceaxis.axis.link import Link
+    from forceaxis.objects import AxisObject
+
+R = TypeVar("R", bound="DataclassInstance")
+
+
+def known_object(name: str) -> AxisObject:
+    """The object of this name. Raises InputError for an unknown name or a CANopen address."""
+    known = object_named(name)
+    if known is None:
+        raise InputError(f"{name}: expected the name of an object")
+    return known
+
+
+def object_names(kind: type[R]) -> list[str]:
+    """The names of a dataclass' fields, each of which is the name of an object."""
+    return [field.name for field in dataclasses.fields(kind)]
+
+
+class AxisValues:
+    """Reads the objects of an axis over a connection."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+
+    # The type of a value depends on the name of its object, so that only record() has types.
+    def get(self, *names: str) -> dict[str, Any]:
+        """{name: engineering value or text of an enumeration}, in the order of `names`. Raises
+        InputError for an unknown name; Refused; NoAnswer."""
+        for name in names:
+            known_object(name)
+        raw = self.link.read(names)
+        return {name: from_raw(name, raw[name]) for name in names}
+
+    def read(self, name: str) -> Any:
+        """The value of one object, in the form of get(). Raises the errors of get()."""
+        return self.get(name)[name]
+
+    def record(self, kind: type[R]) -> R:
+        """Reads the objects that are the fields of a dataclass `kind` and returns an instance of
+        it. Raises the errors of get()."""
+        return kind(**self.get(*object_names(kind)))
+
+
+class PlannedValues(AxisValues):
+    """Values of an axis as they will be after a write of {name: raw value}, `planned`. An object
+    that the connection cannot access has the value None."""
+
+    def __init__(self, axis: AxisValues, planned: Mapping[str, int]) -> None:
+        super().__init__(axis.link)
+        self.axis, self.planned = axis, planned
+        self._present: dict[str, Any] = {}  # each object is read once
+
+    def get(self, *names: str) -> dict[str, Any]:
+        """As AxisValues.get()."""
+        missing = [n for n in names if n not in self.planned and n not in self._present]
+        reached = [n for n in missing if self.link.reaches(n)]
+        self._present |= dict.fromkeys(missing) | (self.axis.get(*reached) if reached else {})
+        return {
+            name: from_raw(name, self.planned[name])
+            if name in self.planned
+            else self._present[name]
+            for name in names
+        }
