@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Writes docs/guide/reference: the format of models and experiments, as their readers declare it.
+"""Writes docs/guide/reference, the formats of models and experiments as their readers declare them,
+and the public Python API in docs/guide/python.md.
 
     tools/gen_reference.py            writes the pages
     tools/gen_reference.py --check    status 1 and one line a page that is not fresh
@@ -15,7 +16,11 @@ from pathlib import Path
 from forceaxis import _core
 from forceaxis.experiments import expect
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import python_api
+
 FOLDER = Path(__file__).resolve().parents[1] / "docs/guide/reference"
+PYTHON = FOLDER.parent / "python.md"
 GENERATED = "<!-- Written by tools/gen_reference.py. -->\n"
 
 VALUES = """\
@@ -210,6 +215,7 @@ def pages():
     experiment = sections([own.pop(t["path"], t) for t in _core.experiment_format()])
     experiment += sections(own.values())
     return {
+        "../python.md": python_api.filled(PYTHON.read_text(encoding="utf-8")),
         "model.md": f"{GENERATED}{MODEL}\n{model}",
         "experiment.md": f"{GENERATED}{EXPERIMENT}\n{experiment}".rstrip() + "\n",
         "verdicts.md": f"{GENERATED}{VERDICTS}\n{verdicts()}",

@@ -1,0 +1,129 @@
+"""The public Python API as Markdown: signatures, fields and docstrings, read from the source text.
+
+`filled(page)` writes the entries of a page between lines of this form:
+
+    <!-- api forceaxis.linear.loops: LoopSpec, force_loop -->
+    <!-- end of api -->
+"""
+
+import ast
+import re
+from pathlib import Path
+
+import forceaxis._core as core
+
+PACKAGE = Path(__file__).resolve().parents[1] / "host/python"
+BLOCK = re.compile(
+    r"(?P<head><!-- api (?P<module>[\w.]+): (?P<names>[\w, ]+) -->\n)"
+    r".*?(?P<end><!-- end of api -->)",
+    re.S,
+)
+NOT_CONSTRUCTED = {"Axis", "Result"}  # a program gets these from other functions
+COMPILED = "forceaxis._core"  # its signatures are in _core.pyi, its docstrings in the module itself
+
+
+def source(module):
+    """Source text of a module of the package."""
+    path = PACKAGE / module.replace(".", "/")
+    candidates = (path.with_suffix(".pyi"), path.with_suffix(".py"), path / "__init__.py")
+    return next(p for p in candidates if p.exists()).read_text(encoding="utf-8")
+
+
+def prose(text):
+    """A docstring as Markdown, in which no character outside of backticks is a command."""
+    paragraphs = []
+    for paragraph in text.split("\n\n"):
+        pieces = " ".join(paragraph.split()).split("`")
+        pieces[::2] = [
+            re.sub(r"([*_\[\]])", r"\\\1", piece).replace("<", "&lt;") for piece in pieces[::2]
+        ]
+        paragraphs.append("`".join(pieces))
+    return "\n\n".join(paragraphs)
+
+
+def decorators(node):
+    """The names of the decorators of a function."""
+    return {d.id for d in node.decorator_list if isinstance(d, ast.Name)}
+
+
+def signature(name, node):
+    """NAME(parameters) -> type, without self and cls."""
+    arguments = node.args
+    for listed in (arguments.posonlyargs, arguments.args):
+        if listed and listed[0].arg in ("self", "cls"):
+            listed.pop(0)
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+    return f"{name}({ast.unparse(arguments)}){returns}".replace("'", '"')
+
+
+def entry(heading, text):
+    """A list item: the signature, and the docstring below it."""
+    about = prose(text or "").replace("\n\n", "\n\n    ")
+    return f"- `{heading}`\n\n    {about}\n\n"
+
+
+def fields(node, lines):
+    """The fields of a dataclass or NamedTuple: (name: type = default, comment on its line)."""
+    for item in node.body:
+        if not isinstance(item, ast.AnnAssign) or item.target.id.startswith("_"):
+            continue
+        text = ast.unparse(item)
+        comment = re.search(r"\s#:? ?(.*)$", lines[item.end_lineno - 1])
+        yield text.replace("'", '"'), comment[1] if comment else ""
+
+
+def class_text(node, lines):
+    """A class: its docstring, its fields and its public methods and properties."""
+    text = f"### {node.name}\n\n{prose(ast.get_docstring(node) or '')}\n\n"
+    rows = list(fields(node, lines))
+    if rows and not any(note for _, note in rows):
+        text += f"Fields: {', '.join(f'`{field}`' for field, _ in rows)}.\n\n"
+    elif rows:
+        text += "| field | meaning |\n| --- | --- |\n"
+        cells = [(field.replace("|", "\\|"), prose(note)) for field, note in rows]
+        text += "".join(f"| `{field}` | {note} |\n" for field, note in cells) + "\n"
+    variable = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", node.name).lower()
+    for item in node.body:
+        if not isinstance(item, ast.FunctionDef):
+            continue
+        if item.name == "__init__" and node.name not in NOT_CONSTRUCTED:
+            heading = signature(node.name, item).removesuffix(" -> None")
+            text += entry(heading, ast.get_docstring(item))
+        elif not item.name.startswith("_"):
+            marks = decorators(item)
+            owner = node.name if marks & {"classmethod", "staticmethod"} else variable
+            if marks & {"property", "cached_property"}:
+                heading = f"{owner}.{item.name}: {ast.unparse(item.returns)}".replace("'", '"')
+            else:
+                heading = signature(f"{owner}.{item.name}", item)
+            text += entry(heading, ast.get_docstring(item))
+    return text
+
+
+def api(module, names):
+    """The entries of the named classes and functions of a module."""
+    text = source(module)
+    known = {
+        n.name: n for n in ast.parse(text).body if isinstance(n, ast.ClassDef | ast.FunctionDef)
+    }
+    found = ""
+    for name in names:
+        node = known[name]
+        if isinstance(node, ast.ClassDef):
+            found += class_text(node, text.splitlines())
+            continue
+        about = ast.get_docstring(node)
+        if module == COMPILED:
+            about = getattr(core, name).__doc__.partition("\n\n")[2]
+        found += entry(signature(name, node), about)
+    return found
+
+
+def filled(page):
+    """The text of a page with the entries between its marks."""
+    return BLOCK.sub(
+        lambda m: (
+            f"{m['head']}\n{api(m['module'], re.split(', *', m['names'])).rstrip()}\n\n{m['end']}"
+        ),
+        page,
+    )
