@@ -9,27 +9,27 @@ from typing import Any, NoReturn
 
 from forceaxis import _core
 
+TomlValue = str | int | float | bool | datetime.date | list["TomlValue"] | dict[str, "TomlValue"]
+
 
 def read(path: Path | str) -> dict[str, Any]:
     """The tables of a file. Raises InputError with file, line and the expected content."""
-    table: dict[str, Any] = _core.read_toml(str(path))
-    return table
+    return _core.read_toml(str(path))
 
 
 def read_text(text: str) -> dict[str, Any]:
     """The tables of a text. Raises InputError."""
-    table: dict[str, Any] = _core.parse_toml(text)
-    return table
+    return _core.parse_toml(text)
 
 
 def write_text(value: Mapping[str, Any]) -> str:
     """A table as TOML text, with its tables written inline and NumPy values as plain values. Raises
     TypeError for a value that TOML cannot represent."""
-    return "".join(f"{_text(str(key))} = {_text(item)}\n" for key, item in value.items())
+    return "".join(f"{value_text(str(key))} = {value_text(item)}\n" for key, item in value.items())
 
 
-def _text(value: Any) -> str:
-    """One value as TOML writes it."""
+def value_text(value: Any) -> str:
+    """A value as TOML text. Raises TypeError for a value that TOML cannot represent."""
     if hasattr(value, "tolist"):  # of NumPy
         value = value.tolist()
     match value:
@@ -42,9 +42,10 @@ def _text(value: Any) -> str:
         case datetime.date():
             return value.isoformat()
         case list() | tuple():
-            return f"[{', '.join(map(_text, value))}]"
+            return f"[{', '.join(map(value_text, value))}]"
         case Mapping():
-            return f"{{{', '.join(f'{_text(str(k))} = {_text(v)}' for k, v in value.items())}}}"
+            items = (f"{value_text(str(k))} = {value_text(v)}" for k, v in value.items())
+            return f"{{{', '.join(items)}}}"
     raise TypeError(f"got {value!r}")
 
 

@@ -6,6 +6,7 @@ rounds until the axis has accepted all; if it refuses one, all previous values a
 values are active at once and lost at the next power cut, unless store() stores them.
 """
 
+import datetime
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -114,6 +115,7 @@ def about(axis: Drive) -> About:
         axis=axis.link.where,
         name=axis.link.text(NAME),
         serial_number=None if serial is None else f"0x{serial:08x}",
+        written=f"{datetime.date.today()}",
         node_id=axis.link.read_one("node_id"),
     )
 

@@ -22,13 +22,11 @@ what `without` names, which could not be read or belonged to a gateway. Without 
 bank.toml of `forceaxis design`, a file concerns what it names and nothing else.
 """
 
-import datetime
 import itertools
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from forceaxis import objects, toml
 from forceaxis._core import InputError
@@ -36,6 +34,7 @@ from forceaxis.bus.client import to_raw
 from forceaxis.bus.state_names import texts
 from forceaxis.errors import ParameterError
 from forceaxis.objects import AxisObject
+from forceaxis.results import json_field, to_json
 
 IDENTITY = {"stored_node_id", "stored_bit_rate", "configuration_date", "configuration_time"}
 MEASURED = {
@@ -81,6 +80,7 @@ class About:
     axis: str
     name: str | None
     serial_number: str | None  #: as 0x and 8 digits
+    written: str  #: date, as 2026-11-25
     node_id: int
 
 
@@ -125,11 +125,23 @@ def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
     return repr(engineering(known, raw))
 
 
-def signature(known: AxisObject) -> dict[str, Any]:
-    """Type, scale, unit, range and enumeration of an object: {type, scale, unit, min, max},
-    enum."""
-    facts = {key: getattr(known, key) for key in ("type", "scale", "unit", "min", "max")}
-    return facts | ({"enum": list(texts(known))} if texts(known) else {})
+@dataclass(frozen=True)
+class Signature:
+    """Meaning of a value in a file: type, scale, unit, range of the raw value, texts of an
+    enumeration."""
+
+    type: str
+    scale: float
+    unit: str
+    min: int
+    max: int
+    enum: list[str] | None = json_field(omit_none=True)
+
+
+def signature(known: AxisObject) -> Signature:
+    """The signature of an object."""
+    names = list(texts(known)) or None
+    return Signature(known.type, known.scale, known.unit, known.min, known.max, names)
 
 
 def dump(values: Mapping[str, int], about: About, everything: bool = False) -> str:
@@ -150,17 +162,17 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
             groups.setdefault(group, []).append(_line(name, elements, raw, node_id))
             named.append((name, first))
     lines = [f"# Parameters of {about.axis}", "", "[about]", f"format = {FORMAT}"]
-    given = {f.name: getattr(about, f.name) for f in fields(About) if f.name != "node_id"}
-    given |= {"written": f"{datetime.date.today()}", "node_id": node_id}
-    lines += [f"{key} = {_toml(value)}" for key, value in given.items() if value is not None]
+    lines += [f"{k} = {toml.value_text(v)}" for k, v in asdict(about).items() if v is not None]
     lines.append('others = "defaults"  # of what is not named below')
     if without:
-        lines.append(f"without = {_toml(without)}")
+        lines.append(f"without = {toml.value_text(without)}")
     for group in (*dict.fromkeys(o.part for o in PARAMETERS), "measured"):
         if group in groups:
             lines += ["", f"[{group}]", *groups[group]]
     lines += ["", "# What the values above mean; checked when the file is loaded.", "[objects]"]
-    lines += [f"{name} = {_inline(signature(known))}" for name, known in named]
+    for name, known in named:
+        facts = [f"{k} = {toml.value_text(v)}" for k, v in to_json(signature(known)).items()]
+        lines.append(f"{name} = {{ {', '.join(facts)} }}")
     return "\n".join(lines) + "\n"
 
 
@@ -185,78 +197,90 @@ def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id
     return "\n".join([f"{name} = [{unit}", *(f"    {row}," for row in rows), "]"])
 
 
-def _inline(facts: Mapping[str, Any]) -> str:
-    return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in facts.items()) + " }"
+@dataclass(frozen=True)
+class Header:
+    """The tables [about] and [objects] of a file that is read."""
+
+    object_table: str  #: hash, as 0x and 8 digits; "" in a file that does not name it
+    has_defaults: bool  #: all parameters that the file does not name have their default
+    without: list[str]  #: objects or arrays of which the file says nothing
+    objects: dict[str, toml.TomlValue]  #: {object or array: its signature}
 
 
-def _toml(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return _quoted(value) if isinstance(value, str) else repr(value)
+def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
+    """Removes the header from the tables of a file. Raises InputError."""
+    about, described = tables.pop("about", {}), tables.pop("objects", {})
+    if not isinstance(about, dict):
+        raise InputError(f"{path}: about: expected a table, [about]")
+    if not isinstance(described, dict):
+        raise InputError(f"{path}: objects: expected a table, [objects]")
+    if about.get("format", FORMAT) != FORMAT:
+        raise InputError(f"{path}: about.format: expected {FORMAT}, take a newer forceaxis")
+    others, without = about.get("others"), about.get("without", [])
+    if others not in (None, "defaults"):
+        raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
+    names = [name for name in without if isinstance(name, str)] if isinstance(without, list) else []
+    if names != without:
+        raise InputError(f"{path}: about.without: expected a list of names, got {without}")
+    return Header(str(about.get("object_table", "")), others is not None, names, described)
 
 
-def _quoted(value: str) -> str:
-    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+def _file_entries(
+    path: Path | str, tables: Mapping[str, toml.TomlValue]
+) -> Iterator[tuple[str, toml.TomlValue]]:
+    """(key, value) of each line of the tables of a file. Raises InputError."""
+    for group, table in tables.items():
+        if not isinstance(table, dict):
+            raise InputError(
+                f"{path}: {group}: expected it in a table such as [axis], with other objects"
+            )
+        yield from table.items()
 
 
 def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
     """Reads a ParameterFile. skip: names of objects or arrays to leave out. Raises InputError with
     all entries that disagree with the object table."""
     tables = toml.read(path)
-    about = tables.pop("about", {})
-    described = tables.pop("objects", {})
+    header = _pop_header(path, tables)
     problems: list[str] = []
-    parameters: dict[str, int] = {}
-    measured: dict[str, int] = {}
-    for name, table in (("about", about), ("objects", described)):
-        if not isinstance(table, dict):
-            raise InputError(f"{path}: {name}: expected a table, [{name}]")
-    if about.get("format", FORMAT) != FORMAT:
-        raise InputError(f"{path}: about.format: expected {FORMAT}, take a newer forceaxis")
-    others = about.get("others")
-    if others not in (None, "defaults"):
-        raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
-    without = about.get("without", [])
-    if not isinstance(without, list) or not all(isinstance(name, str) for name in without):
-        raise InputError(f"{path}: about.without: expected a list of names, got {without}")
-    unused = set(skip)
-    for group, table in tables.items():
-        if not isinstance(table, dict):
-            raise InputError(
-                f"{path}: {group}: expected it in a table such as [axis], with other objects"
-            )
-        for key, given in table.items():
-            if key in skip:
-                unused.discard(key)
-                continue
-            try:
-                for known, value in _elements(key, given):
-                    if known.name in skip:
-                        unused.discard(known.name)
-                        continue
-                    _expect_same(known, described.get(key))
-                    into = measured if known.name in MEASURED else parameters
-                    if known.name in into:
-                        raise InputError(f"{known.name}: expected it once, it is named twice")
-                    into[known.name] = raw_value(known, value, node_id)
-            except InputError as error:
-                problems.append(str(error))
-    if unused:
-        raise ParameterError("skip", f"{', '.join(sorted(unused))}: expected names of {path}")
+    skipped: set[str] = set()
+    values: dict[str, int] = {}
+    for key, given in _file_entries(path, tables):
+        if key in skip:
+            skipped.add(key)
+            continue
+        try:
+            pairs = _elements(key, given)
+            skipped |= {known.name for known, _ in pairs if known.name in skip}
+            for known, value in pairs:
+                if known.name in skip:
+                    continue
+                _expect_same(known, header.objects.get(key))
+                if known.name in values:
+                    raise InputError(f"{known.name}: expected it once, it is named twice")
+                values[known.name] = raw_value(known, value, node_id)
+        except InputError as error:
+            problems.append(str(error))
+    if unknown := set(skip) - skipped:
+        raise ParameterError("skip", f"{', '.join(sorted(unknown))}: expected names of {path}")
     if problems:
-        theirs = str(about.get("object_table", ""))
-        other = theirs and theirs != table_hash()
-        where = f", which is of object table {theirs}, this one is {table_hash()}" if other else ""
-        hint = "; correct it or skip it"
-        raise InputError(f"{path}{where}: {'; '.join(problems)}{hint}")
-    left_out = {*without, *skip}
+        raise _disagreement(path, header, problems)
+    left_out = {*header.without, *skip, *values}
     defaults = [
-        o.name
-        for o in PARAMETERS
-        if others and not {o.name, STEM.get(o.name)} & left_out and o.name not in parameters
-        and o.name not in measured
+        o.name for o in PARAMETERS
+        if header.has_defaults and not {o.name, STEM.get(o.name)} & left_out
     ]  # fmt: skip
+    measured = {name: raw for name, raw in values.items() if name in MEASURED}
+    parameters = {name: raw for name, raw in values.items() if name not in MEASURED}
     return ParameterFile(parameters, tuple(defaults), measured)
+
+
+def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> InputError:
+    """The error of a file with entries that disagree with the object table."""
+    theirs, ours = header.object_table, table_hash()
+    where = f", which is of object table {theirs}, this one is {ours}"
+    other_table = where if theirs not in ("", ours) else ""
+    return InputError(f"{path}{other_table}: {'; '.join(problems)}; correct it or skip it")
 
 
 def table_hash() -> str:
@@ -264,22 +288,28 @@ def table_hash() -> str:
     return f"0x{objects.OBJECTS_HASH[:8]}"
 
 
-def raw_value(known: AxisObject, value: Any, node_id: int) -> int:
+def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
     """Raw value of an entry of a file. Raises InputError."""
     if isinstance(value, str) and (match := NODE.fullmatch(value)):
         if not known.node_id:
             raise InputError(f"{known.name}: expected a number, only COB-IDs follow the node id")
-        return int(to_raw(known.name, int(match[1], 16) + node_id))
-    whole = known.scale == 1 and isinstance(value, float) and not value.is_integer()
-    listed = value not in texts(known) if isinstance(value, str) else bool(texts(known))
-    if isinstance(value, bool | dict | list) or whole or listed:
-        wanted = "one of " + ", ".join(texts(known)) if texts(known) else "a number"
-        whole_number = " without decimals" if whole else ""
+        return to_raw(known.name, int(match[1], 16) + node_id)
+    names = texts(known)
+    has_decimals = known.scale == 1 and isinstance(value, float) and not value.is_integer()
+    is_unnamed = value not in names if isinstance(value, str) else bool(names)
+    if (
+        not isinstance(value, str | int | float)
+        or isinstance(value, bool)
+        or has_decimals
+        or is_unnamed
+    ):
+        wanted = "one of " + ", ".join(names) if names else "a number"
+        whole_number = " without decimals" if has_decimals else ""
         raise InputError(f"{known.name}: expected {wanted}{whole_number}, got {value}")
-    return int(to_raw(known.name, value))
+    return to_raw(known.name, value)
 
 
-def _elements(key: str, given: Any) -> list[tuple[AxisObject, Any]]:
+def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.TomlValue]]:
     """(object, value) of each value in a line of a file. Raises InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]
@@ -295,23 +325,30 @@ def _elements(key: str, given: Any) -> list[tuple[AxisObject, Any]]:
     raise InputError(f"{key}: expected an object of this table, it has none of this name")
 
 
-def _expect_same(known: AxisObject, described: Any) -> None:
+def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
     """Checks that type, scale, unit and texts of an object are unchanged, so that its value keeps
     its meaning. The range may have become larger, as for stored values. Raises InputError."""
     if described is None:
         return
     if not isinstance(described, dict):
         raise InputError(f"{known.name}: expected a table of what it means in [objects]")
-    ours = signature(known)
-    theirs = {"min": ours["min"], "max": ours["max"]} | described
-    for bound in ("min", "max"):
-        if isinstance(theirs[bound], bool) or not isinstance(theirs[bound], int | float):
-            raise InputError(
-                f"{known.name}: expected a number as {bound} in [objects], got {theirs[bound]}"
-            )
-    same = all(theirs.get(k) == ours.get(k) for k in ("type", "scale", "unit", "enum"))
-    if not (same and ours["min"] <= theirs["min"] and theirs["max"] <= ours["max"]):
+    ours = to_json(signature(known))
+    least = _described_bound(known, described, "min", known.min)
+    most = _described_bound(known, described, "max", known.max)
+    is_same = all(described.get(k) == ours.get(k) for k in ("type", "scale", "unit", "enum"))
+    if not (is_same and known.min <= least and most <= known.max):
         differing = [k for k in {**ours, **described} if described.get(k) != ours.get(k)]
         there = ", ".join(f"{k} {described.get(k)}" for k in differing)
         here = ", ".join(f"{k} {ours.get(k)}" for k in differing)
         raise InputError(f"{known.name}: expected {here} as in this table, the file has {there}")
+
+
+def _described_bound(
+    known: AxisObject, described: Mapping[str, toml.TomlValue], bound: str, ours: int
+) -> float:
+    """A bound of the range in the signature of a file, or ours if the file has none. Raises
+    InputError."""
+    value = described.get(bound, ours)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{known.name}: expected a number as {bound} in [objects], got {value}")
+    return value

@@ -3,6 +3,7 @@
 The identity is a structure that every port places in flash; firmware/port/identity.h defines it.
 """
 
+import re
 import struct
 from pathlib import Path
 from typing import NamedTuple
@@ -90,15 +91,18 @@ def load(path: Path | str, address: int | None = None) -> Image:
 
 
 def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
-    """The segments in the order of their addresses; neighbours become one segment."""
-    found: list[Segment] = []
+    """The segments in the order of their addresses; neighbours become one segment. Raises
+    InputError for two bytes with the same address."""
+    runs: list[list[Segment]] = []
     for s in sorted(segments):
-        if found and s.address < found[-1].end:
+        end = runs[-1][-1].end if runs else -1
+        if s.address < end:
             raise InputError(f"{path}: expected each byte once, {s.address:#010x} has two")
-        if found and s.address == found[-1].end:
-            s = Segment(found[-1].address, found.pop().data + s.data)
-        found.append(s)
-    return tuple(found)
+        if s.address == end:
+            runs[-1].append(s)
+        else:
+            runs.append([s])
+    return tuple(Segment(run[0].address, b"".join(s.data for s in run)) for run in runs)
 
 
 def read_bin(_path: Path, data: bytes, address: int | None) -> list[Segment]:
@@ -138,41 +142,55 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
     return segments
 
 
+class HexRecord(NamedTuple):
+    """A record of Intel HEX."""
+
+    address: int  # its lower 16 bits
+    kind: int
+    data: bytes
+
+
+DATA_RECORD, END_RECORD, SEGMENT_RECORD, LINEAR_RECORD = 0, 1, 2, 4
+START_RECORDS = (3, 5)  # start addresses, which the vector table contains too
+
+
+def hex_record(where: str, line: bytes) -> HexRecord:
+    """The record :nnaaaattdd..cc in a line of Intel HEX. Raises InputError, whose text begins with
+    `where`."""
+    try:
+        record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
+    except ValueError:
+        record = b""
+    if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
+        raise InputError(f"{where}: expected a record of Intel HEX")
+    if sum(record) % 256:
+        raise InputError(f"{where}: expected the checksum of the record")
+    return HexRecord(int.from_bytes(record[1:3], "big"), record[3], record[4:-1])
+
+
 def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
-    """Intel HEX: records :nnaaaattdd..cc, addresses above 16 bits by types 2 and 4."""
-    segments: list[tuple[int, bytearray]] = []
+    """The data records of Intel HEX; the upper bits of their addresses follow from records of the
+    types 2 and 4."""
+    segments: list[Segment] = []
     base, ended = 0, False
-    for number, line in enumerate(data.split(b"\n"), 1):
-        line = line.strip()
+    for number, line in enumerate(map(bytes.strip, data.split(b"\n")), 1):
         if not line:
             continue
         where = f"{path}:{number}"
         if ended:
             raise InputError(f"{where}: expected no record after the end record")
-        try:
-            record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
-        except ValueError:
-            record = b""
-        if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
-            raise InputError(f"{where}: expected a record of Intel HEX")
-        if sum(record) % 256:
-            raise InputError(f"{where}: expected the checksum of the record")
-        at, kind, content = int.from_bytes(record[1:3], "big"), record[3], record[4:-1]
-        if kind == 0 and content:
-            last = segments[-1] if segments else None
-            if last and last[0] + len(last[1]) == base + at:
-                last[1].extend(content)
-            else:
-                segments.append((base + at, bytearray(content)))
-        elif kind == 1:
+        at, kind, content = hex_record(where, line)
+        if kind == DATA_RECORD:
+            segments += [Segment(base + at, content)] if content else []
+        elif kind == END_RECORD:
             ended = True
-        elif kind in (2, 4) and len(content) == 2:
-            base = int.from_bytes(content, "big") << (4 if kind == 2 else 16)
-        elif kind not in (0, 3, 5):
+        elif kind in (SEGMENT_RECORD, LINEAR_RECORD) and len(content) == 2:
+            base = int.from_bytes(content, "big") << (4 if kind == SEGMENT_RECORD else 16)
+        elif kind not in START_RECORDS:
             raise InputError(f"{where}: expected a record of type 0 to 5, got {kind}")
     if not ended:
         raise InputError(f"{path}: expected an end record, the file ends before it")
-    return [Segment(address, bytes(content)) for address, content in segments]
+    return segments
 
 
 READERS = {"elf": read_elf, "hex": read_hex, "bin": read_bin}
@@ -180,25 +198,23 @@ READERS = {"elf": read_elf, "hex": read_hex, "bin": read_bin}
 
 def identity(image: Image) -> Identity:
     """The identity of an image. Raises InputError unless the image has exactly one identity."""
-    found: list[tuple[bytes, bytes, int, bytes]] = []
+    found: list[Identity] = []
     for s in image.segments:
-        at = s.data.find(MAGIC)
-        while at >= 0:
-            head = s.data[at : at + IDENTITY.size]
-            if (s.address + at) % 4 == 0 and len(head) == IDENTITY.size:
-                _, size, *fields = IDENTITY.unpack(head)
-                # A newer firmware may have more fields. Machine code that contains the magic
-                # number is not followed by such a size.
-                if IDENTITY.size <= size <= 256:
-                    found.append((fields[0], fields[1], fields[2], fields[3]))
-            at = s.data.find(MAGIC, at + 1)
+        for match in re.finditer(MAGIC, s.data):
+            head = s.data[match.start() :][: IDENTITY.size]
+            if (s.address + match.start()) % 4 or len(head) < IDENTITY.size:
+                continue
+            _, size, version, git, table_hash, board = IDENTITY.unpack(head)
+            # A newer firmware may have more fields. Machine code that contains the magic number is
+            # not followed by such a size.
+            if IDENTITY.size <= size <= 256:
+                found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:
         raise InputError(
             f"{image.path}: expected one identity of a forceaxis image (FAXI), "
             f"there {'is none' if not found else f'are {len(found)}'}"
         )
-    version, git, table_hash, board = found[0]
-    return Identity(text(version), text(git), f"{table_hash:08x}", text(board))
+    return found[0]
 
 
 def text(field: bytes) -> str:
