@@ -13,7 +13,7 @@ import traceback
 from dataclasses import asdict
 from pathlib import Path
 
-from forceaxis.axis import actions, params, scan
+from forceaxis.axis import actions, parameter_set, scan
 from forceaxis.axis.axis import Axis, trigger_on
 from forceaxis.axis.can import CanLink
 from forceaxis.axis.drive import FaultObjects
@@ -195,14 +195,14 @@ def loaded(way, folder):
     before, new = folder / "before.toml", folder / "new.toml"
     with Axis(WAYS[way]()) as axis:
         if way == "can":
-            before.write_text(params.dump(axis))
+            before.write_text(parameter_set.dump(axis))
             more = "[more]\nhoming_travel = 4321\nrpdo_mapping_25 = 0x607a0020\nrpdo_mapped_4 = 1\n"
             new.write_text(before.read_text().replace("[objects]", f"{more}[objects]"))
         file = new if way == "can" else before
-        found = {"changed": [d.name for d in params.load(axis, file).changed]}
+        found = {"changed": [d.name for d in parameter_set.load(axis, file).changed]}
         found["homing_travel"] = axis.read("homing_travel")
         try:
-            params.store(axis)
+            parameter_set.store(axis)
         except Refused as error:
             found["store"] = str(error)
     return found

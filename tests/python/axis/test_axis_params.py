@@ -13,7 +13,7 @@ import tomlkit
 import verbs
 from forceaxis import _core, toml
 from forceaxis._core import InputError
-from forceaxis.axis import params, params_file
+from forceaxis.axis import parameter_file, parameter_set
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
@@ -80,45 +80,46 @@ def written(tmp_path, text, name="axis.toml"):
 
 def test_every_raw_value_of_every_parameter_reads_back_bit_for_bit():
     drawn = random.Random(18)
-    for known in params_file.PARAMETERS:
+    for known in parameter_file.PARAMETERS:
         raws = [known.min, known.max, known.default]
         raws += [drawn.randint(known.min, known.max) for _ in range(20)]
-        lines = [f"v{i} = {params_file.text(known, raw, 5)}" for i, raw in enumerate(raws)]
+        lines = [f"v{i} = {parameter_file.text(known, raw, 5)}" for i, raw in enumerate(raws)]
         values = toml.read_text("\n".join(lines)).values()
-        assert [params_file.raw_value(known, v, 5) for v in values] == raws, known.name
+        assert [parameter_file.raw_value(known, v, 5) for v in values] == raws, known.name
 
 
 @pytest.mark.parametrize("everything", [False, True])
 def test_a_dump_makes_another_axis_the_same(owned, tmp_path, everything):
     first, second = configured(owned), owned()
     second.set(force_gain=3.5, bank_gain_2=9.0, homing_travel=1234, force_tare=-2.0)
-    file = written(tmp_path, params.dump(first, everything))
-    assert params.differences(first, file, measured=True) == []
-    before = params.differences(second, file)
+    file = written(tmp_path, parameter_set.dump(first, everything))
+    assert parameter_set.differences(first, file, measured=True) == []
+    before = parameter_set.differences(second, file)
     assert {"force_gain", "homing_travel", "watchdog", "bank_crc_1", "tpdo_mapping_19"} <= {
         d.name for d in before
     }
-    loaded = params.load(second, file)
+    loaded = parameter_set.load(second, file)
     assert (loaded.changed, loaded.managed) == (before, [])
-    assert loaded.bank == params.BankState(1, "valid", "fits")
-    assert params.differences(second, file) == []
+    assert loaded.bank == parameter_set.BankState(1, "valid", "fits")
+    assert parameter_set.differences(second, file) == []
     # Measurements stay each axis' own until they are asked for.
     assert second.read("force_tare") == -2.0
-    params.load(second, file, measured=True)
-    assert params.read(second) == params.read(first)
+    parameter_set.load(second, file, measured=True)
+    assert parameter_set.read(second) == parameter_set.read(first)
 
 
 def test_a_dump_says_whose_it_is(owned):
-    about = toml.read_text(params.dump(owned(BANK)))["about"]
+    about = toml.read_text(parameter_set.dump(owned(BANK)))["about"]
     assert about.items() >= {
-        "format": 1, "object_table": params_file.table_hash(), "firmware": _core.FIRMWARE_VERSION,
-        "name": "simulator", "node_id": 1, "serial_number": "0x00000000",
+        "format": 1, "object_table": parameter_file.table_hash(),
+        "firmware": _core.FIRMWARE_VERSION, "name": "simulator", "node_id": 1,
+        "serial_number": "0x00000000",
     }.items()  # fmt: skip
     assert about["written"] and str(BANK) in about["axis"]
 
 
 def test_what_differs_is_shown_by_name_with_both_values(owned, tmp_path):
-    file = written(tmp_path, params.dump(owned(BANK)))
+    file = written(tmp_path, parameter_set.dump(owned(BANK)))
     ran = verbs.forceaxis("axis", "params", "diff", file, "--sim", PLAIN, "--json")
     rows = {row["name"]: row for row in json.loads(ran.stdout)["differences"]}
     assert ran.returncode == 1
@@ -147,14 +148,14 @@ BAD = {
 @pytest.mark.parametrize("bad", BAD)
 def test_a_file_with_one_bad_value_changes_nothing(owned, tmp_path, bad):
     old, new, message = BAD[bad]
-    text = params.dump(configured(owned))
+    text = parameter_set.dump(configured(owned))
     assert old in text
     file = written(tmp_path, text.replace(old, new, 1))
     axis = owned()
-    before = params.read(axis)
+    before = parameter_set.read(axis)
     with pytest.raises(InputError, match=message):
-        params.load(axis, file)
-    assert params.read(axis) == before
+        parameter_set.load(axis, file)
+    assert parameter_set.read(axis) == before
     ran = verbs.forceaxis("axis", "params", "load", file, "--sim", PLAIN)
     assert ran.returncode == 2 and len(ran.stderr.splitlines()) == 1
 
@@ -170,29 +171,29 @@ REFUSED = {
 @pytest.mark.parametrize("refused", REFUSED)
 def test_a_file_that_the_axis_refuses_changes_nothing(owned, tmp_path, refused):
     old, new, message = REFUSED[refused]
-    text = params.dump(configured(owned))
+    text = parameter_set.dump(configured(owned))
     assert old in text
     file = written(tmp_path, text.replace(old, new, 1))
     axis = configured(owned)
     axis.set(force_gain=3.5, watchdog=400, force_slope=8000)
-    before = params.read(axis)
+    before = parameter_set.read(axis)
     with pytest.raises(Refused, match=message):
-        params.load(axis, file)
-    assert params.read(axis) == before
+        parameter_set.load(axis, file)
+    assert parameter_set.read(axis) == before
 
 
 def test_a_file_is_written_only_to_a_disabled_axis_of_this_table(owned, tmp_path):
-    file = written(tmp_path, params.dump(owned(BANK)))
+    file = written(tmp_path, parameter_set.dump(owned(BANK)))
     axis = owned(BANK, overrides=["firmware.first_motion_test=off"])
     axis.enable("profile position")
     axis.set(watchdog=400)
     with pytest.raises(Refused, match="expected it disabled, it is operation enabled"):
-        params.load(axis, file)
+        parameter_set.load(axis, file)
     assert axis.read("watchdog") == 400
     found = axis.link.read
     axis.link.read = lambda names: found(names) | {"object_table_hash": 1}
     with pytest.raises(Refused, match=r"expected object table .* it has 0x00000001"):
-        params.read(axis)
+        parameter_set.read(axis)
 
 
 def places(table, above=()):
@@ -208,7 +209,7 @@ ODD = (-1, 1 << 40, 1.5, math.nan, "", "x", True, [], [{}], {}, datetime.date(20
 
 def test_whatever_stands_in_a_damaged_file_is_one_line(owned, tmp_path):
     # Each fifteenth place, so that every kind of place is there; each odd value at each of them.
-    sound = toml.read_text(params.dump(configured(owned)))
+    sound = toml.read_text(parameter_set.dump(configured(owned)))
     sound["about"]["without"] = ["force_gain"]
     refused = 0
     for place in list(places(sound))[::15]:
@@ -220,7 +221,7 @@ def test_whatever_stands_in_a_damaged_file_is_one_line(owned, tmp_path):
             table[place[-1]] = value
             file = written(tmp_path, tomlkit.dumps(damaged))
             try:
-                params_file.read(file, 1)
+                parameter_file.read(file, 1)
             except InputError as error:
                 refused += 1
                 assert "\n" not in str(error)
@@ -229,9 +230,9 @@ def test_whatever_stands_in_a_damaged_file_is_one_line(owned, tmp_path):
 
 @pytest.mark.parametrize("error", [NoAnswer("no answer"), KeyboardInterrupt()])
 def test_a_load_that_ends_in_between_is_undone(owned, tmp_path, error):
-    file = written(tmp_path, params.dump(configured(owned)))
+    file = written(tmp_path, parameter_set.dump(configured(owned)))
     axis = owned()
-    before, write, count = params.read(axis), axis.link.write, 0
+    before, write, count = parameter_set.read(axis), axis.link.write, 0
 
     def failing(values):
         nonlocal count
@@ -242,25 +243,25 @@ def test_a_load_that_ends_in_between_is_undone(owned, tmp_path, error):
 
     axis.link.write = failing
     with pytest.raises((Refused, KeyboardInterrupt)) as ended:
-        params.load(axis, file)
+        parameter_set.load(axis, file)
     assert str(ended.value) in ("", f"{file}: no answer; everything is as it was before")
-    assert count > 12 and params.read(axis) == before
+    assert count > 12 and parameter_set.read(axis) == before
 
 
 def test_a_bank_of_a_design_is_written_over_the_selected_one(owned, tmp_path):
-    values = params.read(owned(BANK))
+    values = parameter_set.read(owned(BANK))
     names = [
         "adc_bits", "force_scale", "bank_sections_1", "bank_gain_1", "bank_velocity_gain_1",
         "bank_integral_1", *(f"bank_coefficient_{i}" for i in range(1, 16)), "bank_crc_1",
         "certificate_hash_1", "certificate_parts_1", "certificate_date_1",
     ]  # fmt: skip
-    lines = [f"{n} = {params_file.text(params_file.BY_NAME[n], values[n])}" for n in names]
+    lines = [f"{n} = {parameter_file.text(parameter_file.BY_NAME[n], values[n])}" for n in names]
     file = written(tmp_path, "\n".join(["[firmware]", *lines, "force_bank = 1"]), "bank.toml")
     other = BANK.read_text().replace("gain = 4.37", "gain = 2.0").replace("_s = 8.0", "_s = 4.0")
     other = other.replace("../models", f"{ROOT}/sim/models")
     axis = owned(written(tmp_path, other, "other.toml"))
     axis.set(watchdog=400)
-    loaded = params.load(axis, file)
+    loaded = parameter_set.load(axis, file)
     assert {d.name for d in loaded.changed} == {
         "bank_gain_1", "bank_integral_1", "bank_crc_1", "certificate_hash_1", "certificate_parts_1",
     }  # fmt: skip
@@ -274,26 +275,26 @@ def test_values_that_limit_each_other_are_loaded_in_any_order(owned, tmp_path):
     first = owned()
     first.set(position_limit_max=5_000, position_limit_min=4_000, tpdo_sync_start_1=0)
     first.link.write({"consumer_heartbeat_1": 0x0203E8, "consumer_heartbeat_2": 0x0303E8})
-    file = written(tmp_path, params.dump(first))
+    file = written(tmp_path, parameter_set.dump(first))
     second = owned()
     second.set(position_limit_min=-9_000, position_limit_max=-8_000)
     second.link.write({"consumer_heartbeat_1": 0x0303E8, "consumer_heartbeat_2": 0x0203E8})
-    params.load(second, file)
-    assert params.differences(second, file) == []
+    parameter_set.load(second, file)
+    assert parameter_set.differences(second, file) == []
 
 
 def test_another_node_gets_the_file_s_pdos_at_its_own_identifiers(owned):
-    known = params_file.BY_NAME["tpdo_cob_id_1"]
-    assert params_file.text(known, known.default + 3, 3) == '"$NODEID+0x40000180"'
+    known = parameter_file.BY_NAME["tpdo_cob_id_1"]
+    assert parameter_file.text(known, known.default + 3, 3) == '"$NODEID+0x40000180"'
     # Disabled it still follows the node; at an identifier of its own it stays there.
-    assert params_file.text(known, 0xC0000183, 3) == '"$NODEID+0xc0000180"'
-    assert params_file.text(known, 0x400001A0, 3) == "0x400001a0"
-    assert params_file.raw_value(known, "$NODEID+0x40000180", 9) == 0x40000189
+    assert parameter_file.text(known, 0xC0000183, 3) == '"$NODEID+0xc0000180"'
+    assert parameter_file.text(known, 0x400001A0, 3) == "0x400001a0"
+    assert parameter_file.raw_value(known, "$NODEID+0x40000180", 9) == 0x40000189
 
 
 def test_a_dump_of_another_table_is_loaded_by_name(owned, tmp_path):
-    text = params.dump(configured(owned))
-    ours = params_file.table_hash()
+    text = parameter_set.dump(configured(owned))
+    ours = parameter_file.table_hash()
     # An object that has moved to another part, and a range that has grown since.
     text = text.replace(ours, "0x12345678").replace("[drive]", "[motion]")
     grown = text.replace('force_jump_max = { type = "i32", scale = 0.00390625, unit = "count", '
@@ -301,7 +302,7 @@ def test_a_dump_of_another_table_is_loaded_by_name(owned, tmp_path):
                          'scale = 0.00390625, unit = "count", min = 1, max = 32768')  # fmt: skip
     assert grown != text
     axis = owned()
-    params.load(axis, written(tmp_path, grown))
+    parameter_set.load(axis, written(tmp_path, grown))
     assert axis.read("force_jump_max") == 20.0
     for old, new in (
         ('feed = { type = "u32", scale = 1.0, unit = "1"',
@@ -312,15 +313,15 @@ def test_a_dump_of_another_table_is_loaded_by_name(owned, tmp_path):
         assert old in text
         text = text.replace(old, new)
     other, file = owned(), written(tmp_path, text)
-    before = params.read(other)
+    before = parameter_set.read(other)
     with pytest.raises(InputError) as refusal:
-        params.load(other, file)
-    assert params.read(other) == before
+        parameter_set.load(other, file)
+    assert parameter_set.read(other) == before
     assert all(word in str(refusal.value) for word in (
         "0x12345678", ours, "feed: expected unit 1 as in this table, the file has unit mm",
         "keep_alive: expected an object", "bump_decay_shift: expected max 12",
     ))  # fmt: skip
-    params.load(other, file, skip=("feed", "keep_alive", "bump_decay_shift"))
+    parameter_set.load(other, file, skip=("feed", "keep_alive", "bump_decay_shift"))
     assert other.read("force_jump_max") == 20.0 and other.read("feed") == 0
 
 
@@ -328,7 +329,7 @@ def test_a_file_of_the_table_of_0_1_0(owned, tmp_path):
     """Every stored object of that release, as a dump of its own would have had it."""
     with (ROOT / "firmware/objects/released/0.1.0.csv").open() as file:
         digest = file.readline().split()[-1]
-        rows = [r for r in csv.DictReader(file) if r["name"] not in params_file.IDENTITY]
+        rows = [r for r in csv.DictReader(file) if r["name"] not in parameter_file.IDENTITY]
     values, meanings = ["[released]"], ["[objects]"]
     for row in rows:
         enum = row["enum"].split(";") if row["enum"] else None
@@ -344,7 +345,7 @@ def test_a_file_of_the_table_of_0_1_0(owned, tmp_path):
     head = ["[about]", "format = 1", f'object_table = "0x{digest}"']
     file = written(tmp_path, "\n".join([*head, *values, *meanings]))
     axis = owned(overrides=["firmware.position_gain=4"])
-    changed = {d.name for d in params.load(axis, file).changed}
+    changed = {d.name for d in parameter_set.load(axis, file).changed}
     assert "position_gain" in changed and axis.read("position_gain") == 0
 
 
@@ -354,10 +355,13 @@ def test_an_axis_with_a_store_of_0_1_0_is_dumped_for_another(owned, tmp_path):
     store.write_bytes((data / "store_0_1_0.bin").read_bytes())
     first, second = owned(store=store), owned()
     assert first.read("store_state").startswith("loaded")
-    file = written(tmp_path, params.dump(first))
-    params.load(second, file, measured=True)
-    now, addresses = params.read(second), {(o.index, o.sub): o.name for o in params_file.PARAMETERS}
-    assert now == params.read(first)
+    file = written(tmp_path, parameter_set.dump(first))
+    parameter_set.load(second, file, measured=True)
+    now, addresses = (
+        parameter_set.read(second),
+        {(o.index, o.sub): o.name for o in parameter_file.PARAMETERS},
+    )
+    assert now == parameter_set.read(first)
     compared = 0
     for line in (data / "store_0_1_0.txt").read_text().splitlines():
         address, value = line.split()
@@ -368,27 +372,27 @@ def test_an_axis_with_a_store_of_0_1_0_is_dumped_for_another(owned, tmp_path):
 
 def test_what_a_link_does_not_reach_or_manages_itself_is_left_alone(owned, tmp_path):
     first = configured(owned)
-    whole = written(tmp_path, params.dump(first), "whole.toml")
+    whole = written(tmp_path, parameter_set.dump(first), "whole.toml")
     first.link.manages = lambda name: name.startswith("tpdo_")
     first.link.reaches = lambda name: not name.startswith("rpdo_")
-    text = params.dump(first)
+    text = parameter_set.dump(first)
     about = toml.read_text(text)["about"]
     assert {"rpdo_mapping", "tpdo_mapping", "tpdo_cob_id"} < set(about["without"])
     assert "\ntpdo_" not in text and "\nrpdo_" not in text
     # A file without them leaves them as they are.
     second = configured(owned)
     second.link.write({"rpdo_timeout_2": 70})
-    loaded = params.load(second, written(tmp_path, text))
+    loaded = parameter_set.load(second, written(tmp_path, text))
     assert loaded.changed == [] and second.read("rpdo_timeout_2") == 70
     # What a gateway sets up itself is not written by it; what has no register is refused.
     third = owned()
     third.link.manages = first.link.manages
-    loaded = params.load(third, whole)
+    loaded = parameter_set.load(third, whole)
     assert {"tpdo_cob_id_3", "tpdo_mapping_17"} < set(loaded.managed)
     assert third.read("tpdo_mapped_3") == 2 and third.read("watchdog") == 250
     third.link.manages, third.link.reaches = (lambda name: False), by_register
     with pytest.raises(Refused, match="tpdo_cob_id_1: it has no Modbus register"):
-        params.load(third, whole)
+        parameter_set.load(third, whole)
 
 
 def test_stored_parameters_are_there_at_the_next_power_up(tmp_path):
@@ -396,8 +400,8 @@ def test_stored_parameters_are_there_at_the_next_power_up(tmp_path):
     way = ("--sim", PLAIN, "--store", store)
     file.write_text("[drive]\nhoming_travel = 4321\n")
     with Axis(SimLink(PLAIN, store=store)) as axis:
-        params.load(axis, file)
-        params.store(axis)
+        parameter_set.load(axis, file)
+        parameter_set.store(axis)
     del axis  # which has the file open
     ran = verbs.forceaxis("axis", "params", "dump", "--json", *way)
     assert json.loads(ran.stdout)["parameters"]["homing_travel"] == 4321

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import verbs
-from forceaxis.axis import params
+from forceaxis.axis import parameter_set
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer
 from forceaxis.axis.sim import SimLink
@@ -61,7 +61,7 @@ def verdicts(run):
 
 def test_a_sound_axis_passes_and_is_left_as_it_was(experiment):
     file = experiment(firmware={"tare_band": 5.0, "force_zero_code": 0, "profile_enable": 0})
-    before = params.read(Axis(SimLink(file)))
+    before = parameter_set.read(Axis(SimLink(file)))
     asked = []
     run, axis, way = checked(file, consent=lambda text: asked.append(text) or True)
     assert run.passed, run.steps
@@ -69,7 +69,7 @@ def test_a_sound_axis_passes_and_is_left_as_it_was(experiment):
     noted = [step.step for step in run.steps if step.verdict == "noted"]
     assert noted == ["force scale", "force at rest"], "never set; no dither"
     assert 400 <= way <= SPAN and f"never more than {SPAN} counts" in asked[0]
-    assert params.read(axis) == before
+    assert parameter_set.read(axis) == before
     found = {step.step: step for step in run.steps}
     assert found["first motion"].value == "passed" and abs(found["move"].value) <= 2
     assert found["force sensor"].value == 0 and found["force sensor"].limit == 255
@@ -119,13 +119,13 @@ MOVING = {
 def test_what_the_first_motion_finds_is_named(experiment, name):
     given, firmware, result = MOVING[name]
     file = experiment(given, firmware)
-    before = params.read(Axis(SimLink(file)))
+    before = parameter_set.read(Axis(SimLink(file)))
     run, axis, _ = checked(file)
     failed = [step for step in run.steps if step.verdict == "failed"]
     assert [(s.step, s.value) for s in failed] == [("first motion", result)]
     assert verdicts(run)["move"] == verdicts(run)["tare"] == "skipped"
     assert axis.read("fault") == result and axis.read("drive_state") == "fault"
-    assert params.read(axis) == before
+    assert parameter_set.read(axis) == before
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -243,7 +243,7 @@ def test_what_cannot_be_restored_is_said(experiment, lost):
         link.write = failing
 
     file = experiment()
-    before = params.read(Axis(SimLink(file)))
+    before = parameter_set.read(Axis(SimLink(file)))
     axis = Axis(SimLink(file))
     axis.acquire()
     axis.link.axis.reset_extremes()
@@ -251,7 +251,7 @@ def test_what_cannot_be_restored_is_said(experiment, lost):
     run = MotionCheck(axis)
     run.run(lambda text: True)
     if lost == 2:
-        assert run.passed and params.read(axis) == before
+        assert run.passed and parameter_set.read(axis) == before
     else:
         assert verdicts(run)["restore"] == "failed" and verdicts(run)["tare"] == "skipped"
 
@@ -259,7 +259,7 @@ def test_what_cannot_be_restored_is_said(experiment, lost):
 @pytest.mark.parametrize("after", [3, 12, 18, 20, 24])
 def test_ctrl_c_restores_what_was_set(experiment, after):
     file = experiment()
-    before = params.read(Axis(SimLink(file)))
+    before = parameter_set.read(Axis(SimLink(file)))
     axis = Axis(SimLink(file))
     axis.acquire()
     write, count = axis.link.write, 0
@@ -274,7 +274,7 @@ def test_ctrl_c_restores_what_was_set(experiment, after):
     axis.link.write = interrupted
     with pytest.raises(KeyboardInterrupt):
         MotionCheck(axis).run(lambda text: True)
-    assert params.read(axis) == before and axis.read("drive_state") != "operation_enabled"
+    assert parameter_set.read(axis) == before and axis.read("drive_state") != "operation_enabled"
 
 
 def test_the_verb(experiment):

@@ -18,7 +18,7 @@ from forceaxis.cli.live_options import Way, connected, live, owned
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
-    from forceaxis.axis.params import DifferenceShown
+    from forceaxis.axis.parameter_set import DifferenceShown
 
 skipping = click.option(
     "--skip", multiple=True, metavar="NAME", help="Leave out this object of the file. Repeatable."
@@ -63,10 +63,10 @@ def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
     lacks the TPDOs and heartbeats that the gateway sets up. The key `without` names what is
     missing. --json prints {"file", "parameters": {name: value}}.
     """
-    from forceaxis.axis import params as parameters
+    from forceaxis.axis import parameter_set
 
     with connected(way) as found:
-        text = parameters.dump(found, everything)
+        text = parameter_set.dump(found, everything)
     if file is not None:
         paths.replace_text(file, text)
     if as_json:
@@ -96,10 +96,10 @@ def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool
     a value differs.
     --json: {"differences": [{"name", "axis", "file", "unit"}]}.
     """
-    from forceaxis.axis import params as parameters
+    from forceaxis.axis import parameter_set
 
     with connected(way) as found:
-        rows = [d.shown() for d in parameters.differences(found, file, skip, measured)]
+        rows = [d.shown() for d in parameter_set.differences(found, file, skip, measured)]
     if as_json:
         click.echo(json.dumps({"differences": to_json(rows)}))
     else:
@@ -131,10 +131,10 @@ def load(
     a power cut. --json: {"dry_run", "changes": [{"name", "axis", "file", "unit"}], "unchanged": n,
     "bank": {...}, "managed": [names that the gateway sets itself and that are left out]}.
     """
-    from forceaxis.axis import params as parameters
+    from forceaxis.axis import parameter_set
 
     with connected(way) if dry_run else owned(way) as found:
-        loaded = parameters.load(found, file, skip, measured, dry_run)
+        loaded = parameter_set.load(found, file, skip, measured, dry_run)
     rows = [change.shown() for change in loaded.changed]
     same = loaded.concerned - len(rows)
     if as_json:
@@ -164,10 +164,10 @@ def store(way: Way, as_json: bool) -> None:
     The axis is disabled while it stores. If storing fails, the exit status is 1 and the parameter
     set that was stored before remains valid.
     """
-    from forceaxis.axis import params as parameters
+    from forceaxis.axis import parameter_set
 
     with owned(way) as found:
-        parameters.store(found)
+        parameter_set.store(found)
         where = found.link.where
     click.echo(json.dumps({"store_state": "saved"}) if as_json else f"{where}: stored")
 
@@ -183,7 +183,7 @@ def restore(yes: bool, way: Way, as_json: bool) -> None:
     The defaults also become active with a reset of the node (NMT). Before that nothing changes, and
     `params store` cancels the deletion. The stored node id is deleted too.
     """
-    from forceaxis.axis import params as parameters
+    from forceaxis.axis import parameter_set
 
     if not yes:
         if not sys.stdin.isatty():
@@ -192,7 +192,7 @@ def restore(yes: bool, way: Way, as_json: bool) -> None:
             )
         click.confirm("Delete all parameters that the axis has stored?", abort=True)
     with owned(way) as found:
-        parameters.restore(found)
+        parameter_set.restore(found)
         where = found.link.where
     if as_json:
         click.echo(json.dumps({"store_state": "restored"}))

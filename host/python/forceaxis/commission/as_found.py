@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from forceaxis._core import InputError
-from forceaxis.axis import actions, params
+from forceaxis.axis import actions, parameter_set
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME, enum
@@ -78,7 +78,7 @@ def read(axis: Axis) -> RawValues:
     """{object: raw value} of the parameters and SET_UP, without the consumer heartbeats, which the
     connection manages. Raises Refused, NoAnswer."""
     set_up = axis.link.read([name for name in SET_UP if axis.link.reaches(name)])
-    found = params.read(axis) | set_up
+    found = parameter_set.read(axis) | set_up
     return {n: raw for n, raw in found.items() if not n.startswith("consumer_heartbeat_")}
 
 
@@ -126,7 +126,7 @@ def put_back(folder: AxisFolder) -> int:
     changes = {n: raw for n, raw in held.items() if n in now and now[n] != raw}
     if not changes.keys().isdisjoint(RECORDER_OBJECTS):
         axis.link.write({"recorder_arm": 0})
-    params.write(axis, changes, now)
+    parameter_set.write(axis, changes, now)
     return len(changes)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forceaxis.axis import actions, params, params_file, quantity
+from forceaxis.axis import actions, parameter_file, parameter_set, quantity
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus import client
@@ -171,7 +171,7 @@ class MotionCheck:
 
     def _table(self) -> bool:
         raw = self.axis.link.read(["object_table_hash"])["object_table_hash"]
-        theirs, ours = f"0x{raw:08x}", params_file.table_hash()
+        theirs, ours = f"0x{raw:08x}", parameter_file.table_hash()
         hint = f", this program has {ours}: take the forceaxis of the axis' firmware"
         return self._evaluate("object table", theirs == ours, theirs, theirs, ours, hint)
 
@@ -376,7 +376,9 @@ class MotionCheck:
             try:
                 self.axis.off()
                 now = self.axis.link.read(list(before))
-                params.write(self.axis, {n: v for n, v in before.items() if now[n] != v}, now)
+                parameter_set.write(
+                    self.axis, {n: v for n, v in before.items() if now[n] != v}, now
+                )
                 reason = None
                 break
             except KeyboardInterrupt as error:

@@ -13,7 +13,7 @@ import numpy as np
 
 from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
-from forceaxis.axis import bounds, params, quantity
+from forceaxis.axis import bounds, parameter_set, quantity
 from forceaxis.axis.link import REASONS, SCALE_WITHIN, Refused
 from forceaxis.commission import analyzer, as_found, contact, known, margins
 from forceaxis.commission.level import Rest
@@ -479,7 +479,7 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
     axis = tuning.axis
     off(axis)
     try:
-        params.store(axis)
+        parameter_set.store(axis)
     except Refused as error:
         if REASONS[NO_MEMORY] in str(error):
             return Stored(False, str(error))

@@ -11,10 +11,10 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from forceaxis.axis import params_file
+from forceaxis.axis import parameter_file
 from forceaxis.axis.drive import Drive
 from forceaxis.axis.link import NAME, POLL_PERIOD_S, SOFTWARE, NoAnswer, Refused
-from forceaxis.axis.params_file import MEASURED, PARAMETERS, About, engineering
+from forceaxis.axis.parameter_file import MEASURED, PARAMETERS, About, engineering
 from forceaxis.bus import state_names
 from forceaxis.bus.state_names import BY_NAME, texts
 from forceaxis.objects import AxisObject
@@ -97,7 +97,7 @@ def expect_table(axis: Drive) -> None:
     """Raises Refused for an axis with another object table, in which names may have other
     meanings."""
     theirs = f"0x{axis.link.read_one('object_table_hash'):08x}"
-    ours = params_file.table_hash()
+    ours = parameter_file.table_hash()
     if theirs != ours:
         raise Refused(
             f"{axis.link.where}: expected object table {ours}, it has {theirs}; take the "
@@ -110,7 +110,7 @@ def about(axis: Drive) -> About:
     has_serial = axis.link.reaches("serial_number")
     serial = axis.link.read_one("serial_number") if has_serial else None
     return About(
-        object_table=params_file.table_hash(),
+        object_table=parameter_file.table_hash(),
         firmware=axis.link.text(SOFTWARE),
         axis=axis.link.where,
         name=axis.link.text(NAME),
@@ -122,7 +122,7 @@ def about(axis: Drive) -> About:
 
 def dump(axis: Drive, everything: bool = False) -> str:
     """Text of a file with the axis' parameters; everything: includes those with default values."""
-    return params_file.dump(read(axis), about(axis), everything)
+    return parameter_file.dump(read(axis), about(axis), everything)
 
 
 def differences(
@@ -142,7 +142,7 @@ def _compared(
 ) -> LoadResult:
     """The changes by which a file would change {object: raw value}, without the bank."""
     node_id = axis.link.read_one("node_id")
-    file = params_file.read(path, node_id, skip)
+    file = parameter_file.read(path, node_id, skip)
     managed = [name for name in file.values if axis.link.manages(name)]
     wanted = {name: raw for name, raw in file.values.items() if name not in managed}
     if measured:
@@ -154,7 +154,7 @@ def _compared(
             )
     for name in file.defaults:
         if name in before and (measured or name not in MEASURED):
-            wanted[name] = params_file.default(BY_NAME[name], node_id)
+            wanted[name] = parameter_file.default(BY_NAME[name], node_id)
     rows = [Difference(n, before[n], raw) for n, raw in wanted.items() if before[n] != raw]
     return LoadResult(rows, len(wanted), managed)
 
