@@ -302,26 +302,26 @@ def test_measure_finds_friction_raises_the_amplitude_until_it_slides_and_says_bo
     done, extremes = measured(hidden, model, "free", 30.0, 100.0)
     assert extremes["force_N"] < FORCE_MAX_N
     for name, one in done.items():
-        found = one.summary["friction"]
-        assert found["rubs"] and found["moving_N"] == pytest.approx(12.0, rel=0.05), name
+        found = one.summary.friction
+        assert found.rubs and found.moving_N == pytest.approx(12.0, rel=0.05), name
         table = tmp_path / f"{name}.toml"
-        table.write_text(model.read_text() + "\n" + found["lines"])
+        table.write_text(model.read_text() + "\n" + found.lines)
         assert known.newton_per_code(table) > 0  # it is TOML that a model takes
-        assert one.summary["amplitude"] > 2 * found["dead_zone_codes"]
+        assert one.summary.amplitude > 2 * found.dead_zone_codes
         rows = dict(describe_response(one.summary))
         assert "12 N" in rows["friction"] and "[[friction]]" in rows["model lacks"]
-    assert done["30N"].summary["friction"]["workpiece_N"] == pytest.approx(5.0, rel=0.2)
+    assert done["30N"].summary.friction.workpiece_N == pytest.approx(5.0, rel=0.2)
     assert "sticks in this swing" in rows["friction"]  # of a drive that is linear up to 7 codes
-    assert done["free"].summary["friction"]["workpiece_N"] is None
+    assert done["free"].summary.friction.workpiece_N is None
     done, extremes = measured(hidden, "", "free", 30.0, 100.0)
     assert extremes["force_N"] < FORCE_MAX_N
     for force in (30.0, 100.0):
         about = done[f"{force:g}N"].summary
-        found = about["friction"]
+        found = about.friction
         codes = 12.0 / known.newton_per_code(model)
-        assert found["dead_zone_codes"] == pytest.approx(codes, rel=0.05)
-        assert found["moving_N"] is None and found["workpiece_N"] == pytest.approx(5.0, rel=0.2)
-        assert found["workpiece_slides"] and about["swing"] > 0.3 * force
+        assert found.dead_zone_codes == pytest.approx(codes, rel=0.05)
+        assert found.moving_N is None and found.workpiece_N == pytest.approx(5.0, rel=0.2)
+        assert found.workpiece_slides and about.swing > 0.3 * force
 
 
 def test_a_motion_apart_keeps_the_position_limits_that_the_axis_has(press):
@@ -345,7 +345,7 @@ def test_measure_looks_within_its_travel_and_finds_nothing_where_nothing_is(pres
     assert extremes["force_N"] == 0.0
     ends = [extremes[f"position_{end}_cnt"] for end in ("min", "max")]
     assert ends[1] - ends[0] < 2 * 400 + 40
-    assert not done["free"].summary["friction"]["rubs"]
+    assert not done["free"].summary.friction.rubs
     assert "friction" not in dict(describe_response(done["free"].summary))
 
 
@@ -355,15 +355,15 @@ def test_friction_of_the_guide_shows_in_contact_by_the_codes_of_both_directions(
 ):
     hidden = rubbing_press(press, tmp_path / "hidden", seals=newton)
     done, _ = measured(hidden, press / "model.toml", force)
-    found = done[f"{force:g}N"].summary["friction"]
-    assert found["moving_N"] == pytest.approx(newton, rel=0.1)
-    assert found["workpiece_N"] == 0.0 and found["glide"] is None
+    found = done[f"{force:g}N"].summary.friction
+    assert found.moving_N == pytest.approx(newton, rel=0.1)
+    assert found.workpiece_N == 0.0 and found.glide is None
     # With a target of 0 N the axis comes to rest where spring and law are less than the friction.
     own = tomlkit.parse((hidden / "contact.toml").read_text())["firmware"]
     reading = linear.facts(press / "model.toml").reading
     count_N = abs(reading.per_count) * 2 ** (reading.bits - 8)
     pulls = known.newton_per_code(press / "model.toml") * own["force_gain"] / count_N
-    assert 0 < found["left_N"] * (1 + pulls) / newton < 1.05
+    assert 0 < found.left_N * (1 + pulls) / newton < 1.05
 
 
 @pytest.mark.parametrize("newton", [0.0, 12.0, 25.0])
@@ -374,13 +374,13 @@ def test_friction_of_the_guide_shows_in_contact_without_model_and_motion_apart(
     hidden = rubbing_press(press, tmp_path / "hidden", **({"seals": newton} if newton else {}))
     done, _ = measured(hidden, "", 60.0)
     found, codes = (
-        done["60N"].summary["friction"],
+        done["60N"].summary.friction,
         newton / known.newton_per_code(press / "model.toml"),
     )
-    assert found["rubs"] is (newton > 0)
-    assert 0.5 * codes <= found["dead_zone_codes"] <= 1.05 * codes
+    assert found.rubs is (newton > 0)
+    assert 0.5 * codes <= found.dead_zone_codes <= 1.05 * codes
     if newton:
-        assert done["60N"].summary["swing"] > 0.3 * 60.0
+        assert done["60N"].summary.swing > 0.3 * 60.0
         assert "at least" in dict(describe_response(done["60N"].summary))["friction"]
 
 
@@ -400,9 +400,9 @@ def test_measure_finds_the_friction_of_drawn_axes_in_contact_alone(tmp_path, see
             axis, MeasuringOrder(force_max_N=most, averages=4), (low, high), False, str(model)
         )
         assert axis.link.axis.extremes["force_N"] < most
-    found = next(one.summary["friction"] for one in done.values())
-    assert found["moving_N"] == pytest.approx(rubs["seals"] + rubs["gear"], rel=0.1)
-    assert found["workpiece_N"] == pytest.approx(rubs["table"], rel=0.25, abs=1.5)
+    found = next(one.summary.friction for one in done.values())
+    assert found.moving_N == pytest.approx(rubs["seals"] + rubs["gear"], rel=0.1)
+    assert found.workpiece_N == pytest.approx(rubs["table"], rel=0.25, abs=1.5)
 
 
 def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press, tmp_path):
@@ -410,12 +410,12 @@ def test_a_workpiece_that_sticks_all_the_way_shows_and_a_rigid_one_is_none(press
     done, _ = measured(hidden, press / "model.toml", 30.0)
     rows = dict(describe_response(done["30N"].summary))
     assert "at least" in rows["friction"] and "which sticks" in rows["friction"]
-    found = done["30N"].summary["friction"]
-    assert 7.0 < found["workpiece_N"] < 60.0  # the force was changed by 18 N
+    found = done["30N"].summary.friction
+    assert 7.0 < found.workpiece_N < 60.0  # the force was changed by 18 N
     rigid = {n: v for n, v in drawn_axes.PRESS.items() if not n.startswith("workpiece")}
     model = drawn_axes.written(tmp_path / "rigid", rigid) / "model.toml"
     done, _ = measured(model.parent, model, 30.0)
-    assert not done["30N"].summary["friction"]["rubs"]
+    assert not done["30N"].summary.friction.rubs
 
 
 @pytest.mark.parametrize("words", [("free",), (60.0,)])

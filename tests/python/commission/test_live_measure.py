@@ -219,7 +219,7 @@ def test_a_quiet_reading_is_hinted_at(axis_file):
     order = MeasuringOrder(force_max_N=150.0, averages=4)
     with Axis(SimLink(axis_file(noise=0.0))) as axis:
         done = measuring.measure(axis, order, (30.0,))
-    (text,) = done["30N"].summary["hints"]
+    (text,) = done["30N"].summary.hints
     assert text.startswith("the reading's noise is 0 codes rms, below 0.4")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
@@ -318,7 +319,7 @@ def fit(
     {"freed": [{"name", "between", "damping", "newton", "declared"}], "lines": ...}.
     """
     from forceaxis import linear
-    from forceaxis.cli.response_text import describe_freed
+    from forceaxis.cli.response_text import describe_fit
     from forceaxis.commission import damper_fit
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
@@ -337,6 +338,10 @@ def fit(
             found, measured, summary = damper_fit.fit(
                 measured, starts, units, response, Path(folder)
             )
+            if not summary.rejected:
+                values = {name: summary.parameters[name].value for name in starts}
+                texts = [f"--set {name}={value:.6g}" for name, value in values.items()]
+                summary = dataclasses.replace(summary, set=" ".join(texts))
             if out:
                 fit_response.write(found, measured, summary, out)
     except Refusal as refusal:
@@ -347,10 +352,9 @@ def fit(
         raise
     done_waiting()
     if as_json:
-        click.echo(json.dumps(summary, allow_nan=False))
+        click.echo(json.dumps(to_json(summary), allow_nan=False))
     else:
-        lines = [fit_response.describe(summary), *describe_freed(summary)]
-        click.echo(fitted_lines("\n".join(lines)))
+        click.echo(fitted_lines("\n".join(describe_fit(summary))))
         if out:
             click.echo(f"files        {paths.quoted(out)}")
 

@@ -110,7 +110,9 @@ def measure_axis(
             rows += [("files", paths.quoted(out / name))] if out else []
             show(rows)
     if as_json:
-        click.echo(json.dumps({name: one.summary for name, one in done.items()}, allow_nan=False))
+        click.echo(
+            json.dumps({name: to_json(one.summary) for name, one in done.items()}, allow_nan=False)
+        )
 
 
 @click.command(

@@ -24,6 +24,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from forceaxis import linear
 from forceaxis.axis import bounds
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.drive import ExcitationObjects
@@ -92,7 +93,7 @@ class Analyzer:
 
     def __init__(
         self, axis: Axis, order: MeasuringOrder | None = None, model: str | Path = "",
-        overrides: Mapping[str, float] | None = None,
+        overrides: linear.Overrides | None = None,
         say: Callable[[str], None] = lambda text: None,
     ) -> None:  # fmt: skip
         self.axis, self.order, self.say = axis, order or MeasuringOrder(), say

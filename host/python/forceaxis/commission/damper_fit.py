@@ -11,13 +11,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from forceaxis import linear, paths
 from forceaxis._core import InputError
 from forceaxis.commission import friction, friction_models, joint_fit, known
+from forceaxis.commission.friction_models import FrictionElement
+from forceaxis.commission.measuring import AxisMeasurementSummary
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_fit import (
     DAMPED,
@@ -28,161 +29,222 @@ from forceaxis.commission.tune_fit import (
 )
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
-from forceaxis.results import to_json
+from forceaxis.results import from_json
 
-TRIES = 2  # other starts
-# damping at the start in N s/m, as a share of the moving mass times the middle frequency
-BEGIN = 0.1
+OTHER_STARTS = 2  # number of other start values that a fit with dampers tries
+# damping in N s/m at the start, as a share of the moving mass times the middle angular frequency
+START_SHARE = 0.1
 
 
 @dataclass(frozen=True)
-class Record:
-    """Friction as the file of a response records it. looked: the measurement searched for friction;
-    dead_zone: DAC codes that guide and gear need; moving_N, table_N: friction of guide and gear and
-    under the workpiece, None if not known; speed: rms of the axis, m/s, None if not recorded;
-    slides: the workpiece slid; least: the friction of guide and gear is a lower bound."""
+class RecordedFriction:
+    """Dry friction in the file of a response. dead_zone: DAC codes that guide and gear need;
+    moving_N: friction of guide and gear; speed: rms speed of the axis in m/s; None if not known."""
 
-    looked: bool = False
+    is_recorded: bool = False  #: the measurement searched for friction
     dead_zone: float = 0.0
     moving_N: float | None = None
-    table_N: float = 0.0
-    slides: bool = True
-    least: bool = False
+    table_N: float = 0.0  #: friction under the workpiece
+    slides: bool = True  #: the workpiece slid during the response
+    is_least: bool = False  #: the friction of guide and gear is a lower bound
     speed: float | None = None
 
     @property
     def rubs(self) -> bool:
+        """Whether friction was found."""
         return self.dead_zone > 0 or self.table_N > 0
 
 
-def record(path: str | Path, model: str, overrides: linear.Overrides) -> Record:
-    """The Record of a folder of `forceaxis measure --out`; the model converts codes to newtons if
-    the record contains only codes."""
+def recorded_friction(
+    path: str | Path, model: str, overrides: linear.Overrides
+) -> RecordedFriction:
+    """The friction that a folder of `forceaxis measure --out` contains. If the file contains DAC
+    codes but no newtons, the model converts the codes."""
+    file = Path(path) / "result.json"
     try:
-        about = json.loads((Path(path) / "result.json").read_text(encoding="utf-8"))
-        found = about["friction"]
-        dead_zone, moving = float(found["dead_zone_codes"]), found["moving_N"]
-        table = float(found["workpiece_N"] or 0.0)
-        slides = found["workpiece_slides"] is not False
-        least = not found["glide"] and bool(found["directions"] and found["directions"]["least"])
-        speed, slow = float(about["speed_rms"]), found["slow"]
-        counts = speed if about["bias_N"] is None else (
-            speed * (slow["compliance"] + slow["sliding"]) if slow else None
-        )  # fmt: skip
-    except (OSError, ValueError, KeyError, TypeError):
-        return Record()
-    if moving is None and dead_zone:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        about = from_json(AxisMeasurementSummary, table, str(file))
+    except (OSError, ValueError):
+        return RecordedFriction()
+    found = about.friction
+    if found is None:
+        return RecordedFriction()
+    moving_N, slow, directions = found.moving_N, found.slow, found.directions
+    if moving_N is None and found.dead_zone_codes:
         newton = known.newton_per_code(model, overrides)
-        moving = dead_zone * newton if math.isfinite(newton) else None
+        moving_N = found.dead_zone_codes * newton if math.isfinite(newton) else None
+    counts: float | None = about.speed_rms  # counts/s
+    if about.bias_N is not None:
+        counts = about.speed_rms * (slow.compliance + slow.sliding) if slow else None
     encoder = linear.facts(model, overrides).encoder
-    metres = None if counts is None or not encoder else counts / abs(encoder.scale)
-    return Record(True, dead_zone, moving, table, slides, least, metres)
+    return RecordedFriction(
+        is_recorded=True,
+        dead_zone=found.dead_zone_codes,
+        moving_N=moving_N,
+        table_N=found.workpiece_N or 0.0,
+        slides=found.workpiece_slides is not False,
+        is_least=found.glide is None and directions is not None and directions.least,
+        speed=None if counts is None or not encoder else counts / abs(encoder.scale),
+    )
 
 
 @dataclass(frozen=True)
-class Freed:
-    """A fit with dampers in the place of friction, for the Measurement with that model; newtons of
-    each friction, None if the speed is not known."""
+class FittedDamper:
+    """A damper that replaces a dry friction in a fit. newton: the friction, None if it is not
+    known; damping: in N s/m, None if the two bodies stick; declared: the model has the friction."""
+
+    name: str
+    between: tuple[str, str]
+    newton: float | None
+    damping: float | None
+    declared: bool
+
+
+@dataclass(frozen=True)
+class FittedDampers:
+    """All dampers of a fit, and the [[friction]] elements that the model lacks, as TOML."""
+
+    freed: tuple[FittedDamper, ...]
+    lines: str
+
+
+@dataclass(frozen=True)
+class AxisFitSummary(fit_response.FitSummary):
+    """A fit in the form of `identify fit --json`. friction: the dampers that replace dry friction;
+    None if the model explains the response without dampers, or is rejected."""
+
+    friction: FittedDampers | None = None
+
+
+@dataclass(frozen=True)
+class DamperFit:
+    """A fit with dampers in the place of frictions, for the Measurement with the model that has
+    these dampers. newtons: {friction: N}, None if the friction is not known."""
 
     found: fit_response.ParameterFit
     measured: Measurement
-    rubs: tuple[friction_models.FrictionElement, ...]
+    frictions: tuple[FrictionElement, ...]
     newtons: dict[str, float | None]
+
+    def dampers(self) -> FittedDampers:
+        """The dampers and the elements that the model lacks."""
+        values = dict(zip(self.found.names, self.found.values.tolist(), strict=True))
+        rows = [
+            FittedDamper(
+                one.name, one.between, self.newtons[one.name], values.get(one.damping), one.declared
+            )
+            for one in self.frictions
+        ]
+        measured = [
+            replace(one, newton=newton)
+            for one in self.frictions if (newton := self.newtons[one.name]) is not None
+        ]  # fmt: skip
+        return FittedDampers(tuple(rows), friction_models.toml_lines(tuple(measured)))
 
 
 def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
-) -> tuple[fit_response.ParameterFit, Measurement, dict[str, Any]]:  # fmt: skip
+) -> tuple[fit_response.ParameterFit, Measurement, AxisFitSummary]:  # fmt: skip
     """Fits the response at `path`: (fit, the Measurement with the fitted model, summary). folder:
     for the file of that model. Raises InputError, and Refusal `friction`."""
-    model, held = measured.model, measured.overrides
+    model = measured.model
     found = fit_response.fit(measured, starts)
-    about = record(path, model, held)
-    freed = _freed(measured, starts, about, folder) if found.rejected else None
-    if found.rejected and freed is None and about.rubs:
-        raise _refused(found.p_value, model, about)
-    if freed is None:
-        summary = to_json(fit_response.summarise(found, measured, units)) | {"friction": None}
-        if about.rubs:
-            summary["warnings"].append(f"the axis rubs, {_words(about)}: smaller amplitudes have "
-                                       "another response")  # fmt: skip
-        return found, measured, summary
-    dampers = {rub.damping: "N s/m" for rub in freed.rubs}
-    summary = to_json(fit_response.summarise(freed.found, freed.measured, units | dampers))
-    rows, lines = summary["parameters"], []
-    for rub in freed.rubs:
-        row = rows.get(rub.damping)
-        lines.append({
-            "name": rub.name, "between": list(rub.between), "newton": freed.newtons[rub.name],
-            "damping": row["value"] if row else None, "declared": rub.declared,
-        })  # fmt: skip
-    newtons = [
-        replace(rub, newton=size) for rub in freed.rubs
-        if (size := freed.newtons[rub.name]) is not None
-    ]  # fmt: skip
-    own = [text for text in summary["set"].split("--set ") if text.partition("=")[0] in starts]
-    summary |= {
-        "model": paths.display(model),
-        "friction": {"freed": lines, "lines": friction_models.toml_lines(tuple(newtons))},
-        "set": " ".join(f"--set {text.strip()}" for text in own),
-    }
-    return freed.found, freed.measured, summary
+    about = recorded_friction(path, model, measured.overrides)
+    with_dampers = _with_fewest_dampers(measured, starts, about, folder) if found.rejected else None
+    if with_dampers is not None:
+        units = units | {one.damping: "N s/m" for one in with_dampers.frictions}
+        found, measured = with_dampers.found, with_dampers.measured
+    elif found.rejected and about.rubs:
+        raise _refusal(found.p_value, model, about)
+    summary = AxisFitSummary(**vars(fit_response.summarise(found, measured, units)))
+    if with_dampers is not None:
+        summary = replace(summary, model=paths.display(model), friction=with_dampers.dampers())
+    elif about.rubs:
+        warning = f"the axis rubs, {_in_words(about)}: smaller amplitudes have another response"
+        summary = replace(summary, warnings=(*summary.warnings, warning))
+    return found, measured, summary
 
 
-def _freed(
-    measured: Measurement, starts: dict[str, float], about: Record, folder: Path
-) -> Freed | None:
+def _with_fewest_dampers(
+    measured: Measurement, starts: dict[str, float], about: RecordedFriction, folder: Path
+) -> DamperFit | None:
     """The fit with the smallest number of dampers that explains a response; None if no set of
     dampers does."""
-    every = friction_models.frictions_of(measured.model, 1.0, 1.0)
-    moving = tuple(rub for rub in every if not friction_models.of_workpiece(measured.model, rub))
-    table = tuple(rub for rub in every if friction_models.of_workpiece(measured.model, rub))
-    if about.looked:
-        sets = [(moving if about.dead_zone else ()) + (table if about.table_N else ())]
+    model = measured.model
+    moving: list[FrictionElement] = []
+    table: list[FrictionElement] = []
+    for one in friction_models.frictions_of(model, 1.0, 1.0):
+        (table if friction_models.of_workpiece(model, one) else moving).append(one)
+    if about.is_recorded:
+        sets = [(moving if about.dead_zone else []) + (table if about.table_N else [])]
     else:
         sets = [moving, *([] if measured.free else [table, moving + table])]
     best = None
     # If a workpiece slides only part of the time, a fitted mass is wrong by a factor.
-    shown = about.slides and not starts.keys().isdisjoint(workpiece_names(measured.model))
-    for rubs in filter(None, dict.fromkeys(sets)):
-        sticks = any(rub in table for rub in rubs)
-        if sticks and shown:
+    fits_workpiece = not starts.keys().isdisjoint(workpiece_names(model))
+    for frictions in filter(None, dict.fromkeys(map(tuple, sets))):
+        has_table = any(one in table for one in frictions)
+        if has_table and about.slides and fits_workpiece:
             continue
-        error = STICKING_ERROR if sticks and not about.slides else SLIDING_ERROR
+        error = STICKING_ERROR if has_table and not about.slides else SLIDING_ERROR
         tolerant = replace(
             measured, variance=measured.variance + (error * abs(measured.response)) ** 2
         )
-        one = _with(tolerant, starts, rubs, table, about, folder)
-        if one is None or one.found.rejected:
+        dampers = [_damper_of(one, one in table, about) for one in frictions]
+        fitted = _with_dampers(tolerant, starts, dampers, about.speed, folder)
+        if fitted is None or fitted.found.rejected:
             continue
         # a damper has to improve the fit by more than the penalty for its parameter
-        if not about.looked:
-            plain = fit_response.fit(tolerant, starts, tries=TRIES)
-            cost = (len(one.found.names) - len(starts)) * math.log(2 * one.found.points)
-            if one.found.chi_square + cost > plain.chi_square:
+        if not about.is_recorded:
+            plain = fit_response.fit(tolerant, starts, tries=OTHER_STARTS)
+            count = len(fitted.found.names) - len(starts)
+            penalty = count * math.log(2 * fitted.found.points)
+            if fitted.found.chi_square + penalty > plain.chi_square:
                 continue
-        if best is None or one.found.p_value > best.found.p_value:
-            best = one
+        if best is None or fitted.found.p_value > best.found.p_value:
+            best = fitted
     return best
 
 
-def _with(
-    measured: Measurement, starts: dict[str, float],
-    rubs: tuple[friction_models.FrictionElement, ...],
-    table: tuple[friction_models.FrictionElement, ...], about: Record, folder: Path,
-) -> Freed | None:  # fmt: skip
-    """A response fitted with the dampers of `rubs`; None if the response does not depend on a
-    damper."""
-    file = folder / f"{'_'.join(rub.name for rub in rubs)}.toml"
-    file.write_text(friction_models.damped(measured.model, rubs), encoding="utf-8")
+@dataclass(frozen=True)
+class _Damper:
+    """The damper for a friction. start_N: friction from which the initial damping follows;
+    known_N: measured friction, 0 if it is not known; sticks: the two bodies do not move against
+    each other."""
+
+    friction: FrictionElement
+    start_N: float
+    known_N: float
+    sticks: bool
+
+
+def _damper_of(one: FrictionElement, on_table: bool, about: RecordedFriction) -> _Damper:
+    """The damper for a friction whose newtons are its share of the measured friction."""
+    total_N = (about.table_N if on_table else about.moving_N) or 0.0
+    is_known = on_table or not about.is_least
+    return _Damper(
+        one, one.newton * total_N, one.newton * total_N if is_known else 0.0,
+        sticks=on_table and not about.slides,
+    )  # fmt: skip
+
+
+def _with_dampers(
+    measured: Measurement, starts: dict[str, float], dampers: Sequence[_Damper],
+    speed: float | None, folder: Path,
+) -> DamperFit | None:  # fmt: skip
+    """The fit of a response with dampers; None if the response does not depend on a damper. speed:
+    rms speed of the axis in m/s, None if it is not known."""
+    frictions = tuple(damper.friction for damper in dampers)
+    file = folder / f"{'_'.join(one.name for one in frictions)}.toml"
+    file.write_text(friction_models.damped(measured.model, frictions), encoding="utf-8")
     free, stuck = {}, {}
-    for rub in rubs:
-        if rub in table and not about.slides:
-            stuck[rub.damping] = STUCK
+    for damper in dampers:
+        if damper.sticks:
+            stuck[damper.friction.damping] = STUCK
         else:
-            whole = about.table_N if rub in table else about.moving_N
-            free[rub.damping] = _begin(measured, rub.newton * (whole or 0.0), about.speed)
+            start = _start_damping(measured, damper.start_N, speed)
+            free[damper.friction.damping] = start
     model = str(file)
     # the parameters of a replaced friction do not exist in this model
     left = linear.facts(model).parameters
@@ -192,7 +254,7 @@ def _with(
         modes=known.states_of(model, measured.modes),
     )  # fmt: skip
     try:
-        found = fit_response.fit(slides, starts | free, tries=TRIES)
+        found = fit_response.fit(slides, starts | free, tries=OTHER_STARTS)
     except InputError:  # the damper has no effect, or only together with another parameter
         return None
     # the parameter has no effect while the workpiece sticks
@@ -200,47 +262,46 @@ def _with(
         return None
     values = dict(zip(found.names, found.values.tolist(), strict=True))
     newtons = {}
-    for rub in rubs:
-        whole = about.table_N if rub in table else (None if about.least else about.moving_N)
-        # share of the measured friction, if the model has several frictions
-        known_N = rub.newton * (whole or 0.0)
-        if not known_N and about.speed and rub.damping in values:
-            known_N = values[rub.damping] * about.speed / friction.damping(1.0, 1.0)
-        newtons[rub.name] = known_N or None
-    return Freed(found, slides, rubs, newtons)
+    for damper in dampers:
+        newton, damping = damper.known_N, values.get(damper.friction.damping)
+        if not newton and speed and damping is not None:
+            newton = damping * speed / friction.damping(1.0, 1.0)
+        newtons[damper.friction.name] = newton or None
+    return DamperFit(found, slides, frictions, newtons)
 
 
-def _begin(measured: Measurement, newton: float | None, speed: float | None) -> float:
-    """Initial damping in N s/m."""
+def _start_damping(measured: Measurement, newton: float, speed: float | None) -> float:
+    """Damping in N s/m at which a fit begins. speed: rms speed in m/s."""
     if newton and speed:
         return friction.damping(newton, speed)
     masses = linear.facts(measured.model, measured.overrides).masses_kg
     middle = 2 * math.pi * float(np.median(measured.frequency_hz))
-    return BEGIN * sum(masses.values()) * middle
+    return START_SHARE * sum(masses.values()) * middle
 
 
-def _words(about: Record) -> str:
+def _in_words(about: RecordedFriction) -> str:
     parts = []
     if about.dead_zone:
         newton = "" if about.moving_N is None else f" or {about.moving_N:.3g} N"
-        least = "at least " if about.least else ""
+        least = "at least " if about.is_least else ""
         parts.append(f"guide and gear take {least}{about.dead_zone:.3g} codes{newton}")
     if about.table_N:
         parts.append(f"{about.table_N:.3g} N under the workpiece")
     return ", ".join(parts)
 
 
-def _refused(p: float, model: str, about: Record) -> Refusal:
-    rubs = friction_models.frictions_of(model, about.moving_N or 0.0, about.table_N)
-    lines = friction_models.toml_lines(tuple(rub for rub in rubs if rub.newton > 0))
-    if about.least and about.moving_N:
+def _refusal(p: float, model: str, about: RecordedFriction) -> Refusal:
+    frictions = friction_models.frictions_of(model, about.moving_N or 0.0, about.table_N)
+    lines = friction_models.toml_lines(tuple(one for one in frictions if one.newton > 0))
+    if about.is_least and about.moving_N:
         lines = f"# of guide and gear at least so much\n{lines}"
     hidden = (
         "what holds a workpiece that rubs does not show in noise, `tune` shakes it with sines; "
-    )
+        if about.table_N else ""
+    )  # fmt: skip
     return Refusal(
         "friction", f"expected a model that explains the response, p = {p:.2g}, and "
-        f"friction that a damper stands for, got {_words(about)}: {hidden if about.table_N else ''}"
+        f"friction that a damper stands for, got {_in_words(about)}: {hidden}"
         "add the friction to the model, free what else may be wrong, or measure with a larger "
         "force or level", lines,
     )  # fmt: skip
@@ -250,31 +311,27 @@ def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
     paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
-    """commission.fit.joint of the responses at `paths_of`. If the model is rejected, it is fitted
-    again with dampers for the measured friction of guide and gear. Raises Refusal `friction` if the
-    friction is under the workpiece or if the dampers do not explain the responses either."""
+    """commission.joint_fit.joint of the responses at `paths_of`. If the model is rejected, it is
+    fitted again with dampers for the measured friction of guide and gear. Raises Refusal `friction`
+    if the friction is under the workpiece or if the dampers do not explain the responses either."""
     found = joint_fit.joint(model, priors, measured, over, states=states)
-    about = [record(path, str(model), {}) for path in paths_of]
+    about = [recorded_friction(path, str(model), {}) for path in paths_of]
     worst = max(about, key=lambda one: (one.table_N, one.dead_zone))
     if not found.rejected or not worst.rubs:
         return found
-    rubs = tuple(
-        rub
-        for rub in friction_models.frictions_of(
-            model, max(one.moving_N or 0.0 for one in about), 0.0
-        )
-        if rub.newton > 0
-    )  # fmt: skip
-    rubs = friction_models.at_both_ends(model, rubs)
-    if not worst.table_N and rubs:
+    moving_N = max(one.moving_N or 0.0 for one in about)
+    frictions = friction_models.frictions_of(model, moving_N, 0.0)
+    frictions = tuple(one for one in frictions if one.newton > 0)
+    frictions = friction_models.at_both_ends(model, frictions)
+    if not worst.table_N and frictions:
         file = folder / "slides.toml"
-        file.write_text(friction_models.damped(model, rubs), encoding="utf-8")
+        file.write_text(friction_models.damped(model, frictions), encoding="utf-8")
         own = [
             {
-                rub.damping: known.Prior(_begin(one, rub.newton, held.speed), DAMPED)
-                for rub in rubs if held.dead_zone
+                one.damping: known.Prior(_start_damping(response, one.newton, row.speed), DAMPED)
+                for one in frictions if row.dead_zone
             }
-            for one, held in zip(measured, about, strict=True)
+            for response, row in zip(measured, about, strict=True)
         ]  # fmt: skip
         errors = [SLIDING_ERROR if one else joint_fit.MODEL_ERROR for one in own]
         slides = joint_fit.joint(
@@ -283,4 +340,4 @@ def joint(
         )  # fmt: skip
         if not slides.rejected:
             return slides
-    raise _refused(found.p, str(model), worst)
+    raise _refusal(found.p, str(model), worst)

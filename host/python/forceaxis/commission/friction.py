@@ -124,6 +124,32 @@ class SlowLoading:
         return self.softest > SOFTER
 
 
+@dataclass(frozen=True)
+class FrictionSummary:
+    """Dry friction that was measured together with a response, in the form of the entry "friction"
+    of `measure --json`. A value is None if it was not measured.
+
+    rubs: whether dry friction was found. dead_zone_codes, moving_N: friction of guide and gear in
+    DAC codes and in N. glide, directions, slow: results of the motion out of contact, of the
+    difference of the codes for rising and falling force, and of the slow change of the force.
+    workpiece_N: friction under the workpiece; workpiece_slides: whether the workpiece slid during
+    the response. left_N: measured force in N with a target of 0 N. why: reason why the force was
+    not changed slowly, or "". lines: the [[friction]] elements that the model lacks, as TOML.
+    """
+
+    rubs: bool
+    dead_zone_codes: float
+    moving_N: float | None
+    glide: Glide | None
+    directions: Directions | None
+    workpiece_N: float | None
+    workpiece_slides: bool | None
+    slow: SlowLoading | None
+    left_N: float | None
+    why: str
+    lines: str
+
+
 class _TooFast(Exception):
     """A code moves the axis through its travel too fast for a measurement of its speed."""
 

@@ -88,7 +88,7 @@ def priors(
     return found
 
 
-def linear_codes(model: str | Path, overrides: dict[str, float] | None = None) -> int | None:
+def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -> int | None:
     """Largest codes of a noise that keep voltage and current of the model's drive within their
     limits; None without limits. Above these codes the gain of the amplifier decreases."""
     path = linear.find_model(model)
@@ -125,7 +125,7 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
     return (s * plant.at(s).item()).real * linear.facts(model, overrides).volts_per_code
 
 
-def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
     """Counts/N of the spring of the contact itself; 0 without such a spring."""
     with Design(str(model), overrides) as plant:
         contact = contact_of(plant.table)
@@ -134,7 +134,7 @@ def rigid_counts(model: str | Path, overrides: dict[str, float] | None = None) -
     return scale / stiffness if stiffness else 0.0
 
 
-def behind_counts(model: str | Path, overrides: dict[str, float] | None = None) -> float:
+def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
     """Counts/N of the single spring between the body behind the contact and the ground; 0 without
     one."""
     with Design(str(model), overrides) as plant:
@@ -160,7 +160,7 @@ def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
     return {name: state for name, state in states.items() if name not in contacts}
 
 
-def play_counts(model: str | Path, overrides: dict[str, float] | None = None) -> int:
+def play_counts(model: str | Path, overrides: linear.Overrides | None = None) -> int:
     """Total backlash of a model in encoder counts; 0 without backlash or encoder."""
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)

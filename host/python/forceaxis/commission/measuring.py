@@ -1,30 +1,79 @@
 """The measurement of `forceaxis measure`: responses out of contact and at several forces, with
 files."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from forceaxis import _core, objects
+from forceaxis import _core, linear, objects
 from forceaxis.axis import actions, bounds
 from forceaxis.axis.axis import Axis
 from forceaxis.commission import sought
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
-from forceaxis.commission.level import Level, MeasuringOrder, Rest
+from forceaxis.commission.friction import FrictionSummary
+from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest
 from forceaxis.identify import result
-from forceaxis.identify.measurement import COHERENT
-from forceaxis.results import to_json
+from forceaxis.identify.measurement import COHERENT, Comparison, Readings
+from forceaxis.results import json_field
 
 FREE = "free"
 
 
+@dataclass(frozen=True, kw_only=True)
+class AxisMeasurementSummary:
+    """A measured response of an axis in the form of `measure --json`.
+
+    amplitude: of the excitation in DAC codes; bias_N: mean force, None out of contact; force_min_N,
+    force_max_N: range of the measured force. swing: range of the output from peak to peak, and
+    speed_rms: rms of its rate of change, in N and N/s in contact, in counts and counts/s out of
+    contact. noise_lsb: rms noise in ADC codes; distorted: ratio of the difference of the first
+    realisations to their noise. coherent: number of the `points` with a coherence above 0.9.
+    comparison: with the model, None without a model. friction: None if it was not searched for.
+    """
+
+    measurement: str
+    title: str
+    figure: str = ""
+    input: str
+    output: str
+    unit: str
+    amplitude: int
+    bias_N: float | None
+    force_min_N: float | None
+    force_max_N: float | None
+    swing: float
+    noise_lsb: float | None
+    speed_rms: float
+    distorted: float
+    aborts: tuple[Abort, ...]
+    of_loop: bool
+    rest: Rest
+    force_max_allowed_N: float | None
+    averages: int
+    band_hz: tuple[float, float]
+    coherence_median: float
+    coherent: int
+    points: int
+    random_error_median: float
+    comparison: Comparison | None
+    readings: Readings
+    hints: tuple[str, ...]
+    seed: int
+    firmware_hash: str
+    objects_hash: str
+    friction: FrictionSummary | None = json_field(omit_none=True)
+
+
+AxisMeasurement = result.MeasurementResult[AxisMeasurementSummary]
+
+
 def measure(
     axis: Axis, order: MeasuringOrder, forces: Sequence[float] = (), free: bool = False,
-    model: str | Path = "", overrides: Mapping[str, Any] | None = None,
+    model: str | Path = "", overrides: linear.Overrides | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> dict[str, result.MeasurementResult]:  # fmt: skip
+) -> dict[str, AxisMeasurement]:  # fmt: skip
     """{name: MeasurementResult} of a response out of contact, if `free`, and of one response in
     contact at each force in N. The axis has to be owned, disabled and at rest. At the end it is
     disabled at its start position.
@@ -32,7 +81,7 @@ def measure(
     model: path of a model with which the response is compared, or "". Raises InputError before the
     axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.
     """
-    done: dict[str, result.MeasurementResult] = {}
+    done: dict[str, AxisMeasurement] = {}
     actions.expect_position_gain(axis)
     for force in forces:
         bounds.expect_force(axis, force, SWING)
@@ -40,11 +89,7 @@ def measure(
         bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
-        looks = (
-            sought.Look(analyzer, str(model), dict(overrides or {}))
-            if order.finds_friction
-            else None
-        )
+        looks = sought.Look(analyzer, str(model), overrides) if order.finds_friction else None
         if free:
             say("apart, commands to the encoder")
             if looks:
@@ -64,13 +109,14 @@ def measure(
 
 def _taken(
     axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
-) -> result.MeasurementResult:
+) -> AxisMeasurement:
     """The MeasurementResult of a Level, with the friction that `looks` has found."""
     if looks:
         looks.expect_sliding(level)
     done = result_of(axis, analyzer.order, level, rest)
-    done.summary["friction"] = sought.summary(looks.found, level) if looks else None
-    return done
+    if not looks:
+        return done
+    return replace(done, summary=replace(done.summary, friction=sought.summary(looks.found, level)))
 
 
 def hints(level: Level, rest: Rest) -> list[str]:
@@ -91,45 +137,41 @@ def hints(level: Level, rest: Rest) -> list[str]:
     return texts
 
 
-def result_of(
-    axis: Axis, order: MeasuringOrder, level: Level, rest: Rest
-) -> result.MeasurementResult:
-    """The MeasurementResult of a Level, without friction."""
+def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> AxisMeasurement:
+    """The result of a Level, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
-    compared = None if model is None else measured.compare(model)
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"
     title = f"{axis.link.where}, {where}"
-    summary = {
-        "measurement": axis.link.where,
-        "title": title,
-        "figure": "",
-        "input": measured.input,
-        "output": measured.output,
-        "unit": measured.unit,
-        "amplitude": level.amplitude,
-        "bias_N": level.bias_N,
-        "force_min_N": level.force_min_N,
-        "force_max_N": level.force_max_N,
-        "swing": level.swing,
-        "noise_lsb": level.noise_lsb,
-        "speed_rms": level.speed_rms,
-        "distorted": level.distorted,
-        "aborts": to_json(level.aborts),
-        "of_loop": level.of_loop,
-        "rest": vars(rest),
-        "force_max_allowed_N": order.force_max_N if np.isfinite(order.force_max_N) else None,
-        "averages": measured.averages,
-        "band_hz": [float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])],
-        "coherence_median": float(np.median(measured.coherence)),
-        "coherent": int((measured.coherence > COHERENT).sum()),
-        "points": len(measured.coherence),
-        "random_error_median": float(np.median(measured.random_error())),
-        "comparison": to_json(compared),
-        "readings": to_json(measured.readings()),
-        "hints": hints(level, rest),
-        "seed": order.seed,
-        "firmware_hash": _core.FIRMWARE_HASH,
-        "objects_hash": objects.OBJECTS_HASH,
-    }
-    return result.MeasurementResult(None, measured, model, summary, title)
+    summary = AxisMeasurementSummary(
+        measurement=axis.link.where,
+        title=title,
+        input=measured.input,
+        output=measured.output,
+        unit=measured.unit,
+        amplitude=level.amplitude,
+        bias_N=level.bias_N,
+        force_min_N=level.force_min_N,
+        force_max_N=level.force_max_N,
+        swing=level.swing,
+        noise_lsb=level.noise_lsb,
+        speed_rms=level.speed_rms,
+        distorted=level.distorted,
+        aborts=tuple(level.aborts),
+        of_loop=level.of_loop,
+        rest=rest,
+        force_max_allowed_N=order.force_max_N if np.isfinite(order.force_max_N) else None,
+        averages=measured.averages,
+        band_hz=(float(measured.frequency_hz[0]), float(measured.frequency_hz[-1])),
+        coherence_median=float(np.median(measured.coherence)),
+        coherent=int((measured.coherence > COHERENT).sum()),
+        points=len(measured.coherence),
+        random_error_median=float(np.median(measured.random_error())),
+        comparison=None if model is None else measured.compare(model),
+        readings=measured.readings(),
+        hints=tuple(hints(level, rest)),
+        seed=order.seed,
+        firmware_hash=_core.FIRMWARE_HASH,
+        objects_hash=objects.OBJECTS_HASH,
+    )
+    return AxisMeasurement(None, measured, model, summary, title)

@@ -7,8 +7,7 @@ the codes for rising and falling force at the same measured force.
 """
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,7 +69,7 @@ class Look:
     newtons."""
 
     def __init__(
-        self, analyzer: Analyzer, model: str = "", overrides: dict[str, float] | None = None
+        self, analyzer: Analyzer, model: str = "", overrides: linear.Overrides | None = None
     ) -> None:
         self.analyzer, self.model, self.overrides = analyzer, model, dict(overrides or {})
         self.order: MeasuringOrder = analyzer.order
@@ -177,22 +176,22 @@ class Look:
         )  # fmt: skip
 
 
-def summary(found: FoundFriction, level: Level) -> dict[str, Any]:
+def summary(found: FoundFriction, level: Level) -> friction.FrictionSummary:
     """The entry about friction in the file of a response."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
     table = (found.table_N or 0.0) if not apart else 0.0
-    return {
-        "rubs": found.dead_zone > 0 or table > 0,
-        "dead_zone_codes": found.dead_zone,
-        "moving_N": found.moving_N,
-        "glide": None if found.glide is None else asdict(found.glide),
-        "directions": None if directions is None or not math.isfinite(directions.error)
-        else asdict(directions),
-        "workpiece_N": None if apart else found.table_N,
-        "workpiece_slides": None if not table else level.swing / 2 > WHOLE * table,
-        "slow": None if apart or slow is None else asdict(slow),
-        "left_N": None if apart else found.left_N,
-        "why": found.why,
-        "lines": found.lines,
-    }  # fmt: skip
+    has_directions = directions is not None and math.isfinite(directions.error)
+    return friction.FrictionSummary(
+        rubs=found.dead_zone > 0 or table > 0,
+        dead_zone_codes=found.dead_zone,
+        moving_N=found.moving_N,
+        glide=found.glide,
+        directions=directions if has_directions else None,
+        workpiece_N=None if apart else found.table_N,
+        workpiece_slides=None if not table else level.swing / 2 > WHOLE * table,
+        slow=None if apart else slow,
+        left_N=None if apart else found.left_N,
+        why=found.why,
+        lines=found.lines,
+    )

@@ -282,8 +282,8 @@ class Taking:
         # without figures: the page of the tuning shows the response
         results.write(done, tuning.folder / self.name, draw=False)
         return level, ResponseFigures(
-            coherence_median=done.summary["coherence_median"],
-            random_error_median=done.summary["random_error_median"],
+            coherence_median=done.summary.coherence_median,
+            random_error_median=done.summary.random_error_median,
             amplitude=level.amplitude, swing=level.swing, speed_rms=level.speed_rms,
             bias_N=level.bias_N, force_min_N=level.force_min_N, force_max_N=level.force_max_N,
             noise_lsb=level.noise_lsb, distorted=level.distorted, aborts=tuple(level.aborts),

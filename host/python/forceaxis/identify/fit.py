@@ -19,6 +19,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.procedures import SHARE, header_of, read_columns
 from forceaxis.identify.setup import is_number
+from forceaxis.results import to_json
 
 CORRELATED = 0.95  # correlation of two estimates from which a warning is given
 VAGUE = math.log(2)  # half width of an interval of the logarithm from which a warning is given
@@ -388,8 +389,8 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """A ParameterFit in the form of `identify fit --json`. `set` contains the values as options of
-    a verb; it is None if the model is rejected."""
+    """A ParameterFit in the form of `identify fit --json`. The command line puts the fitted values
+    into `set` as its options; `set` is None if the model is rejected."""
 
     model: str
     input: str
@@ -402,7 +403,7 @@ class FitSummary:
     p_value: float
     rejected: bool
     warnings: tuple[str, ...]
-    set: str | None
+    set: str | None = None
 
 
 def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, str]) -> FitSummary:
@@ -433,52 +434,10 @@ def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, st
         p_value=found.p_value,
         rejected=found.rejected,
         warnings=found.warnings,
-        set=None
-        if found.rejected
-        else " ".join(
-            f"--set {name}={value:.6g}"
-            for name, value in zip(found.names, found.values, strict=True)
-        ),
     )
 
 
-def describe(summary: Mapping[str, Any]) -> str:
-    """The summary of a fit for a terminal."""
-    p = f"p = {summary['p_value']:.2g}" if summary["p_value"] else "p below 1e-300"
-    lines = [
-        f"model        {summary['model']}, {summary['input']} to {summary['output']}",
-        f"fit          chi-square {summary['chi_square']:.4g}, {summary['dof']} degrees of "
-        f"freedom, {p}, {summary['points']} frequencies",
-    ]
-    rows = summary["parameters"].items()
-    if summary["rejected"]:
-        lines.append(f"verdict      the model is rejected, {p}")
-        lines.append(f"{'':12} {'best, but rejected':>18} {'start':>11}")
-        lines += [
-            f"{name:12} {row['value']:>18.5g} {row['start']:>11.5g} {row['unit']}".rstrip()
-            for name, row in rows
-        ]
-    else:
-        lines.append(
-            f"{'':12} {'value':>11} {'95 % interval':>25} {'all at once':>25} {'start':>11}"
-        )
-        for name, row in rows:
-            spans = [
-                " .. ".join(f"{end:.5g}" for end in row[k]) for k in ("interval", "joint_interval")
-            ]
-            lines.append(
-                f"{name:12} {row['value']:>11.5g} {spans[0]:>25} {spans[1]:>25} "
-                f"{row['start']:>11.5g} {row['unit']}".rstrip()
-            )
-    lines += [f"warning      {text}" for text in summary["warnings"]]
-    if not summary["rejected"]:
-        lines.append(f"use          {summary['set']}")
-    return "\n".join(lines)
-
-
-def write(
-    found: ParameterFit, measured: Measurement, summary: Mapping[str, Any], out: Path
-) -> None:
+def write(found: ParameterFit, measured: Measurement, summary: FitSummary, out: Path) -> None:
     """Writes result.json and plot.png, which shows the measured response and the model before and
     after the fit."""
     from forceaxis.identify import plots
@@ -490,4 +449,4 @@ def write(
     figure = plots.fitted(measured, start, fitted)
     with paths.replacing(out, "plot.png", "result.json") as (picture, result):
         figure.savefig(picture, dpi=120, format="png")
-        result.write_text(json.dumps(summary, indent=2) + "\n")
+        result.write_text(json.dumps(to_json(summary), indent=2) + "\n")

@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -58,15 +58,18 @@ class MeasurementSummary:
     command: str
 
 
+Summary = TypeVar("Summary")
+
+
 @dataclass(frozen=True)
-class MeasurementResult:
-    """A measurement and its linear model, and the summary that `--json` prints: a
-    MeasurementSummary from run(); measurements of a real axis have another summary."""
+class MeasurementResult(Generic[Summary]):
+    """A measurement, the response of its linear model, and the summary that `--json` prints: a
+    MeasurementSummary for a model, commission.measuring.AxisMeasurementSummary for an axis."""
 
     setup: Setup | None  # None: a live axis
     measured: Measurement
     model: Complexes | None  # (n,), from nominal parameters; None without a model
-    summary: Any
+    summary: Summary
     title: str  # of the figure
 
 
@@ -75,7 +78,7 @@ def run(
     options: Mapping[str, Any] | None = None,
     plant_set: linear.Overrides | None = None,
     command: str = "",
-) -> MeasurementResult:
+) -> MeasurementResult[MeasurementSummary]:
     """measure() and the comparison with the linear model of the nominal parameters. `command` is
     the command line that repeats the measurement, for the summary. Raises InputError."""
     setup, where = read_setup(target, options)
@@ -182,14 +185,14 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
     return texts
 
 
-def figure(done: MeasurementResult) -> Figure:
+def figure(done: MeasurementResult[Summary]) -> Figure:
     """Figure of a result."""
     from forceaxis.identify import plots
 
     return plots.response(done.measured, done.model, done.title)
 
 
-def write(done: MeasurementResult, out: Path, draw: bool = True) -> None:
+def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> None:
     """Writes response.csv, response.npz and result.json to the folder `out`, and plot.png if `draw`
     is True."""
     measured = done.measured
