@@ -72,10 +72,34 @@ def fields(node, lines):
         yield text.replace("'", '"'), comment[1] if comment else ""
 
 
-def class_text(node, lines):
+def definition(module, name):
+    """(node, its module) of a class or function that a module defines or imports; else None."""
+    for node in ast.parse(source(module)).body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
+            return node, module
+        if (
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith("forceaxis.")
+            and name in {alias.name for alias in node.names}
+        ):
+            return definition(node.module, name)
+    return None
+
+
+def members(node, module):
+    """The functions of a class of a module and of its bases in the package."""
+    own = [item for item in node.body if isinstance(item, ast.FunctionDef)]
+    names = {item.name for item in own}
+    for base in node.bases:
+        if isinstance(base, ast.Name) and (found := definition(module, base.id)):
+            own += [item for item in members(*found) if item.name not in names]
+    return own
+
+
+def class_text(node, module):
     """A class: its docstring, its fields and its public methods and properties."""
     text = f"### {node.name}\n\n{prose(ast.get_docstring(node) or '')}\n\n"
-    rows = list(fields(node, lines))
+    rows = list(fields(node, source(module).splitlines()))
     if rows and not any(note for _, note in rows):
         text += f"Fields: {', '.join(f'`{field}`' for field, _ in rows)}.\n\n"
     elif rows:
@@ -83,9 +107,7 @@ def class_text(node, lines):
         cells = [(field.replace("|", "\\|"), prose(note)) for field, note in rows]
         text += "".join(f"| `{field}` | {note} |\n" for field, note in cells) + "\n"
     variable = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", node.name).lower()
-    for item in node.body:
-        if not isinstance(item, ast.FunctionDef):
-            continue
+    for item in members(node, module):
         if item.name == "__init__" and node.name not in NOT_CONSTRUCTED:
             heading = signature(node.name, item).removesuffix(" -> None")
             text += entry(heading, ast.get_docstring(item))
@@ -102,21 +124,17 @@ def class_text(node, lines):
 
 def api(module, names):
     """The entries of the named classes and functions of a module."""
-    text = source(module)
-    known = {
-        n.name: n for n in ast.parse(text).body if isinstance(n, ast.ClassDef | ast.FunctionDef)
-    }
-    found = ""
+    text = ""
     for name in names:
-        node = known[name]
+        node, owner = definition(module, name)
         if isinstance(node, ast.ClassDef):
-            found += class_text(node, text.splitlines())
+            text += class_text(node, owner)
             continue
         about = ast.get_docstring(node)
-        if module == COMPILED:
+        if owner == COMPILED:
             about = getattr(core, name).__doc__.partition("\n\n")[2]
-        found += entry(signature(name, node), about)
-    return found
+        text += entry(signature(name, node), about)
+    return text
 
 
 def filled(page):
