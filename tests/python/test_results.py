@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from forceaxis import InputError
 from forceaxis.results import from_json, json_field, to_json
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,24 @@ def test_a_note_has_a_key_where_there_is_one():
     table = to_json(noted)
     assert list(table) == ["file", "rows", "values", "best", "limits", "count", "note"]
     assert json.dumps([table["note"], table["limits"]]) == '["slow", [1.0, 2.0]]'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    title: str
+    row: Row | Found | None = json_field(inline=True)
+    limits: NDArray[np.float64]
+    name: str
+
+
+def test_keys_of_an_inline_result_replace_its_field():
+    """Of two values of one key the later counts, at the place of the first."""
+    drawn = Drawn(title="T", row=Row("P", 1.5), limits=np.array([1.0]), name="PI")
+    assert json.dumps(to_json(drawn)) == (
+        '{"title": "T", "name": "PI", "the gain": 1.5, "limits": [1.0]}'
+    )
+    empty = dataclasses.replace(drawn, row=None)
+    assert json.dumps(to_json(empty)) == '{"title": "T", "limits": [1.0], "name": "PI"}'
 
 
 def test_numbers_of_numpy_become_numbers():

@@ -12,10 +12,9 @@ and scalars become lists and numbers, paths become texts, tuples become lists. n
 remain floats. A result should contain None instead, because json.dumps(allow_nan=False) raises an
 error for them.
 
-The keys are the names of the fields in their order, or the field's `key`. A field with `omit_none`
-has no key while it is None, and comes after the others. NumPy's arrays and scalars become lists and
-numbers, paths become texts, tuples become lists. nan and infinities stay floats; a result holds
-None instead, since json.dumps(allow_nan=False) refuses them.
+A field with `inline` contains another result or None. Instead of the field, JSON has the keys of
+that result; if two fields have the same key, the value of the later field counts. from_json does
+not read a result with such a field.
 """
 
 import dataclasses
@@ -31,16 +30,18 @@ from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, overrid
 from forceaxis._core import InputError
 
 T = TypeVar("T")
-KEY, OMIT_NONE = "json_key", "json_omit_none"
+KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
 
 
-def json_field(*, key: str | None = None, omit_none: bool = False, **given: Any) -> Any:
+def json_field(
+    *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
+) -> Any:
     """A field of a result. key: name in JSON that replaces the name of the field; omit_none: no key
-    in JSON while the value is None, which is then the default. given: arguments of
-    dataclasses.field."""
+    in JSON while the value is None, which is then the default; inline: the keys of the value, which
+    is a result or None, replace the field. given: arguments of dataclasses.field."""
     if omit_none:
         given.setdefault("default", None)
-    return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none}, **given)
+    return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none, INLINE: inline}, **given)
 
 
 def json_key(field: "dataclasses.Field[Any]") -> str:
@@ -67,7 +68,16 @@ def _overrides(kind: type) -> dict[str, Any]:
 
 def _to_dict(kind: type) -> Any:
     # Types that are given as texts, and those behind `Any`, follow from the value itself.
-    return make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
+    with_all_fields: Any = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
+    inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
+
+    def with_inline_keys(result: Any) -> dict[str, Any]:
+        table: dict[str, Any] = {}
+        for key, value in with_all_fields(result).items():
+            table.update((value or {}) if key in inline else {key: value})
+        return table
+
+    return with_inline_keys if inline else with_all_fields
 
 
 def _from_dict(kind: type) -> Any:
@@ -79,7 +89,9 @@ def _from_dict(kind: type) -> Any:
 _converter = cattrs.Converter()
 _converter.register_unstructure_hook_factory(dataclasses.is_dataclass, _to_dict)
 _converter.register_structure_hook_factory(dataclasses.is_dataclass, _from_dict)
-_converter.register_unstructure_hook(np.ndarray, lambda array: array.tolist())
+_converter.register_unstructure_hook_func(
+    lambda kind: getattr(kind, "__origin__", kind) is np.ndarray, lambda array: array.tolist()
+)
 _converter.register_unstructure_hook(np.generic, lambda scalar: scalar.item())
 _converter.register_unstructure_hook(Path, str)
 _converter.register_unstructure_hook_func(

@@ -12,6 +12,7 @@ from forceaxis.design.grid import Bounds, Grid
 from forceaxis.linear import over
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import PlantSet, ranges_of
+from forceaxis.results import to_json
 
 ROOT = Path(__file__).resolve().parents[3]
 BOTH = ("zoh", "zoh+1")
@@ -263,7 +264,7 @@ def settles(bank, bits, folder):
     text = (paths.EXPERIMENTS / f"{stem}.toml").read_text()
     before, _, rest = text.partition("[firmware.bank_1]")
     rest = rest.partition("[[at]]")[2].partition("[expect]")[0]
-    keys = "\n".join(f"{key} = {value}" for key, value in bank.keys().items())
+    keys = "\n".join(f"{key} = {value}" for key, value in to_json(bank.keys()).items())
     text = f"{before}[firmware.bank_1]\n{keys}\n\n[[at]]{rest}"
     path = folder / "hold.toml"
     path.write_text(text.replace("../models", str(paths.MODELS)))

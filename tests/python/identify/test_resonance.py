@@ -106,15 +106,15 @@ def test_tip_acceleration_of_the_whole_robot():
     rigid = linear.linearise("fig4_11", outputs=["robot.acceleration"], free=True).response(f)
     found = resonance.fit(f, data, rigid, prominence_db=0.3)
     base, arm, workpiece = found.resonances
-    driven = [m["driven"] for m in modes.modes("fig4_14", free=True)["modes"]]
-    assert base.peak_hz == pytest.approx(driven[1]["frequency_hz"], rel=0.05)
-    assert base.peak_damping == pytest.approx(driven[1]["damping_ratio"], rel=0.1)
+    driven = [m.driven for m in modes.modes("fig4_14", free=True).modes]
+    assert base.peak_hz == pytest.approx(driven[1].frequency_hz, rel=0.05)
+    assert base.peak_damping == pytest.approx(driven[1].damping_ratio, rel=0.1)
     assert base.trough_hz == pytest.approx(13.4, rel=0.04)  # base and workpiece alone
-    assert arm.peak_hz == pytest.approx(driven[2]["frequency_hz"], rel=0.02)
+    assert arm.peak_hz == pytest.approx(driven[2].frequency_hz, rel=0.02)
     # The drive's real poles move with the arm, which the quotient puts down to the peak.
-    assert arm.peak_damping == pytest.approx(driven[2]["damping_ratio"], rel=0.25)
+    assert arm.peak_damping == pytest.approx(driven[2].damping_ratio, rel=0.25)
     assert arm.trough_hz is None
-    assert workpiece.peak_hz == pytest.approx(driven[3]["frequency_hz"], rel=0.04)
+    assert workpiece.peak_hz == pytest.approx(driven[3].frequency_hz, rel=0.04)
     assert found.rms_db < 1.5
     # The two strongest alone are the same two: a mode that is left out takes its trough along.
     two = resonance.fit(f, data, rigid, modes=2, prominence_db=0.3).resonances

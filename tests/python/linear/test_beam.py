@@ -113,20 +113,20 @@ def test_low_frequency_is_the_rigid_mass_and_high_frequency_stays_finite():
 
 
 def test_polynomial_approximation():
-    table = {row["modes"]: row for row in BEAM.approximation_errors()}
+    table = {row.modes: row for row in BEAM.approximation_errors()}
     assert sorted(table) == list(range(4, 41))
-    assert table[12]["actuator"] < 0.01
-    assert table[24]["tip"] < 0.01
-    assert table[4]["actuator"] > 0.01
-    assert table[12]["tip"] > 0.01
+    assert table[12].actuator < 0.01
+    assert table[24].tip < 0.01
+    assert table[4].actuator > 0.01
+    assert table[12].tip > 0.01
     # Each further mode helps; the rest of the products falls as n^-4 and n^-3.
     for output, power in (("actuator", 4), ("tip", 3)):
-        errors = [row[output] for row in table.values()]
+        errors = [getattr(row, output) for row in table.values()]
         assert all(b < a for a, b in itertools.pairwise(errors))
         assert errors[16] / errors[-1] == pytest.approx(2**power, rel=0.15)  # n = 20 and 40
     # The error does not depend on the beam.
     other = beam.Beam(7.0, 0.1, 3.0)
-    assert other.approximation_error(12) == pytest.approx(table[12]["actuator"], rel=1e-4)
+    assert other.approximation_error(12) == pytest.approx(table[12].actuator, rel=1e-4)
 
 
 def test_polynomial_as_a_transfer_function():

@@ -491,37 +491,37 @@ def test_sampled_phase_margin_is_the_phase_that_destabilises(name):
     loop = loops.force_loop(name, timing="zoh+1")
     gain = 0.4 * loop.limit().gain
     margins = loop.margins(gain)
-    assert min(abs(phase) for _, phase in margins.crossovers) == abs(margins.phase_margin_deg)
+    assert min(abs(c.phase_margin_deg) for c in margins.crossovers) == abs(margins.phase_margin_deg)
     frequencies = np.linspace(0.01, 749.9, 300000)
     size = abs(gain * loop.open.response(frequencies))
     assert len(margins.crossovers) == np.count_nonzero((size[1:] > 1) != (size[:-1] > 1))
-    for hz, phase in margins.crossovers:
-        L = gain * loop.open.response(hz)
-        assert L * np.exp(-1j * np.radians(phase)) == pytest.approx(-1, abs=1e-9)
+    for crossover in margins.crossovers:
+        L = gain * loop.open.response(crossover.frequency_hz)
+        assert L * np.exp(-1j * np.radians(crossover.phase_margin_deg)) == pytest.approx(
+            -1, abs=1e-9
+        )
 
 
 def stepped(duration_s, model="fig4_15", gain=2.0, **given):
     loop = loops.force_loop(model, **given)
-    return limits.step_summary(loop, loop.gain_of(gain), duration_s)
+    return limits.step_response(loop, loop.gain_of(gain), duration_s)
 
 
 def test_a_step_shorter_than_its_response_has_no_figures_of_it(capsys, monkeypatch):
     """fig4_15 at gain 2 passes 90 % at 44 ms, peaks 2.5 % over at 76 ms and settles at 93 ms."""
-    keys = ("rise_s", "overshoot", "settle_s")
     whole = stepped(1.0)
-    assert all(whole[key] is not None for key in keys)
-    peak_s = whole["time_s"][int(np.argmax(whole["value"]))]
-    ninety = 0.9 * whole["final"]
-    arrived_s = next(t for t, y in zip(whole["time_s"], whole["value"], strict=True) if y >= ninety)
-    assert arrived_s < peak_s < whole["settle_s"]
+    assert None not in (whole.rise_s, whole.overshoot, whole.settle_s)
+    peak_s = whole.time_s[int(np.argmax(whole.value))]
+    ninety = 0.9 * whole.final
+    arrived_s = next(t for t, y in zip(whole.time_s, whole.value, strict=True) if y >= ninety)
+    assert arrived_s < peak_s < whole.settle_s
     for ticks in range(2, 160):
         short = stepped((ticks + 0.5) * TICK)
-        seen_s = short["time_s"][-1]
-        known = [arrived_s <= seen_s, peak_s <= seen_s, whole["settle_s"] <= seen_s]
-        assert [short[k] for k in keys] == [
-            whole[k] if yes else None for k, yes in zip(keys, known, strict=True)
-        ]
-        assert (short["final"], short["stable"]) == (whole["final"], True)
+        seen_s = short.time_s[-1]
+        assert short.rise_s == (whole.rise_s if arrived_s <= seen_s else None)
+        assert short.overshoot == (whole.overshoot if peak_s <= seen_s else None)
+        assert short.settle_s == (whole.settle_s if whole.settle_s <= seen_s else None)
+        assert (short.final, short.stable) == (whole.final, True)
     arguments = "step fig4_15 --firmware-gain 2 --duration-s 0.03"
     monkeypatch.setattr(sys, "argv", ["forceaxis", *arguments.split()])
     cli.main()
@@ -531,10 +531,10 @@ def test_a_step_shorter_than_its_response_has_no_figures_of_it(capsys, monkeypat
 def test_a_step_without_a_final_value_has_no_figures_of_it():
     """Of an acceleration nothing stays; shares of what rounding makes of 0 say nothing."""
     loop = loops.force_loop("fig2_11", output="tip.acceleration")
-    result = limits.step_summary(loop, 1.0, 1.0)
-    assert result["stable"]
-    assert result["final"] == 0
-    assert [result[k] for k in ("rise_s", "overshoot", "settle_s")] == [None] * 3
+    result = limits.step_response(loop, 1.0, 1.0)
+    assert result.stable
+    assert result.final == 0
+    assert (result.rise_s, result.overshoot, result.settle_s) == (None, None, None)
 
 
 @pytest.mark.parametrize("timing", loops.TIMINGS)

@@ -10,7 +10,6 @@ import pytest
 import verbs
 from forceaxis import _core, linear, paths
 from forceaxis._core import InputError
-from forceaxis.cli.text_loops import describe_set
 from forceaxis.linear import bank as banks
 from forceaxis.linear import loops, over, plant_set, settings
 from forceaxis.linear.loops import LoopSpec
@@ -383,7 +382,7 @@ def test_limit_of_an_experiment_and_over_a_set():
     at = several["at"]
     assert at["stable"] and at["firmware_gain"] == pytest.approx(1.5)
     assert set(at["member"]) >= set(over.FIGURES) - {"phase_margin_deg"}
-    text = describe_set(several)
+    text = printed("limit", "hold_p", "--over", "k_w=30%", "--firmware-gain", "1.5")
     assert "limit " in text and "drive.amplifier = high outer" in text and "Ms " in text
 
 

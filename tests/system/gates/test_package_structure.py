@@ -226,7 +226,7 @@ def test_public_names():
         "plant = linear.linearise('fig4_19')\n"
         "assert isinstance(plant, linear.System) and linear.find_model('fig4_19').exists()\n"
         "assert forceaxis.loops is loops and loops.force_loop('fig4_19').limit().gain > 0\n"
-        "assert modes.modes('fig4_19')['modes'] and beam.Beam(1.0, 1.0, 1.0).poles(1).size\n"
+        "assert modes.modes('fig4_19').modes and beam.Beam(1.0, 1.0, 1.0).poles(1).size\n"
         "assert resonance.fit and not hasattr(forceaxis, 'nothing')\n"
     )
     assert done.returncode == 0, done.stderr

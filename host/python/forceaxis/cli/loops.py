@@ -54,17 +54,16 @@ def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: An
     gain at which all of them are stable, the plant that limits it (`member`), and at the given gain
     the worst value of each figure with its plant.
     """
-    from forceaxis.cli.text_loops import describe_limit, describe_set
+    from forceaxis.cli.text_loops import describe_limit, describe_limit_of_set
     from forceaxis.linear import limits, sets
 
     request = loop_request(given)
     if sets.wanted(request, ranges, visit):
         found = sets.loop_set(request, ranges, visit)
-        present(sets.limit_summary(found), as_json, describe_set)
+        present(sets.limit_of(found), as_json, describe_limit_of_set)
         return
     loop = request.loop()
-    summary = limits.limit_summary(loop, request.gain_of(loop))
-    present(summary, as_json, describe_limit)
+    present(limits.limit_result(loop, request.gain_of(loop)), as_json, describe_limit)
 
 
 @click.command(
@@ -100,9 +99,9 @@ def rlocus(
     from forceaxis.linear import locus
 
     check_drawing(out)
-    loci, summary = locus.loci_of(loop_request(given), vary, span_hz)
-    draw(out, lambda plots: plots.rlocus_figure(loci, summary))
-    present(summary, as_json, describe_loci, out)
+    loci, result = locus.loci_of(loop_request(given), vary, span_hz)
+    draw(out, lambda plots: plots.rlocus_figure(loci, result))
+    present(result, as_json, describe_loci, out)
 
 
 @click.command(
@@ -127,19 +126,19 @@ def nyquist(
     frequency_hz_of_curve, real, imag, magnitude, phase_deg. For a set of plants: the worst values
     under "at", and `curves`, the nominal plant first.
     """
-    from forceaxis.cli.text_loops import describe_limit, describe_set
+    from forceaxis.cli.text_loops import describe_curves_of_set, describe_nyquist
     from forceaxis.linear import curves, sets
 
     check_drawing(out)
     request = loop_request(given)
     if sets.wanted(request, ranges, visit):
-        found, summary = sets.nyquist_of(sets.loop_set(request, ranges, visit))
-        draw(out, lambda plots: plots.nyquist_set_figure(found, summary))
-        present(summary, as_json, describe_set, out)
+        found, of_set = sets.nyquist_of(sets.loop_set(request, ranges, visit))
+        draw(out, lambda plots: plots.nyquist_set_figure(found, of_set))
+        present(of_set, as_json, describe_curves_of_set, out)
         return
-    summary = curves.nyquist_of(request)
-    draw(out, lambda plots: plots.nyquist_figure(summary))
-    present(summary, as_json, describe_limit, out)
+    result = curves.nyquist_of(request)
+    draw(out, lambda plots: plots.nyquist_figure(result))
+    present(result, as_json, describe_nyquist, out)
 
 
 @click.command(
@@ -177,12 +176,12 @@ def step(
     check_drawing(out)
     request = loop_request(given)
     if sets.wanted(request, ranges, visit):
-        result = sets.step_of(sets.loop_set(request, ranges, visit), duration_s)
-        draw(out, lambda plots: plots.step_set_figure(result))
-        present(result, as_json, describe_step_of_set, out)
+        of_set = sets.step_of(sets.loop_set(request, ranges, visit), duration_s)
+        draw(out, lambda plots: plots.step_set_figure(of_set))
+        present(of_set, as_json, describe_step_of_set, out)
         return
     loop = request.loop()
-    result = limits.step_summary(loop, request.drawn_gain(loop), duration_s)
+    result = limits.step_result(loop, request.drawn_gain(loop), duration_s)
     draw(out, lambda plots: plots.step_response(result))
     present(result, as_json, describe_step, out)
 

@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -23,11 +23,13 @@ from forceaxis.cli.common import (
     mode_option,
     set_option,
 )
+from forceaxis.results import to_json
+
+Result = TypeVar("Result")
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from forceaxis.linear.limits import Summary
     from forceaxis.linear.request import LoopRequest
 
 
@@ -51,18 +53,15 @@ def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
 
 
 def present(
-    summary: "Summary",
-    as_json: bool,
-    describe: Callable[["Summary"], str],
-    out: Path | None = None,
+    result: Result, as_json: bool, describe: Callable[[Result], str], out: Path | None = None
 ) -> None:
     """Print the result of a verb, as a JSON object or as the text of `describe` and the path of the
     figure `out`."""
     done_waiting()
     if as_json:
-        click.echo(json.dumps(summary, allow_nan=False))
+        click.echo(json.dumps(to_json(result), allow_nan=False))
         return
-    click.echo(fitted_lines(describe(summary)))
+    click.echo(fitted_lines(describe(result)))
     if out:
         click.echo(f"figure       {paths.quoted(out)}")
 
@@ -283,7 +282,7 @@ def modes_(
     result = vibration.modes(
         model, input_, output, linear.overrides(overrides), linear.states(modes), free
     )
-    draw(out, lambda plots: plots.mode_shapes(result, result["title"]))
+    draw(out, lambda plots: plots.mode_shapes(result, result.title))
     present(result, as_json, text_models.describe_modes, out)
 
 
@@ -326,9 +325,9 @@ def poles(
     from forceaxis.linear import limits
 
     check_drawing(out)
-    summary = limits.poles_of(loop_request(given), input_, output)
-    draw(out, lambda plots: plots.poles_figure(summary, span_hz))
-    present(summary, as_json, text_models.describe_poles, out)
+    result = limits.poles_of(loop_request(given), input_, output)
+    draw(out, lambda plots: plots.poles_figure(result, span_hz))
+    present(result, as_json, text_models.describe_poles, out)
 
 
 @click.command(
@@ -392,7 +391,7 @@ def bode(
     their 95 % radius, coherence, and whether MODEL matches.
     """
     from forceaxis.cli import text_models
-    from forceaxis.cli.text_loops import describe_set
+    from forceaxis.cli.text_loops import describe_curves_of_set
     from forceaxis.linear import curves, sets
 
     check_drawing(out)
@@ -400,9 +399,12 @@ def bode(
         _overlay(context, given["model"], out, as_json, measured)
         return
     view = curves.BodeView(part, input_, outputs, (from_hz, to_hz), vary)
-    found, summary = sets.bode(loop_request(given), view, ranges, visit)
-    draw(out, lambda plots: plots.bode_figure(found, summary))
-    present(summary, as_json, describe_set if "over" in summary else text_models.describe_bode, out)
+    found, result = sets.bode(loop_request(given), view, ranges, visit)
+    draw(out, lambda plots: plots.bode_figure(found, result))
+    if isinstance(result, sets.CurvesOfSet):
+        present(result, as_json, describe_curves_of_set, out)
+    else:
+        present(result, as_json, text_models.describe_bode, out)
 
 
 OVERLAY = ("model", "out", "as_json", "measured", "overrides", "from_hz", "to_hz")
@@ -431,13 +433,13 @@ def _overlay(
             )
     span_hz = context.params["from_hz"], context.params["to_hz"]
     overrides = linear.overrides(context.params["overrides"])
-    found, points, summary = overlay.overlay(model, measured, overrides, span_hz)
+    found, points, result = overlay.overlay(model, measured, overrides, span_hz)
     if out:
         from forceaxis import drawing
         from forceaxis.identify import plots
 
-        drawing.save(plots.overlay(found, points, summary), out)
-    present(summary, as_json, text_models.describe_measured, out)
+        drawing.save(plots.overlay(found, points, result), out)
+    present(result, as_json, text_models.describe_measured, out)
 
 
 @click.command(
@@ -494,9 +496,9 @@ def linearise(
     if out:
         linear.export(system, out)
     if as_json:
-        click.echo(json.dumps(linear.summary(system, mode), allow_nan=False))
+        click.echo(json.dumps(to_json(linear.system_result(system, mode)), allow_nan=False))
         return
-    click.echo(text_models.describe_system(system, mode))
+    click.echo(text_models.describe_system(system, mode.shown))
     if out:
         click.echo(f"file         {paths.quoted(out)}")
 
@@ -523,7 +525,7 @@ def beam(modes: int, as_json: bool, **given: float) -> None:
     from forceaxis.cli import text_models
     from forceaxis.linear import beam as bending
 
-    result = bending.summary(
+    result = bending.analyse(
         bending.Beam(
             given["bending_stiffness_nm2"], given["mass_per_length_kg_per_m"], given["length_m"]
         ),

@@ -1,26 +1,41 @@
 """Texts that the verbs for a force loop print: limit, rlocus, nyquist, step, and bode for a set of
 plants."""
 
-from forceaxis.linear import working
-from forceaxis.linear.limits import Summary, hz_text
+from dataclasses import replace
+
+from forceaxis.linear import over
+from forceaxis.linear.curves import NyquistResult
+from forceaxis.linear.limits import AnalysedLoop, LimitResult, LoopAtGain, StepResult, hz_text
+from forceaxis.linear.locus import LocusResult
 from forceaxis.linear.plant_set import Member
+from forceaxis.linear.sets import AnalysedSet, CurvesOfSet, LimitOfSet, StepOfSet, WorstAtGain
 from forceaxis.linear.stability import known_text
+from forceaxis.linear.working import Working
 from forceaxis.words import counted
 
 
-def law_text(summary: Summary) -> str:
+def law_text(loop: AnalysedLoop) -> str:
     """Return the name of the control law with its parameters or the coefficients of its bank."""
-    bank = summary.get("bank")
-    parts = [f"{name} {value:.5g}" for name, value in summary["parameters"].items()]
+    bank = loop.bank
+    parts = [f"{name} {value:.5g}" for name, value in loop.parameters.items()]
     if bank:
-        count = len(bank.get("sections", ()))
-        parts.append(f"gain {bank['gain']:.6g}")
-        parts += [
-            f"{n} {bank[n]:.5g}" for n in ("integral_rad_per_s", "velocity_gain") if n in bank
-        ]
-        parts.append(counted(count, "section"))
-    law = str(summary["law"])
-    return f"{law} ({', '.join(parts)})" if parts else law
+        parts.append(f"gain {bank.gain:.6g}")
+        if bank.integral_rad_per_s:
+            parts.append(f"integral_rad_per_s {bank.integral_rad_per_s:.5g}")
+        if bank.velocity_gain:
+            parts.append(f"velocity_gain {bank.velocity_gain:.5g}")
+        parts.append(counted(len(bank.sections or ()), "section"))
+    return f"{loop.law} ({', '.join(parts)})" if parts else loop.law
+
+
+def loop_line(loop: AnalysedLoop) -> str:
+    """Return the line about the loop that was analysed: law, timing and controlled signal."""
+    return f"loop         {law_text(loop)}, {loop.timing}, {loop.output}"
+
+
+def mode_lines(mode: Working | None) -> list[str]:
+    """Return the line about the mode of the plant; no line for a model that has only one mode."""
+    return [f"mode         {mode.text}"] if mode else []
 
 
 # {control law that is no mode of the firmware: how the firmware can compute it}
@@ -39,194 +54,191 @@ AT_REST = {
 }
 
 
-def describe_limit(summary: Summary) -> str:
+def describe_limit(result: LimitResult) -> str:
     """Return the text of `forceaxis limit`: critical gain, crossings and margins of one loop."""
-    unit = summary["unit"]
-    lines = [f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}"]
-    lines += working.lines(summary)
-    if summary["law"] in IN_FIRMWARE:
-        lines.append(f"firmware     {IN_FIRMWARE[summary['law']]}")
-    if summary["critical_gain"]:
-        hz = hz_text(summary["frequency_hz"])
-        lines.append(f"limit        {summary['critical_gain']:.6g} {unit} {hz}")
+    unit, in_firmware = result.unit, IN_FIRMWARE.get(result.loop.law)
+    lines = [loop_line(result.loop), *mode_lines(result.loop.working)]
+    if in_firmware:
+        lines.append(f"firmware     {in_firmware}")
+    if result.critical_gain:
+        hz = hz_text(result.frequency_hz)
+        lines.append(f"limit        {result.critical_gain:.6g} {unit} {hz}")
     else:
-        none = "none" if summary["critical_gain"] is None else "0"
-        lines.append(f"limit        {none}: {summary['reason']}")
-    if summary["firmware_gain"] and summary["law"] not in IN_FIRMWARE:
-        largest = summary["largest_firmware_gain"]
+        none = "none" if result.critical_gain is None else "0"
+        lines.append(f"limit        {none}: {result.reason}")
+    if result.firmware_gain and not in_firmware:
+        largest = result.largest_firmware_gain
         below = f"largest setting below it {largest:.8g}" if largest else "no setting is below it"
-        lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
+        lines.append(f"force_gain   {result.firmware_gain:.5g}, {below}")
     turns = {1: "a pole leaves", -1: "a pole returns", 0: "a pole touches"}
     undamped = {1: "leaves", -1: "is drawn in", 0: "stays on the boundary"}
-    for c in summary["crossings"]:
-        what = turns[c["direction"]]
-        if c["gain"] == 0:
-            what = f"an undamped pole of the plant {undamped[c['direction']]}"
-        lines.append(f"crossing     {c['gain']:.6g} {unit} {hz_text(c['frequency_hz'])}, {what}")
-    at = summary.get("at")
-    if at:
-        own = at["firmware_gain"] and summary["law"] not in IN_FIRMWARE
-        own = f", force_gain {at['firmware_gain']:.5g}" if own else ""
-        lines.append(
-            f"at           {at['gain']:.6g} {unit}{own}: {'stable' if at['stable'] else 'unstable'}"
-        )
-        factor, phase = at["gain_margin"], at["phase_margin_deg"]
-        none = "none, no crossing above"
-        if at["known_to"] is not None:
-            none += f" up to {known_text(at['gain'] * at['known_to'], unit)}"
-        lines.append(f"gain margin  {f'factor {factor:.4g}' if factor else none}")
-        if at["gain_reduction"]:
-            lines.append(f"             factor {at['gain_reduction']:.4g} down")
-        lines.append(
-            "phase margin "
-            + (
-                "none, |L| is nowhere 1"
-                if phase is None
-                else f"{phase:.4g} degrees, crossover {hz_text(at['crossover_hz'])}"
-            )
-        )
-        if at["stable"]:
-            lines += figures_text(at)
+    for c in result.crossings:
+        what = turns[c.direction]
+        if c.gain == 0:
+            what = f"an undamped pole of the plant {undamped[c.direction]}"
+        lines.append(f"crossing     {c.gain:.6g} {unit} {hz_text(c.frequency_hz)}, {what}")
+    if result.at:
+        lines += at_gain_lines(result, result.at)
     return "\n".join(lines)
 
 
-def figures_text(at: Summary) -> list[str]:
-    """Return the lines about bandwidths and Ms of a loop, or of the worst plant of a set."""
+def describe_nyquist(result: NyquistResult) -> str:
+    """Return the text of `forceaxis nyquist` for one loop: as `forceaxis limit` at the gain of the
+    plot."""
+    return describe_limit(replace(result.limit, at=result.at))
+
+
+def at_gain_lines(limit: LimitResult, at: LoopAtGain) -> list[str]:
+    """Return the lines about the bandwidths and margins of a loop at one gain."""
+    unit, margins = limit.unit, at.margins
+    shows_firmware_gain = at.firmware_gain and limit.loop.law not in IN_FIRMWARE
+    own = f", force_gain {at.firmware_gain:.5g}" if shows_firmware_gain else ""
+    stable = "stable" if at.figures.stable else "unstable"
+    lines = [f"at           {at.gain:.6g} {unit}{own}: {stable}"]
+    factor, phase = margins.gain_margin, margins.phase_margin_deg
+    none = "none, no crossing above"
+    if margins.known_to is not None:
+        none += f" up to {known_text(at.gain * margins.known_to, unit)}"
+    lines.append(f"gain margin  {f'factor {factor:.4g}' if factor else none}")
+    if margins.gain_reduction:
+        lines.append(f"             factor {margins.gain_reduction:.4g} down")
+    text = "none, |L| is nowhere 1"
+    if phase is not None:
+        text = f"{phase:.4g} degrees, crossover {hz_text(margins.crossover_hz)}"
+    lines.append(f"phase margin {text}")
+    return lines + (figures_text(at.figures) if at.figures.stable else [])
+
+
+def figures_text(figures: over.Figures) -> list[str]:
+    """Return the lines about the bandwidths and Ms of a stable loop."""
     rows = []
-    for name, key in (("|S| -3 dB", "fS_Hz"), ("|T| -3 dB", "fT_Hz")):
-        text = {None: "nowhere", 0.0: AT_REST[key]}.get(at[key]) or hz_text(at[key])
+    for name, key, value in (
+        ("|S| -3 dB", "fS_Hz", figures.fS_Hz),
+        ("|T| -3 dB", "fT_Hz", figures.fT_Hz),
+    ):
+        text = {None: "nowhere", 0.0: AT_REST[key]}.get(value) or hz_text(value)
         rows.append(f"{name:12} {text}")
-    sag = ", and is below it also below fS" if at["sag"] and at["fT_Hz"] else ""
-    rows[1] += sag
-    return [*rows, f"{'Ms':12} {at['Ms']:.4g}"]
+    if figures.sag and figures.fT_Hz:
+        rows[1] += ", and is below it also below fS"
+    return [*rows, f"{'Ms':12} {figures.Ms:.4g}"]
 
 
-def describe_step(summary: Summary) -> str:
+def describe_step(result: StepResult) -> str:
     """Return the text of `forceaxis step` for one loop: final value, overshoot and times."""
+    response = result.response
     lines = [
-        f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
-        f"{summary['gain']:.6g} {summary['unit']}",
-        *working.lines(summary),
-        f"stable       {'yes' if summary['stable'] else 'no'}",
+        f"{loop_line(result.loop)}, {result.gain:.6g} {result.unit}",
+        *mode_lines(result.loop.working),
+        f"stable       {'yes' if response.stable else 'no'}",
     ]
-    units = {"final": "of the step", "overshoot": "of the final value"}
-    late = f"not within {summary['time_s'][-1]:.4g} s" if summary["final"] else "-"
-    for name in ("final", "overshoot", "rise_s", "settle_s"):
-        value = summary[name]
-        text = late if value is None else f"{value:.4g} {units.get(name, 's')}"
-        lines.append(f"{name.removesuffix('_s'):12} {text}")
+    late = f"not within {response.time_s[-1]:.4g} s" if response.final else "-"
+    for name, value, unit in (
+        ("final", response.final, "of the step"),
+        ("overshoot", response.overshoot, "of the final value"),
+        ("rise", response.rise_s, "s"),
+        ("settle", response.settle_s, "s"),
+    ):
+        lines.append(f"{name:12} {late if value is None else f'{value:.4g} {unit}'}")
     return "\n".join(lines)
 
 
-def describe_loci(summary: Summary) -> str:
+def describe_loci(result: LocusResult) -> str:
     """Return the text of `forceaxis rlocus`: the critical gain of each root locus."""
-    lines = working.lines(summary)
-    for one in summary["loci"]:
-        limit = one["critical_gain"]
-        text = one["reason"] if limit is None else f"limit {limit:.6g} {one['unit']}"
-        if one["frequency_hz"] is not None:
-            text += f" at {one['frequency_hz']:.4g} Hz"
-        lines.append(f"{one['label'] or summary['law']:12} {text}")
+    lines = mode_lines(result.loop.working)
+    for one in result.loci:
+        limit = one.critical_gain
+        text = str(one.reason) if limit is None else f"limit {limit:.6g} {one.unit}"
+        if one.frequency_hz is not None:
+            text += f" at {one.frequency_hz:.4g} Hz"
+        lines.append(f"{one.label or result.loop.law:12} {text}")
     return "\n".join(lines)
 
 
-FIGURE_NAMES = {
-    "fS_Hz": "|S| -3 dB",
-    "fT_Hz": "|T| -3 dB",
-    "Ms": "Ms",
-    "gain_margin": "gain margin",
-    "phase_margin_deg": "phase margin",
-}
-FIGURE_UNITS = {"fS_Hz": " Hz", "fT_Hz": " Hz", "phase_margin_deg": " degrees"}
-
-
-def member_text(one: Summary) -> str:
-    """Return the text that names a plant of a set: its parameters, states and timing."""
-    label = Member(one["values"], one["modes"]).label()
-    return f"{label}, {one['timing']}"
-
-
-def _range_text(summary: Summary) -> list[str]:
-    one, nominal = summary["over"], summary.get("mode_text")
-    spans = [f"{n} {r['low']:.6g}..{r['high']:.6g}" for n, r in one["ranges"].items()]
-    modes = [Member({}, m).label() for m in one["modes"]]
-    if nominal:  # says what the first of them is
-        modes[0] = nominal
+def _set_lines(analysed: AnalysedSet) -> list[str]:
+    """Return the lines about a set of plants: the ranges of its parameters, and its modes."""
+    spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
+    modes = [Member({}, m).label() for m in analysed.over.modes]
+    if analysed.loop.working:  # describes the nominal mode, which is the first
+        modes[0] = analysed.loop.working.text
     return [
         f"set          {', '.join(spans) or 'the nominal values'}",
         *(f"{'mode' if i == 0 else '':12} {text}" for i, text in enumerate(modes)),
     ]
 
 
-def worst_text(at: Summary, unit: str) -> list[str]:
+def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
     """Return the lines about the worst value of each figure over a set of plants, each with its
-    plant."""
-    own = f", force_gain {at['firmware_gain']:.5g}" if at["firmware_gain"] else ""
-    lines = [f"at           {at['gain']:.6g} {unit}{own}: "]
-    if not at["stable"]:
-        lines[0] += f"unstable at {member_text(at['member']['stable'])}"
-        return lines
-    lines[0] += f"all {at['members']} plants stable; the worst:"
-    for name, label in FIGURE_NAMES.items():
-        value = at[name]
-        text = "none" if value is None else f"{value:.4g}{FIGURE_UNITS.get(name, '')}"
+    plant; unit: of the gain."""
+    own = f", force_gain {at.firmware_gain:.5g}" if at.firmware_gain else ""
+    head = f"at           {at.gain:.6g} {unit}{own}: "
+    if not at.stable:
+        return [f"{head}unstable at {at.member['stable'].label()}"]
+    lines = [f"{head}all {at.members} plants stable; the worst:"]
+    no_margin = "none"
+    if at.known_to is not None:
+        no_margin = f"none up to a factor of {known_text(at.known_to, '')},"
+    for name, label, value, figure_unit, none in (
+        ("fS_Hz", "|S| -3 dB", at.fS_Hz, " Hz", "none"),
+        ("fT_Hz", "|T| -3 dB", at.fT_Hz, " Hz", "none"),
+        ("Ms", "Ms", at.Ms, "", "none"),
+        ("gain_margin", "gain margin", at.gain_margin, "", no_margin),
+        ("phase_margin_deg", "phase margin", at.phase_margin_deg, " degrees", "none"),
+    ):
+        text = none if value is None else f"{value:.4g}{figure_unit}"
         if value == 0 and name in AT_REST:
             text = AT_REST[name] + ","
-        if value is None and name == "gain_margin" and at["known_to"] is not None:
-            text = f"none up to a factor of {known_text(at['known_to'], '')},"
-        who = at["member"].get(name)
-        lines.append(f"{label:12} {text:14} {member_text(who) if who else ''}".rstrip())
-    if at["sag"] and at["fT_Hz"]:
-        lines.append(f"sag          |T| below -3 dB below fS at {member_text(at['member']['sag'])}")
+        member = at.member.get(name)
+        lines.append(f"{label:12} {text:14} {member.label() if member else ''}".rstrip())
+    if at.sag and at.fT_Hz:
+        lines.append(f"sag          |T| below -3 dB below fS at {at.member['sag'].label()}")
     return lines
 
 
-def describe_set(summary: Summary) -> str:
-    """Return the text of `forceaxis limit --over`, and of other verbs for a set of plants."""
-    lines = [
-        f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}",
-        *_range_text(summary),
-    ]
-    unit = summary["unit"]
-    if "critical_gain" in summary:
-        gain = summary["critical_gain"]
-        if gain is None:
-            known_to, which = summary["known_to"], "at every gain"
-            if known_to is not None:
-                which = f"up to {known_text(known_to, unit)}, {member_text(summary['member'])}"
-            lines.append(f"limit        none: all are stable {which}")
-        else:
-            hz = summary["frequency_hz"]
-            where = "" if not gain else f" {hz_text(hz)}"
-            lines.append(f"limit        {gain:.6g} {unit}{where}, {member_text(summary['member'])}")
-            if summary["firmware_gain"]:
-                largest = summary["largest_firmware_gain"]
-                below = f"largest setting below it {largest:.8g}" if largest else "none is below it"
-                lines.append(f"force_gain   {summary['firmware_gain']:.5g}, {below}")
-        own, known_to = (summary["nominal"][name] for name in ("critical_gain", "known_to"))
-        none = "none" + ("" if known_to is None else f" up to {known_text(known_to, unit)}")
-        lines.append(f"nominal      {none if own is None else f'{own:.6g} {unit}'}")
-    if "at" in summary:
-        lines += worst_text(summary["at"], unit)
-    return "\n".join(lines)
+def describe_limit_of_set(result: LimitOfSet) -> str:
+    """Return the text of `forceaxis limit --over`: the largest gain at which all plants of a set
+    are stable."""
+    unit, gain, known_to = result.unit, result.critical_gain, result.known_to
+    lines = [loop_line(result.analysed.loop), *_set_lines(result.analysed)]
+    if gain is None:
+        which = "at every gain"
+        if known_to is not None:
+            which = f"up to {known_text(known_to, unit)}, {result.member.label()}"
+        lines.append(f"limit        none: all are stable {which}")
+    else:
+        where = f" {hz_text(result.frequency_hz)}" if gain else ""
+        lines.append(f"limit        {gain:.6g} {unit}{where}, {result.member.label()}")
+        if result.firmware_gain:
+            largest = result.largest_firmware_gain
+            below = f"largest setting below it {largest:.8g}" if largest else "none is below it"
+            lines.append(f"force_gain   {result.firmware_gain:.5g}, {below}")
+    own, known_to = result.nominal.critical_gain, result.nominal.known_to
+    none = "none" + ("" if known_to is None else f" up to {known_text(known_to, unit)}")
+    lines.append(f"nominal      {none if own is None else f'{own:.6g} {unit}'}")
+    return "\n".join(lines + (worst_lines(result.at, unit) if result.at else []))
 
 
-def describe_step_of_set(summary: Summary) -> str:
+def describe_curves_of_set(result: CurvesOfSet) -> str:
+    """Return the text of `forceaxis bode` and `forceaxis nyquist` for a set of plants: the worst
+    figures."""
+    head = [loop_line(result.analysed.loop), *_set_lines(result.analysed)]
+    return "\n".join(head + worst_lines(result.at, result.unit))
+
+
+def describe_step_of_set(result: StepOfSet) -> str:
     """Return the text of `forceaxis step --over`: the largest overshoot and settling time over a
     set of plants."""
     lines = [
-        f"loop         {law_text(summary)}, {summary['timing']}, {summary['output']}, "
-        f"{summary['gain']:.6g} {summary['unit']}",
-        *_range_text(summary),
+        f"{loop_line(result.analysed.loop)}, {result.gain:.6g} {result.unit}",
+        *_set_lines(result.analysed),
     ]
-    unstable = [row for row in summary["members"] if not row["stable"]]
+    unstable = [member for member in result.members if not member.response.stable]
     if unstable:
-        lines.append(f"stable       no: {member_text(unstable[0])}")
+        lines.append(f"stable       no: {unstable[0].label()}")
     else:
-        lines.append(f"stable       all of {len(summary['members'])}")
+        lines.append(f"stable       all of {len(result.members)}")
     for name, unit in (("overshoot", "of the final value"), ("settle_s", "s")):
-        row = summary["worst"].get(name)
-        if row:
+        worst = result.worst.get(name)
+        if worst:
             label = f"worst {name.removesuffix('_s')}"
-            lines.append(f"{label:15} {row['value']:.4g} {unit}, {member_text(row)}")
+            lines.append(f"{label:15} {worst.value:.4g} {unit}, {worst.member.label()}")
     return "\n".join(lines)

@@ -96,8 +96,8 @@ def check(tuning: TuningFolder) -> Checked:
     rest = analyzer_of(tuning).rest()
     _expect_noise(rest)
     settings |= _contact_settings(held, rest)
-    for line in working.lines({"mode_text": working.working(model, None, tuning.states).text}):
-        tuning.say(line)
+    if text := working.working(model, None, tuning.states).text:
+        tuning.say(f"mode         {text}")
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)

@@ -52,7 +52,6 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-MODE_FIGURES = ("frequency_hz", "damping_ratio", "label", "against_below", "shape")
 # ratio to the crossing frequency up to which a noncolocated mode may limit the gain by its phase
 # lag
 LAG = 3.0
@@ -151,7 +150,7 @@ class LimitingMode:
     element: str | None
     body: str
     frequency_hz: float
-    damping_ratio: float
+    damping_ratio: float | None
     label: str
     against_below: str | None
     shape: dict[str, float]
@@ -234,7 +233,7 @@ def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
     crossover_hz = None
     if not np.isfinite(zero) or zero * gain > 1:
         crossovers = loop.margins(gain).crossovers
-        crossover_hz = float(crossovers[0][0]) if crossovers else None
+        crossover_hz = crossovers[0].frequency_hz if crossovers else None
     at_hz = reference_hz or crossover_hz
     has_reading = loop.codes_per_gain is not None
     return replace(
@@ -286,30 +285,33 @@ def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode |
     known = modes.modes(design.model, overrides=design.overrides, states=design.states)
     start = branch_start(loop, limit)
     crossing = flexible = None
-    for mode in known["modes"]:
-        pole = mode["driven"]
-        if pole is None or mode["reference"]:
+    for mode in known.modes:
+        pole = mode.driven
+        if pole is None or mode.reference:
             continue
-        here = complex(pole["real"], pole["imag"])
+        here = complex(pole.real_per_s, pole.imag_per_s)
         if abs(start - here) < 0.02 * abs(here):
             crossing = mode
     if crossing is None:
         high = LAG * limit.frequency_hz
         flexible = next(
-            (m for m in known["modes"]
-             if m["label"] == "noncolocated" and m["frequency_hz"] < high), None
+            (m for m in known.modes if m.label == "noncolocated" and m.frequency_hz < high), None
         )  # fmt: skip
-    mode = crossing or flexible
-    if mode is None:
+    limiting = crossing or flexible
+    if limiting is None:
         return NoLimitingMode("no mode: the lag of drive and sampling turns the rigid body")
-    body = max(mode["shape"], key=lambda b: abs(mode["shape"][b]))
-    element = strain(design.model, design.overrides, mode["shape"])
+    body = limiting.largest_body
+    element = strain(design.model, design.overrides, limiting.shape)
     return LimitingMode(
         name=f"{element} ({body})" if element else body,
         element=element,
         body=body,
         how="its poles cross" if crossing else "its lag turns the rigid body's poles",
-        **{name: mode[name] for name in MODE_FIGURES},
+        frequency_hz=limiting.frequency_hz,
+        damping_ratio=limiting.damping_ratio,
+        label=limiting.label,
+        against_below=limiting.against_below,
+        shape=limiting.shape,
     )
 
 

@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from forceaxis.results import json_field
-
 if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help` does not need it
     from forceaxis.linear.bank import Bank
 
@@ -36,27 +34,4 @@ def bank_figures(bank: "Bank") -> BankFigures:
         sections=tuple(tuple(section) for section in bank.sections),
         velocity_gain=bank.velocity_gain,
         hf_gain=bank.hf_gain(),
-    )
-
-
-@dataclass(frozen=True)
-class BankKeys:
-    """A bank with the keys of [firmware.bank_N] in an experiment; gain and hf_gain in DAC codes per
-    8-bit count, integral rate in 1/s, velocity_gain in DAC codes per count/tick. A part that the
-    bank lacks is None and has no key."""
-
-    gain: float
-    integral_rad_per_s: float | None = json_field(omit_none=True)
-    velocity_gain: float | None = json_field(omit_none=True)
-    sections: list[tuple[float, ...]] | None = json_field(omit_none=True)
-    hf_gain: float | None = json_field(omit_none=True)
-
-
-def bank_keys(bank: "Bank") -> BankKeys:
-    """The keys of a bank, without hf_gain."""
-    return BankKeys(
-        gain=bank.force_gain,
-        integral_rad_per_s=bank.integral_rad_per_s or None,
-        velocity_gain=bank.velocity_gain or None,
-        sections=list(bank.sections) or None,
     )

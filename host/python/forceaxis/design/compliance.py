@@ -21,7 +21,6 @@ from matplotlib.ticker import LogFormatter
 from forceaxis import paths, progress, toml
 from forceaxis._core import InputError
 from forceaxis.design import friction, sets, simulate
-from forceaxis.design.banks import BankKeys, bank_keys
 from forceaxis.design.cases import ContactCase
 from forceaxis.design.changes import Design, contact_of
 from forceaxis.design.grid import Goal
@@ -30,7 +29,7 @@ from forceaxis.design.simulate import ContactBench, Plant
 from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, style
 from forceaxis.errors import ParameterError
 from forceaxis.linear import system as linear
-from forceaxis.linear.bank import Bank
+from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.results import json_field
 
 SPAN = (1 / 20, 4.0)  # relative to the stiffness of the model
@@ -175,8 +174,8 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
             motion_m=motion_m,
             p_strike_N_s=p_strike,
             strike_N_s=strike,
-            p_bank=bank_keys(p.bank) if p.worst else None,
-            bank=bank_keys(found.bank) if found.worst else None,
+            p_bank=p.bank.keys() if p.worst else None,
+            bank=found.bank.keys() if found.worst else None,
         )
 
 

@@ -21,6 +21,7 @@ from forceaxis.design.cases import ContactCase
 from forceaxis.design.changes import Change, Design
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank
+from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from forceaxis.design.outcome import DesignOutcome
@@ -109,7 +110,7 @@ def law_keys(bench: WritableBench, bank: Bank, loss: Mapping[str, int]) -> dict[
     return (
         sensor
         | {name: loss[name] for name in LOSS if name in loss}
-        | {"force_bank": BANK, f"bank_{BANK}": bank.keys()}
+        | {"force_bank": BANK, f"bank_{BANK}": to_json(bank.keys())}
     )
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
-from forceaxis.design.banks import BankKeys
 from forceaxis.design.data_sheet import (
     BY_NAME,
     SheetValues,
@@ -24,6 +23,7 @@ from forceaxis.design.data_sheet import (
     weight_n,
 )
 from forceaxis.errors import ParameterError
+from forceaxis.linear.bank import BankKeys
 
 if TYPE_CHECKING:
     from forceaxis.linear.stability import Loop

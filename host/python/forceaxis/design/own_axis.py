@@ -12,7 +12,6 @@ import tomlkit
 
 from forceaxis import _core
 from forceaxis.design import friction, reduced, sets, simulate
-from forceaxis.design.banks import bank_keys
 from forceaxis.design.cases import unstable, why
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import Goal
@@ -73,7 +72,7 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
         over=list(over),
         modes=list(plants.modes),
         structure=reduced.NAME,
-        bank=bank_keys(chosen.bank),
+        bank=chosen.bank.keys(),
         fS_Hz=worst.bandwidth_Hz,
         p_fS_Hz=p.worst.fS_Hz if p.worst else None,
         p_force_gain=p.bank.force_gain,

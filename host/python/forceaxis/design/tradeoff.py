@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 from forceaxis import drawing, paths
 from forceaxis._core import InputError
 from forceaxis.design import changes, files, for_set, simulate
-from forceaxis.design.banks import BankKeys, bank_keys
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
 from forceaxis.design.outcome import LATENCIES, TIMINGS, DesignOrder
 from forceaxis.design.reduced import ShapedDesign, ShortSearch
 from forceaxis.errors import ParameterError
-from forceaxis.linear.bank import Bank
+from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.results import json_field, to_json
 
 # {name of the second figure: (its values, its meaning)}
@@ -131,7 +130,7 @@ def _row(against: str, value: float, problem: ShortSearch, found: ShapedDesign) 
         bandwidth_Hz=found.worst.fS_Hz if found.worst else None,
         p_bandwidth_Hz=p.fS_Hz if p else None,
         p_static_error=p.static_error if p else None,
-        bank=replace(bank_keys(found.bank), hf_gain=found.bank.hf_gain()),
+        bank=replace(found.bank.keys(), hf_gain=found.bank.hf_gain()),
         worst=found.worst,
         ms=value if against == "ms" else None,
         hf=value if against == "hf" else None,

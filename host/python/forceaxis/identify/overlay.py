@@ -2,18 +2,39 @@
 --measured`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from forceaxis import linear
 from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
-from forceaxis.identify.measurement import Measurement, Points, sampled
+from forceaxis.identify.measurement import Comparison, Measurement, Points, sampled
 from forceaxis.linear import curves
-from forceaxis.results import to_json
+from forceaxis.linear.curves import BodeCurve, Numbers, PlantBode
+from forceaxis.results import json_field
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredCurve:
+    """A measured response of one folder and its comparison with the model: magnitude, phase,
+    `radius` of the 95 % band (unit of the magnitude) and coherence at frequency_hz."""
+
+    folder: str
+    frequency_hz: Numbers
+    magnitude: Numbers
+    phase_deg: Numbers
+    radius: Numbers
+    coherence: Numbers
+    comparison: Comparison = json_field(inline=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredBode(PlantBode):
+    """Responses of a model, and measured responses between the same signals; of: "measured"."""
+
+    measured: list[MeasuredCurve]
 
 
 def overlay(
@@ -21,8 +42,8 @@ def overlay(
     folders: Sequence[Path | str],
     overrides: linear.Overrides | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
-) -> tuple[list[curves.Curve], list[Points], dict[str, Any]]:
-    """(curves of the model, Points of each folder, summary) of responses between the same signals.
+) -> tuple[list[curves.Curve], list[Points], MeasuredBode]:
+    """(curves of the model, Points of each folder, result) of responses between the same signals.
 
     model: a path or stem. folders: as written by `forceaxis measure --out`. overrides: {parameter:
     value}. span_hz: range of the curves, limited by the sampling. Responses in different states of
@@ -39,7 +60,7 @@ def overlay(
     stems = {Path(folder).name for folder, _ in measured}
     known: list[curves.Curve] = []
     points: list[Points] = []
-    rows: list[dict[str, Any]] = []
+    rows: list[MeasuredCurve] = []
     for folder, one in measured:
         curve = _model_curve(one, span_hz)
         if not any(_same(curve, other) for other in known):
@@ -51,16 +72,29 @@ def overlay(
         phase = degrees + 360 * np.round((turn - degrees) / 360)
         points.append(Points(label, one.frequency_hz, np.abs(one.response), phase, one.radius()))
         rows.append(
-            {"folder": folder, "frequency_hz": one.frequency_hz.tolist(),
-             "magnitude": np.abs(one.response).tolist(), "phase_deg": phase.tolist(),
-             "radius": one.radius().tolist(), "coherence": one.coherence.tolist()}
-            | to_json(one.compare(predicted))
-        )  # fmt: skip
-    about = {
-        "model": str(model), "of": "measured", "input": one.input, "timing": f"{one.dt:.6g} s",
-        "curves": [{"output": one.output} | c.summary() for c in known], "measured": rows,
-    }  # fmt: skip
-    return known, points, about
+            MeasuredCurve(
+                folder=folder,
+                frequency_hz=one.frequency_hz,
+                magnitude=np.abs(one.response),
+                phase_deg=phase,
+                radius=one.radius(),
+                coherence=one.coherence,
+                comparison=one.compare(predicted),
+            )
+        )
+    return (
+        known,
+        points,
+        MeasuredBode(
+            model=str(model),
+            of="measured",
+            input=one.input,
+            timing=f"{one.dt:.6g} s",
+            working=None,
+            curves=[BodeCurve(output=one.output, table=c.table()) for c in known],
+            measured=rows,
+        ),
+    )
 
 
 def _model_curve(measured: Measurement, span_hz: tuple[float, float]) -> curves.Curve:

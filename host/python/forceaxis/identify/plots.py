@@ -1,7 +1,7 @@
 """Figures of measured responses: with the linear model, and before and after a fit."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from forceaxis.drawing import (
     style,
 )  # fmt: skip
 from forceaxis.identify.measurement import Complexes, Measurement, Points
+from forceaxis.identify.overlay import MeasuredBode
 from forceaxis.linear import plots
 from forceaxis.linear.curves import Curve
 
@@ -116,12 +117,10 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     return figure
 
 
-def overlay(
-    curves: Sequence[Curve], points: Sequence[Points], summary: Mapping[str, Any]
-) -> Figure:
+def overlay(curves: Sequence[Curve], points: Sequence[Points], result: MeasuredBode) -> Figure:
     """Figure of measured responses, with their 95 % band, over the curves of the model."""
-    output = summary["curves"][0]["output"]
-    title = f"{name_of(summary['model'])}: {summary['input']} to {output}, measured and as modelled"
+    output = result.curves[0].output
+    title = f"{name_of(result.model)}: {result.input} to {output}, measured and as modelled"
     figure: Figure = plots.bode([replace(c, label="model") for c in curves], title, output)
     size, phase, right = figure.axes
     right.remove()

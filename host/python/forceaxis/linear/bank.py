@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import _core
+from forceaxis.results import json_field
 
 GAIN_STEP = 1 / 256  # resolution of force_gain and velocity_gain
 COEFFICIENT_STEP = 2.0**-26
@@ -30,6 +31,19 @@ StateSpace = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
 def _rounded(value: float, step: float) -> float:
     return math.floor(value / step + 0.5) * step
+
+
+@dataclass(frozen=True)
+class BankKeys:
+    """A bank with the keys of [firmware.bank_N] in an experiment; gain and hf_gain in DAC codes per
+    8-bit count, integral rate in 1/s, velocity_gain in DAC codes per count/tick. A part that the
+    bank lacks is None and has no key."""
+
+    gain: float
+    integral_rad_per_s: float | None = json_field(omit_none=True)
+    velocity_gain: float | None = json_field(omit_none=True)
+    sections: tuple[tuple[float, ...], ...] | None = json_field(omit_none=True)
+    hf_gain: float | None = json_field(omit_none=True)
 
 
 @dataclass(frozen=True)
@@ -84,16 +98,14 @@ class Bank:
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
 
-    def keys(self) -> dict[str, Any]:
-        """The keys of [firmware.bank_N] in an experiment."""
-        keys: dict[str, Any] = {"gain": self.force_gain}
-        if self.integral_rad_per_s:
-            keys["integral_rad_per_s"] = self.integral_rad_per_s
-        if self.velocity_gain:
-            keys["velocity_gain"] = self.velocity_gain
-        if self.sections:
-            keys["sections"] = [list(section) for section in self.sections]
-        return keys
+    def keys(self) -> BankKeys:
+        """The bank with the keys of [firmware.bank_N] in an experiment, without hf_gain."""
+        return BankKeys(
+            gain=self.force_gain,
+            integral_rad_per_s=self.integral_rad_per_s or None,
+            velocity_gain=self.velocity_gain or None,
+            sections=self.sections or None,
+        )
 
 
 def series(front: StateSpace, back: StateSpace) -> StateSpace:

@@ -237,12 +237,11 @@ class Beam:
 
     def approximation_errors(
         self, modes: Iterable[int] = range(4, 41), through: int = 4
-    ) -> list[dict[str, float]]:
-        """[{"modes", "actuator", "tip"}]: the approximation_error of both outputs for each number
-        of modes."""
+    ) -> list["ApproximationError"]:
+        """The approximation_error of both outputs for each number of modes."""
         outputs = ("actuator", "tip")
         return [
-            {"modes": n} | {o: self.approximation_error(n, o, through) for o in outputs}
+            ApproximationError(n, *(self.approximation_error(n, o, through) for o in outputs))
             for n in modes
         ]
 
@@ -451,21 +450,45 @@ def _mechanical(
     return linear.System(A, B, C, D0, tuple(states), tuple(inputs), tuple(output_names))
 
 
-def summary(beam: Beam, modes: int) -> dict[str, Any]:
-    """The content of `forceaxis beam --json`: the first `modes` modes and the approximation errors
-    of 2.4.4."""
+@dataclass(frozen=True)
+class ApproximationError:
+    """Error of the rational approximation of a beam with the first `modes` modes: the largest
+    |approximation / true - 1| of the responses of actuator and tip."""
+
+    modes: int
+    actuator: float
+    tip: float
+
+
+@dataclass(frozen=True)
+class BeamMode:
+    """A bending mode of a beam: the root b l of the beam equation, the pole and the zero of the
+    actuator (imaginary pairs) in rad/s, and the zero of the tip (a real pair) in 1/s."""
+
+    b_l: float
+    pole_rad_per_s: float
+    actuator_zero_rad_per_s: float
+    tip_zero_per_s: float
+
+
+@dataclass(frozen=True)
+class BeamAnalysis:
+    """The first bending modes of a beam, and the errors of its rational approximations."""
+
+    modes: list[BeamMode]
+    approximation_errors: list[ApproximationError]
+
+
+def analyse(beam: Beam, modes: int) -> BeamAnalysis:
+    """The first `modes` modes of a beam, and the errors of the approximations of thesis section
+    2.4.4 with 4 to 40 modes."""
     roots = sliding_free_roots(modes)
     poles = beam.natural_frequencies(modes)
     zeros, tip = beam.actuator_zeros(modes)[1::2], beam.tip_zeros(modes)[1::2]
-    return {
-        "modes": [
-            {
-                "b_l": float(root),
-                "pole_rad_per_s": float(pole),
-                "actuator_zero_rad_per_s": float(abs(zero)),
-                "tip_zero_per_s": float(abs(real)),
-            }
+    return BeamAnalysis(
+        [
+            BeamMode(float(root), float(pole), float(abs(zero)), float(abs(real)))
             for root, pole, zero, real in zip(roots, poles, zeros, tip, strict=True)
         ],
-        "approximation_errors": beam.approximation_errors(),
-    }
+        beam.approximation_errors(),
+    )

@@ -1,4 +1,4 @@
-"""Frequency responses of models as curves; results of `forceaxis bode` and `forceaxis nyquist`."""
+"""Frequency responses of plants and loops as curves, for Bode and Nyquist plots."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
@@ -12,12 +12,13 @@ from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.linear import limits, loops, working
 from forceaxis.linear import system as linear
-from forceaxis.linear.limits import Summary
+from forceaxis.linear.limits import AnalysedLoop, LimitResult, LoopAtGain
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import System
-from forceaxis.linear.working import States
+from forceaxis.linear.working import States, Working
+from forceaxis.results import json_field
 
 Numbers = NDArray[np.float64]
 
@@ -76,6 +77,17 @@ def grid_hz(
 
 
 @dataclass(frozen=True)
+class CurveTable:
+    """A curve as a result: magnitude in `unit` and unwrapped phase at frequency_hz."""
+
+    label: str
+    unit: str
+    frequency_hz: Numbers
+    magnitude: Numbers
+    phase_deg: Numbers
+
+
+@dataclass(frozen=True)
 class Curve:
     """A frequency response: complex `response` at `frequency_hz`."""
 
@@ -94,15 +106,9 @@ class Curve:
         """Unwrapped phase; see `phase_deg`."""
         return phase_deg(self.frequency_hz, self.response)
 
-    def summary(self) -> Summary:
-        """The curve as --json prints it."""
-        return {
-            "label": self.label,
-            "unit": self.unit,
-            "frequency_hz": self.frequency_hz.tolist(),
-            "magnitude": self.magnitude.tolist(),
-            "phase_deg": self.phase_deg.tolist(),
-        }
+    def table(self) -> CurveTable:
+        """The curve as a part of a result."""
+        return CurveTable(self.label, self.unit, self.frequency_hz, self.magnitude, self.phase_deg)
 
 
 def curve(
@@ -118,6 +124,58 @@ def curve(
     roots = roots[np.isfinite(roots)]
     frequency = grid_hz(low, high, roots, points)
     return Curve(label, frequency, system.response(frequency), unit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodeCurve:
+    """A curve of a Bode plot: the output of the response, its values, and the loop of the curve
+    with the figures at its gain (None if the input is not that of a force loop)."""
+
+    output: str
+    table: CurveTable = json_field(inline=True)
+    loop: LimitResult | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopBode:
+    """Frequency responses of a loop; of: a name of PARTS."""
+
+    loop: AnalysedLoop = json_field(inline=True)
+    of: str
+    input: str
+    curves: list[BodeCurve]
+
+    @property
+    def working(self) -> Working | None:
+        """Mode of the plant; None if the model has only one."""
+        return self.loop.working
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantBode:
+    """Frequency responses of a plant from `input`; of: "plant". timing: a name of loops.TIMINGS, or
+    the sampling period of a measurement. working: mode of the plant, None if it has only one."""
+
+    model: str
+    of: str
+    input: str
+    timing: str
+    working: Working | None = json_field(inline=True)
+    curves: list[BodeCurve]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NyquistResult:
+    """The loop gain k L at the frequencies of a Nyquist plot, the limit of the loop, and its
+    figures at the gain of the plot."""
+
+    limit: LimitResult = json_field(inline=True)
+    at: LoopAtGain
+    frequency_hz: Numbers = json_field(key="frequency_hz_of_curve")
+    real: Numbers
+    imag: Numbers
+    magnitude: Numbers
+    phase_deg: Numbers
 
 
 @dataclass(frozen=True)
@@ -207,28 +265,28 @@ class BodeView:
     vary: tuple[str, ...] = ()
 
 
-def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], Summary]:
-    """(Curves, summary) of a loop's part: one curve for each combination of `vary`."""
-    curves, details = [], []
+def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], LoopBode]:
+    """(curves, result) of a part of a loop: one curve for each combination of `vary`."""
+    curves, rows = [], []
     for label, values in varied(request.overrides, view.vary):
         loop = replace(request, overrides=values).loop()
         k = request.drawn_gain(loop)
         check_span(view.span_hz, loop.timing)
         one = curve(PARTS[part](loop, k), label, view.span_hz)
         curves.append(one)
-        detail = {"output": part} | one.summary()
-        details.append(detail | {"loop": limits.limit_summary(loop, k)})
-    return curves, limits.describe_loop(loop) | {"of": part, "input": "error", "curves": details}
+        own = limits.limit_result(loop, k)
+        rows.append(BodeCurve(output=part, table=one.table(), loop=own))
+    return curves, LoopBode(loop=AnalysedLoop.of(loop), of=part, input="error", curves=rows)
 
 
-def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]:
-    """(Curves, summary) of a plant: one curve for each combination of `vary` and each output."""
+def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBode]:
+    """(curves, result) of a plant: one curve for each combination of `vary` and each output."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
         raise ParameterError("gain", "expected with `input` drive.command, a loop acts there")
     check_span(view.span_hz, timing)
     linear.once("output", view.outputs)
-    curves, details = [], []
+    curves, rows = [], []
     for label, given in varied(request.overrides, view.vary):
         own = replace(request, overrides=given).settings(plant=True)
         for output in view.outputs:
@@ -238,29 +296,36 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], Summary]
             )
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
-            detail: Summary = {"output": output} | one.summary()
+            limit = None
             if view.input == "drive.command":  # the input on which a force loop would act
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
-                detail["loop"] = limits.limit_summary(loop, request.gain_of(loop))
-            details.append(detail)
+                limit = limits.limit_result(loop, request.gain_of(loop))
+            rows.append(BodeCurve(output=output, table=one.table(), loop=limit))
     path = linear.find_model(own.model)
     mode = working.working(path, own.overrides, request.states, request.free)
-    about: Summary = {"model": own.model, "of": "plant", "input": view.input, "timing": timing}
-    about |= working.summary(mode)
-    return curves, about | {"curves": details}
+    return curves, PlantBode(
+        model=own.model,
+        of="plant",
+        input=view.input,
+        timing=timing,
+        working=mode.shown,
+        curves=rows,
+    )
 
 
-def nyquist_of(request: LoopRequest) -> Summary:
-    """The content of `forceaxis nyquist --json`. Without a gain, the loop has half the critical
-    gain, or 1 if it has none."""
+def nyquist_of(request: LoopRequest) -> NyquistResult:
+    """The curve of a Nyquist plot. Without a gain, the loop has half the critical gain, or 1 if it
+    has none."""
     loop = request.loop()
     gain = request.drawn_gain(loop)
     c = curve(loop.open, "", NYQUIST_HZ, points=1200)
-    return limits.limit_summary(loop, gain) | {
-        "frequency_hz_of_curve": c.frequency_hz.tolist(),
-        "real": (gain * c.response.real).tolist(),
-        "imag": (gain * c.response.imag).tolist(),
-        "magnitude": (gain * c.magnitude).tolist(),
-        "phase_deg": c.phase_deg.tolist(),
-    }
+    return NyquistResult(
+        limit=limits.limit_result(loop),
+        at=limits.loop_at(loop, gain),
+        frequency_hz=c.frequency_hz,
+        real=gain * c.response.real,
+        imag=gain * c.response.imag,
+        magnitude=gain * c.magnitude,
+        phase_deg=c.phase_deg,
+    )

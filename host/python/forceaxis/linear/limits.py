@@ -1,8 +1,7 @@
-"""Results of `forceaxis limit`, `poles` and `step`."""
+"""Critical gain, margins, poles and step response of one loop as typed results."""
 
 import math
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,13 +9,184 @@ from forceaxis import _core, paths
 from forceaxis.errors import ParameterError
 from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.bank import BankKeys
 from forceaxis.linear.request import LoopRequest
 from forceaxis.linear.settings import ModelSettings
-from forceaxis.linear.stability import Limit, Loop
+from forceaxis.linear.stability import Crossing, Limit, Loop, Margins
 from forceaxis.linear.system import Matrix, System
+from forceaxis.linear.working import Working
+from forceaxis.results import json_field
 
-# The result of an analysis as a verb prints it to JSON: {key: value}.
-Summary = dict[str, Any]
+
+@dataclass(frozen=True, kw_only=True)
+class AnalysedLoop:
+    """The loop that was analysed, as a part of a result.
+
+    model: path of the model. parameters: those of the law in SI units. timing: a name of
+    loops.TIMINGS, or several joined by "and". output: the controlled signal. working: mode of the
+    plant, None if the model has only one. bank: coefficients of the law, None without a bank.
+    """
+
+    model: str
+    law: str
+    parameters: dict[str, float]
+    timing: str
+    output: str
+    working: Working | None = json_field(inline=True)
+    bank: BankKeys | None = json_field(omit_none=True)
+
+    @classmethod
+    def of(cls, loop: Loop) -> "AnalysedLoop":
+        """The entry about a loop."""
+        return cls(
+            model=paths.display(loop.model),
+            law=loop.law,
+            parameters=loop.parameters,
+            timing=loop.timing,
+            output=loop.signal,
+            working=loop.working.shown,
+            bank=loop.bank.keys() if loop.bank else None,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopAtGain:
+    """Figures and margins of a loop at one gain, k in the unit of the loop; firmware_gain: the same
+    gain in DAC codes per 8-bit count, None if the loop does not feed back ADC 0."""
+
+    gain: float
+    firmware_gain: float | None
+    figures: over.Figures = json_field(inline=True)
+    margins: Margins = json_field(inline=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitResult:
+    """The critical gain of a loop, its crossings of the stability boundary, and its stable ranges.
+
+    critical_gain: in `unit`; None if the loop is stable at every gain, or at every gain up to
+    known_to; 0 if it is unstable at every small gain, see `reason`. frequency_hz: of the crossing.
+    firmware_gain: the critical gain in DAC codes per 8-bit count; largest_firmware_gain: the
+    largest value below it that the firmware can store. at: the loop at the gain of the request.
+    """
+
+    critical_gain: float | None
+    unit: str
+    frequency_hz: float | None
+    crossings: list[Crossing]
+    stable_ranges: list[tuple[float, float | None]]
+    reason: str | None
+    known_to: float | None
+    loop: AnalysedLoop = json_field(inline=True)
+    firmware_gain: float | None
+    largest_firmware_gain: float | None
+    at: LoopAtGain | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True)
+class StepResponse:
+    """The response of a closed loop to a unit step of its set-point at time 0.
+
+    rise_s: from 10 to 90 % of the final value. settle_s: time from which on the signal stays within
+    2 % of the final value. overshoot: share of the final value. A figure is None if it is not
+    reached within the duration, if the final value is 0, or if the loop is unstable. final: final
+    value, None for an unstable loop. value: the signal at time_s.
+    """
+
+    stable: bool
+    rise_s: float | None
+    settle_s: float | None
+    overshoot: float | None
+    final: float | None
+    time_s: Matrix
+    value: Matrix
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult:
+    """The step response of a loop at a gain k in `unit`, with firmware_gain in DAC codes per 8-bit
+    count (None if the loop does not feed back ADC 0)."""
+
+    loop: AnalysedLoop = json_field(inline=True)
+    gain: float
+    unit: str
+    firmware_gain: float | None
+    response: StepResponse = json_field(inline=True)
+
+
+@dataclass(frozen=True)
+class Root:
+    """A pole or a zero: real and imaginary part in 1/s, magnitude in Hz, damping ratio; None for an
+    infinite value. re_z, im_z: the root z of a sampled system."""
+
+    re_per_s: float | None
+    im_per_s: float | None
+    hz: float | None
+    damping_ratio: float | None
+    re_z: float | None = json_field(omit_none=True)
+    im_z: float | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True)
+class ClosingGain:
+    """The gain k at which a loop is closed, in `unit`, and in DAC codes per 8-bit count (None if
+    the loop does not feed back ADC 0)."""
+
+    gain: float
+    unit: str
+    firmware_gain: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoop:
+    """The closed loop whose poles are a result."""
+
+    loop: AnalysedLoop = json_field(inline=True)
+    closed: ClosingGain
+
+    @property
+    def model(self) -> str:
+        """Path of the model."""
+        return self.loop.model
+
+    @property
+    def timing(self) -> str:
+        """A name of loops.TIMINGS."""
+        return self.loop.timing
+
+    @property
+    def working(self) -> Working | None:
+        """Mode of the plant; None if the model has only one."""
+        return self.loop.working
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalysedPlant:
+    """The plant whose poles are a result: path of its model, timing of its input, and its mode
+    (None if the model has only one)."""
+
+    model: str
+    timing: str
+    working: Working | None = json_field(inline=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolesResult:
+    """Poles, zeros and transfer function between one input and one output.
+
+    gain: factor of the product of (s - zeros) / (s - poles). numerator, denominator: coefficients,
+    highest power first, with a monic denominator.
+    """
+
+    subject: AnalysedPlant | ClosedLoop = json_field(inline=True)
+    input: str
+    output: str
+    stable: bool
+    poles: list[Root]
+    zeros: list[Root]
+    gain: float
+    numerator: Matrix
+    denominator: Matrix
 
 
 def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
@@ -31,46 +201,32 @@ def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
     return min(steps * loops.FIRMWARE_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
 
 
-def describe_loop(loop: Loop) -> Summary:
-    """The entry about the analysed loop in the summary of a verb."""
-    return {
-        "model": paths.display(loop.model),
-        "law": loop.law,
-        "parameters": loop.parameters,
-        "timing": loop.timing,
-        "output": loop.signal,
-        **working.summary(loop.working),
-    } | ({"bank": loop.bank.keys()} if loop.bank else {})
-
-
-def limit_summary(loop: Loop, gain: float | None = None) -> Summary:
-    """The content of `forceaxis limit --json`; with a gain, also the margins at that gain."""
+def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:
+    """The critical gain of a loop and, with a gain k, figures and margins of the loop at k."""
     limit = loop.limit()
-    reading = loop.codes_per_gain is not None
-    summary: Summary = {
-        "critical_gain": limit.gain,
-        "unit": loop.unit,
-        "frequency_hz": limit.frequency_hz,
-        "crossings": [asdict(c) for c in limit.crossings],
-        "stable_ranges": limit.stable_ranges,
-        "reason": limit.reason or None,
-        "known_to": limit.known_to,
-        **describe_loop(loop),
-        "firmware_gain": loop.firmware_gain(limit.gain) if reading and limit.gain else None,
-        "largest_firmware_gain": largest_firmware_gain(loop, limit),
-    }
-    if gain is not None:
-        margins = asdict(loop.margins(gain))
-        margins["crossovers"] = [
-            {"frequency_hz": hz, "phase_margin_deg": phase} for hz, phase in margins["crossovers"]
-        ]
-        summary["at"] = {
-            "gain": gain,
-            "firmware_gain": loop.firmware_gain(gain) if reading else None,
-            **asdict(over.figures(loop, gain)),
-            **margins,
-        }
-    return summary
+    return LimitResult(
+        critical_gain=limit.gain,
+        unit=loop.unit,
+        frequency_hz=limit.frequency_hz,
+        crossings=limit.crossings,
+        stable_ranges=limit.stable_ranges,
+        reason=limit.reason or None,
+        known_to=limit.known_to,
+        loop=AnalysedLoop.of(loop),
+        firmware_gain=loop.optional_firmware_gain(limit.gain),
+        largest_firmware_gain=largest_firmware_gain(loop, limit),
+        at=None if gain is None else loop_at(loop, gain),
+    )
+
+
+def loop_at(loop: Loop, gain: float) -> LoopAtGain:
+    """Figures and margins of a loop at a gain k."""
+    return LoopAtGain(
+        gain=gain,
+        firmware_gain=loop.optional_firmware_gain(gain),
+        figures=over.figures(loop, gain),
+        margins=loop.margins(gain),
+    )
 
 
 def hz_text(hz: float | None, digits: int = 4) -> str:
@@ -101,8 +257,9 @@ def _figures(
     )
 
 
-def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
-    """The content of `forceaxis step --json`. Raises InputError."""
+def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
+    """The step response of a loop at a gain k. Raises ParameterError for a duration_s below two
+    ticks or above 600 s, and if an unstable response exceeds the range of numbers."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)
@@ -110,7 +267,7 @@ def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None
-    figures: tuple[float | None, ...] = (None, None, None)
+    figures: tuple[float | None, float | None, float | None] = (None, None, None)
     if stable:
         final = float(loop.closed(gain).at(0.0 if loop.dt is None else 1.0).real)
         if not abs(final) > 1e-9 * np.abs(value).max():
@@ -123,21 +280,23 @@ def step_summary(loop: Loop, gain: float, duration_s: float) -> Summary:
             f"expected a response that stays finite, it grows out of range within "
             f"{duration_s:g} s; shorten it or lower the gain",
         )
-    return {
-        **describe_loop(loop),
-        "gain": gain,
-        "unit": loop.unit,
-        "firmware_gain": loop.firmware_gain(gain) if loop.codes_per_gain is not None else None,
-        "stable": stable,
-        **dict(zip(("rise_s", "settle_s", "overshoot"), figures, strict=True)),
-        "final": final,
-        "time_s": time_s.tolist(),
-        "value": value.tolist(),
-    }
+    return StepResponse(stable, *figures, final, time_s, value)
 
 
-def _root(value: complex, dt: float | None) -> Summary:
-    """One pole or zero for JSON; an infinite value is null."""
+def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
+    """The step response of a loop at a gain k, with the loop; arguments and errors as in
+    step_response."""
+    return StepResult(
+        loop=AnalysedLoop.of(loop),
+        gain=gain,
+        unit=loop.unit,
+        firmware_gain=loop.optional_firmware_gain(gain),
+        response=step_response(loop, gain, duration_s),
+    )
+
+
+def _root(value: complex, dt: float | None) -> Root:
+    """The Root of an eigenvalue in 1/s (dt None), or of z of a system sampled every dt seconds."""
 
     def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
@@ -145,19 +304,17 @@ def _root(value: complex, dt: float | None) -> Summary:
     with np.errstate(divide="ignore", invalid="ignore"):
         s = complex(value) if dt is None else complex(np.log(complex(value)) / dt)
         size = abs(s)
-        root: Summary = {
-            "re_per_s": number(s.real),
-            "im_per_s": number(s.imag),
-            "hz": number(size / (2 * math.pi)),
-        }
-        root["damping_ratio"] = number(-s.real / size) if size and np.isfinite(size) else None
-    if dt is not None:
-        root |= {"re_z": float(value.real), "im_z": float(value.imag)}
-    return root
+        root = Root(
+            number(s.real),
+            number(s.imag),
+            number(size / (2 * math.pi)),
+            number(-s.real / size) if size and np.isfinite(size) else None,
+        )
+    return root if dt is None else replace(root, re_z=float(value.real), im_z=float(value.imag))
 
 
-def poles_summary(system: System, described: Summary) -> Summary:
-    """The content of `forceaxis poles --json` for a System with one input and one output."""
+def _poles_result(system: System, subject: AnalysedPlant | ClosedLoop) -> PolesResult:
+    """The PolesResult of a System with one input and one output."""
 
     def ordered(values: Matrix) -> list[complex]:
         return sorted(
@@ -165,23 +322,22 @@ def poles_summary(system: System, described: Summary) -> Summary:
         )
 
     numerator, denominator = system.transfer_function()
-    return {
-        **described,
-        "input": system.inputs[0],
-        "output": system.outputs[0],
-        "stable": system.stable(),
-        "poles": [_root(p, system.dt) for p in ordered(system.poles())],
-        "zeros": [_root(z, system.dt) for z in ordered(system.zeros())],
-        "gain": float(system.gain()),
-        "numerator": numerator.tolist(),
-        "denominator": denominator.tolist(),
-    }
+    return PolesResult(
+        subject=subject,
+        input=system.inputs[0],
+        output=system.outputs[0],
+        stable=system.stable(),
+        poles=[_root(p, system.dt) for p in ordered(system.poles())],
+        zeros=[_root(z, system.dt) for z in ordered(system.zeros())],
+        gain=system.gain(),
+        numerator=numerator,
+        denominator=denominator,
+    )
 
 
-def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Summary:
-    """The result of `forceaxis poles`: of the loop of `request`, closed at its gain. Without a
-    gain, or with an input: of the plant from input (None: drive.command) to output (None: measured
-    force)."""
+def poles_of(request: LoopRequest, input: str | None, output: str | None) -> PolesResult:
+    """The poles and zeros of the loop of `request`, closed at its gain. Without a gain, or with an
+    input: those of the plant from input (None: drive.command) to output (None: measured force)."""
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
@@ -192,15 +348,12 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Sum
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
     assert gain is not None  # the request or its experiment has a gain
-    codes = loop.firmware_gain(gain) if loop.codes_per_gain is not None else None
-    described = describe_loop(loop) | {
-        "closed": {"gain": gain, "unit": loop.unit, "firmware_gain": codes}
-    }
-    return poles_summary(loop.closed(gain), described)
+    closing = ClosingGain(gain, loop.unit, loop.optional_firmware_gain(gain))
+    return _poles_result(loop.closed(gain), ClosedLoop(loop=AnalysedLoop.of(loop), closed=closing))
 
 
-def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: str) -> Summary:
-    """The result of `forceaxis poles` for a plant."""
+def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: str) -> PolesResult:
+    """The poles and zeros of the plant of `request` between an input and an output."""
     path, overrides = linear.find_model(own.model), own.overrides
     if output == "reading" and linear.facts(path, overrides).reading is None:
         raise loops.no_reading(str(path))
@@ -219,5 +372,6 @@ def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: s
     timing = request.timing or "continuous"
     if timing != "continuous":
         plant = plant.sampled(delay_ticks=loops.TIMINGS.index(timing) - 1)
-    described = {"model": paths.display(path), "timing": timing, **working.summary(mode)}
-    return poles_summary(plant, described)
+    return _poles_result(
+        plant, AnalysedPlant(model=paths.display(path), timing=timing, working=mode.shown)
+    )

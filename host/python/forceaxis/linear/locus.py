@@ -1,4 +1,4 @@
-"""Root loci and pole-zero arrays; results of `forceaxis rlocus`."""
+"""Root loci and arrays of poles and zeros."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.errors import ParameterError
-from forceaxis.linear import limits
-from forceaxis.linear.limits import Summary
+from forceaxis.linear.limits import AnalysedLoop
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Crossing, Limit, Loop
 from forceaxis.linear.system import System
+from forceaxis.results import json_field
 
 Numbers = NDArray[np.float64]
 Roots = NDArray[np.complex128]
@@ -25,14 +25,6 @@ class Array:
     poles: Roots
     zeros: Roots
 
-    def summary(self) -> Summary:
-        """The array as --json prints it, in 1/s."""
-        return {
-            "label": self.label,
-            "poles": pairs(self.poles),
-            "zeros": pairs(self.zeros),
-        }
-
 
 def pairs(roots: Iterable[complex]) -> list[list[float] | None]:
     """Roots as [real, imaginary] for JSON, null for one at infinity."""
@@ -43,6 +35,33 @@ def array(system: System, label: str = "") -> Array:
     """Poles and zeros of a one-input, one-output System, in 1/s."""
     poles, zeros = system.poles_s(), system.zeros_s()
     return Array(label, poles[np.isfinite(poles)], zeros[np.isfinite(zeros)])
+
+
+@dataclass(frozen=True)
+class LocusTable:
+    """A root locus as a result. branches, poles (open loop) and zeros: roots in 1/s as [real,
+    imaginary], None for a root at infinity; each branch has a root for each of `gains` in `unit`.
+    Further fields: see stability.Limit."""
+
+    label: str
+    unit: str
+    gains: Numbers
+    branches: list[list[list[float] | None]]
+    poles: list[list[float] | None]
+    zeros: list[list[float] | None]
+    critical_gain: float | None
+    frequency_hz: float | None
+    reason: str | None
+    known_to: float | None
+    crossings: list[Crossing]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocusResult:
+    """Root loci of one loop, for different values of its parameters."""
+
+    loop: AnalysedLoop = json_field(inline=True)
+    loci: list[LocusTable]
 
 
 @dataclass(frozen=True)
@@ -61,24 +80,21 @@ class Locus:
     span_hz: float
     at_gain: Roots  # closed-loop poles at a given gain, 1/s
 
-    def summary(self) -> Summary:
-        """The locus as --json prints it: roots in 1/s as [real, imaginary], null for infinite
-        ones."""
-        return {
-            "label": self.label,
-            "unit": self.unit,
-            "gains": self.gains.tolist(),
-            "branches": [pairs(branch) for branch in self.branches.T],
-            **{k: v for k, v in self.ends.summary().items() if k != "label"},
-            "critical_gain": self.limit.gain,
-            "frequency_hz": self.limit.frequency_hz,
-            "reason": self.limit.reason or None,
-            "known_to": self.limit.known_to,
-            "crossings": [
-                {"gain": c.gain, "frequency_hz": c.frequency_hz, "direction": c.direction}
-                for c in self.crossings
-            ],
-        }
+    def table(self) -> LocusTable:
+        """The locus as a part of a result."""
+        return LocusTable(
+            label=self.label,
+            unit=self.unit,
+            gains=self.gains,
+            branches=[pairs(branch) for branch in self.branches.T],
+            poles=pairs(self.ends.poles),
+            zeros=pairs(self.ends.zeros),
+            critical_gain=self.limit.gain,
+            frequency_hz=self.limit.frequency_hz,
+            reason=self.limit.reason or None,
+            known_to=self.limit.known_to,
+            crossings=self.crossings,
+        )
 
 
 def span_of(ends: Array, critical_hz: float | None) -> float:
@@ -162,11 +178,11 @@ def loci(
 
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
-) -> tuple[list[Locus], Summary]:
-    """(loci, summary) of `forceaxis rlocus`, with a locus for each combination of `vary`, texts
-    NAME=VALUE,VALUE; span_hz as in `loci`."""
+) -> tuple[list[Locus], LocusResult]:
+    """(loci, result) with a locus for each combination of `vary`, texts NAME=VALUE,VALUE; span_hz
+    as in `loci`."""
     runs = varied(request.overrides, vary)
     found = [replace(request, overrides=values).loop() for _, values in runs]
     gains = [request.gain_of(loop) for loop in found]
     every = loci(found, [label for label, _ in runs], span_hz, gains)
-    return every, limits.describe_loop(found[-1]) | {"loci": [one.summary() for one in every]}
+    return every, LocusResult(loop=AnalysedLoop.of(found[-1]), loci=[one.table() for one in every])

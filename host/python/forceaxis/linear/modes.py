@@ -31,8 +31,8 @@ from forceaxis._core import InputError
 from forceaxis.linear import system as linear
 from forceaxis.linear import working
 from forceaxis.linear.plant_facts import ContactFacts, PlantFacts
-
-Pole = dict[str, float | None]  # a pole as {frequency_hz, damping_ratio, real, imag: value}
+from forceaxis.linear.working import Working
+from forceaxis.results import json_field
 
 CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
@@ -44,6 +44,70 @@ NO_RESIDUE = 1e-9
 NO_STIFFNESS = 1e-6
 # Poles slower than this (rad/s) count as equally slow when modes and poles are assigned.
 SLOW = 0.06
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A pole of a damped system; of a pair, the pole with the positive imaginary part.
+
+    frequency_hz: magnitude of the pole divided by 2 pi. damping_ratio: None for a pole at 0.
+    real_per_s, imag_per_s: real and imaginary part in 1/s.
+    """
+
+    frequency_hz: float
+    damping_ratio: float | None
+    real_per_s: float = json_field(key="real")
+    imag_per_s: float = json_field(key="imag")
+
+
+@dataclass(frozen=True)
+class VibrationMode:
+    """One mode of vibration of the undamped mechanics without the drive.
+
+    damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {body:
+    displacement}, the largest has the magnitude 1. residue: of the response from input to output,
+    in the unit of the output per N s^2. label and against_lowest: "colocated", "noncolocated" or
+    "neither", in comparison with the lowest mode that has a residue (`reference` is True for that
+    mode). against_below: in comparison with the next lower mode. driven: the corresponding pole of
+    the complete system with damping and drive, None if there is none.
+    """
+
+    frequency_hz: float
+    damping_ratio: float | None
+    shape: dict[str, float]
+    residue: float
+    label: str
+    against_lowest: str
+    against_below: str
+    reference: bool
+    driven: Pole | None
+
+    @property
+    def largest_body(self) -> str:
+        """The body with the largest displacement."""
+        return max(self.shape, key=lambda body: abs(self.shape[body]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeAnalysis:
+    """Result of `modes`: the modes of vibration of a model with their labels, ascending.
+
+    model: stem of the model file. contact: "pressed", "apart", or None for a model without contact.
+    working: the mode of operation that was analysed, None if the model has only one. has_path:
+    whether the input has an effect on the output. other_poles: poles of the complete system that
+    correspond to no mode of vibration.
+    """
+
+    model: str
+    title: str
+    contact: str | None
+    working: Working | None = json_field(inline=True)
+    input: str
+    output: str
+    has_path: bool = json_field(key="path")
+    criterion: str
+    modes: list[VibrationMode]
+    other_poles: list[Pole]
 
 
 @dataclass(frozen=True)
@@ -151,13 +215,15 @@ def modes(
     overrides: Mapping[str, Any] | None = None,
     states: Mapping[str, str] | None = None,
     free: bool = False,
-) -> dict[str, Any]:
-    """Modes of vibration of a model with their labels, as `forceaxis modes --json` prints them.
+) -> ModeAnalysis:
+    """The modes of vibration of a model with their labels, in ascending order of frequency.
 
-    model, overrides, states (there: modes), free: as for linear.linearise. input: drive.force or
-    BODY.force; output: a signal, by default that of the reading, or the endpoint's position if
-    nothing touches. A rate stands for its position. Raises InputError as linear.linearise does, and
-    where an input or output that was named has no path to the other.
+    model: a path, or the stem of a file in sim/models. input: "drive.force" or "BODY.force", in N.
+    output: a signal of the model; default: the measured force, or the position of the endpoint if
+    no contact is closed. A velocity or acceleration is replaced by its position. overrides:
+    {parameter: SI value or text with a unit}. states: {element: state} of the analysed mode of
+    operation. free: contacts are open. Raises InputError for a model, parameter, signal or state
+    that does not exist, and if a named input has no effect on the output.
     """
     path = linear.find_model(model)
     facts = linear.facts(path, overrides)
@@ -211,38 +277,37 @@ def modes(
             lowest = next_below = "colocated" if damped[i] else "neither"
         shape = m.shapes[:, i] / m.shapes[np.argmax(np.abs(m.shapes[:, i])), i]
         rows.append(
-            {
-                "frequency_hz": float(w / (2 * np.pi)),
-                "damping_ratio": None if w == 0 else float(m.damping_ratio[i]),
-                "shape": dict(zip(m.bodies, map(float, shape), strict=True)),
-                "residue": float(residues[i]) if seen[i] else 0.0,
-                "label": lowest,
-                "against_lowest": lowest,
-                "against_below": next_below,
-                "reference": i == reference,
-                "driven": matched[i],
-            }
+            VibrationMode(
+                frequency_hz=float(w / (2 * np.pi)),
+                damping_ratio=None if w == 0 else float(m.damping_ratio[i]),
+                shape=dict(zip(m.bodies, map(float, shape), strict=True)),
+                residue=float(residues[i]) if seen[i] else 0.0,
+                label=lowest,
+                against_lowest=lowest,
+                against_below=next_below,
+                reference=i == reference,
+                driven=matched[i],
+            )
         )
-    return {
-        "model": path.stem,
-        "title": facts.title,
-        "contact": ("pressed" if pressed else "apart") if contacts else None,
-        **working.summary(taken),
-        "input": input,
-        "output": output,
-        "path": has_path,
-        "criterion": CRITERION,
-        "modes": rows,
-        "other_poles": others,
-    }
+    return ModeAnalysis(
+        model=path.stem,
+        title=facts.title,
+        contact=("pressed" if pressed else "apart") if contacts else None,
+        working=taken.shown,
+        input=input,
+        output=output,
+        has_path=has_path,
+        criterion=CRITERION,
+        modes=rows,
+        other_poles=others,
+    )
 
 
 def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[Pole]]:
     """Assigns a pole of the damped `system` to each undamped mode: ([pole or None], [other
     poles]).
 
-    A pole is a dictionary; of a pair it is the one with positive imaginary part. A pole is assigned
-    at most once, to a mode with similar displacements and a similar frequency.
+    A pole is assigned at most once, to a mode with similar displacements and a similar frequency.
     """
     poles, vectors = linalg.eig(system.A)
     keep = poles.imag >= 0
@@ -251,7 +316,9 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
     # The computed pole of a rigid body differs from 0 by rounding.
     poles = np.where(np.abs(poles) > 1e-12 * np.abs(poles).max(), poles, 0)
     names = [_pole(p) for p in poles]
-    others = sorted((p for j, p in enumerate(names) if j not in pairs.values()), key=_frequency)
+    others = sorted(
+        (p for j, p in enumerate(names) if j not in pairs.values()), key=lambda p: p.frequency_hz
+    )
     return [names[pairs[i]] if i in pairs else None for i in range(len(m.w))], others
 
 
@@ -286,13 +353,9 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
 
 def _pole(pole: complex) -> Pole:
     size = abs(pole)
-    return {
-        "frequency_hz": float(size / (2 * np.pi)),
-        "damping_ratio": float(-pole.real / size) if size > 0 else None,
-        "real": float(pole.real),
-        "imag": float(pole.imag),
-    }
-
-
-def _frequency(pole: Pole) -> Any:
-    return pole["frequency_hz"]
+    return Pole(
+        frequency_hz=float(size / (2 * np.pi)),
+        damping_ratio=float(-pole.real / size) if size > 0 else None,
+        real_per_s=float(pole.real),
+        imag_per_s=float(pole.imag),
+    )

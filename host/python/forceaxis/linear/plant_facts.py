@@ -9,7 +9,7 @@ from forceaxis import _core
 Overrides = Mapping[str, float | str]  # parameter name to SI value, or to a text with a unit
 
 
-class Parameter(NamedTuple):
+class ParameterFacts(NamedTuple):
     """A parameter of a model: its value in SI units, and the name of that unit."""
 
     value: float
@@ -69,7 +69,7 @@ class PlantFacts:
     title: str
     masses_kg: dict[str, float]
     signals: dict[str, str]
-    parameters: dict[str, Parameter]
+    parameters: dict[str, ParameterFacts]
     contacts: tuple[ContactFacts, ...]
     switches: dict[str, tuple[str, ...]]
     drive: DriveFacts | None
@@ -112,7 +112,7 @@ def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
         title=table["title"],
         masses_kg=table["masses_kg"],
         signals=table["signals"],
-        parameters={name: Parameter(*given) for name, given in table["parameters"].items()},
+        parameters={name: ParameterFacts(*given) for name, given in table["parameters"].items()},
         contacts=tuple(ContactFacts(**contact) for contact in table["contacts"]),
         switches=table["switches"],
         drive=_optional(DriveFacts, table["drive"]),

@@ -1,7 +1,7 @@
 """Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes, in the thesis's form.
 
-The arguments are data of other modules: `curves.Curve`, `locus.Locus` and `locus.Array`, or the
-content that a verb prints with --json.
+The arguments are curves, loci, arrays of poles and zeros, or results of the modules beside this
+one.
 """
 
 from collections.abc import Sequence
@@ -30,9 +30,18 @@ from forceaxis.drawing import (
     plain_ticks,
     style,
 )
-from forceaxis.linear.curves import Curve
-from forceaxis.linear.limits import Summary
-from forceaxis.linear.locus import Array, Locus, Numbers, Roots
+from forceaxis.linear.curves import Curve, LoopBode, NyquistResult, PlantBode
+from forceaxis.linear.limits import (
+    AnalysedLoop,
+    LimitResult,
+    LoopAtGain,
+    PolesResult,
+    Root,
+    StepResult,
+)
+from forceaxis.linear.locus import Array, Locus, LocusResult, Numbers, Roots
+from forceaxis.linear.modes import ModeAnalysis
+from forceaxis.linear.sets import CurvesOfSet, StepOfSet, WorstAtGain
 from forceaxis.linear.system import facts
 
 MEMBER: dict[str, Any] = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
@@ -45,12 +54,12 @@ def bode(
     phase_only: bool = False,
     size: tuple[float, float] = (5.6, 4.4),
     others: Sequence[Curve] = (),
-    margins: Summary | None = None,
+    margins: LimitResult | None = None,
 ) -> Figure:
     """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude.
 
-    others: curves of the other members of a set, drawn thin. margins: the content of `forceaxis
-    limit` at the gain of the curve; the margins are marked at the first curve.
+    others: curves of the other members of a set, drawn thin. margins: the limit of the loop and
+    its figures at the gain of the curves; the margins are marked at the first curve.
     """
     rows = 1 if phase_only else 2
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
@@ -86,8 +95,8 @@ def bode(
         plain_ticks(axes[0, 0].yaxis)
         units = dict.fromkeys(c.unit for c in curves)
         axes[0, 0].set_ylabel(f"{ylabel}, {' or '.join(units)}".rstrip(", "))
-        if margins:
-            mark_margins(axes[0, 0], phase, curves[0], margins)
+        if margins and margins.at:
+            mark_margins(axes[0, 0], phase, curves[0], margins, margins.at)
         decibels(axes[0, 0], " or ".join(units))
     if len(curves) > 1:
         legend(axes[0, 0], loc="best")
@@ -106,10 +115,9 @@ def members_key(ax: Axes, **more: Any) -> None:
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best", **more)
 
 
-def mark_margins(size: Axes, phase: Axes, curve: Curve, loop: Summary) -> None:
+def mark_margins(size: Axes, phase: Axes, curve: Curve, limit: LimitResult, at: LoopAtGain) -> None:
     """Marks gain and phase margin of a loop gain, as distances from |L| = 1 and from -180
     degrees."""
-    at = loop["at"]
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     look: dict[str, Any] = {
         "color": GOT,
@@ -119,15 +127,15 @@ def mark_margins(size: Axes, phase: Axes, curve: Curve, loop: Summary) -> None:
         "markersize": 5,
     }
     notes = []
-    crossover, margin = at["crossover_hz"], at["phase_margin_deg"]
+    crossover, margin = at.margins.crossover_hz, at.margins.phase_margin_deg
     if crossover and margin is not None:
         angle = np.interp(np.log(crossover), np.log(curve.frequency_hz), curve.phase_deg)
         for ax in (size, phase):
             ax.axvline(crossover, color=GOT, linewidth=0.6, linestyle=":", zorder=1)
         phase.plot([crossover] * 2, [angle - margin, angle], **look)
         notes.append(f"phase margin {margin:.3g} degrees at {crossover:.3g} Hz")
-    factor = at["gain_margin"]
-    turns = [c["frequency_hz"] for c in loop["crossings"] if c["gain"] > at["gain"]]
+    factor = at.margins.gain_margin
+    turns = [c.frequency_hz for c in limit.crossings if c.gain > at.gain]
     if factor and turns and turns[0]:
         turn = turns[0]
         for ax in (size, phase):
@@ -382,15 +390,15 @@ def frame(sizes: Numbers) -> float:
     return 1.18 * float(ordered[gaps[0]] if len(gaps) else ordered[-1])
 
 
-def mode_shapes(result: Summary, title: str = "") -> Figure:
-    """Figure of `modes.modes()` with a row for each mode; each body is shown at rest (dashed) and
+def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
+    """Figure of a ModeAnalysis with a row for each mode; each body is shown at rest (dashed) and
     displaced.
 
     The bodies are side by side in the order of the model; displacements are along the axis. The
     largest displacement has the same length in each mode.
     """
-    rows = result["modes"]
-    bodies = list(rows[0]["shape"]) if rows else []
+    rows = result.modes
+    bodies = list(rows[0].shape) if rows else []
     figure, ax = plt.subplots(figsize=(2.6 + 1.15 * len(bodies), 0.8 + 0.72 * len(rows)))
     ax.set_axis_off()
     wide, tall, reach = 0.3, 0.4, 0.33
@@ -398,7 +406,7 @@ def mode_shapes(result: Summary, title: str = "") -> Figure:
         y = -row
         ax.plot([-0.5, len(bodies) - 0.5], [y, y], color="#d8dee4", linewidth=0.8, zorder=0)
         for x, body in enumerate(bodies):
-            value = mode["shape"][body]
+            value = mode.shape[body]
             moved = x + reach * value
             box: dict[str, Any] = {"width": wide, "height": tall, "linewidth": 0.9}
             ax.add_patch(
@@ -413,11 +421,11 @@ def mode_shapes(result: Summary, title: str = "") -> Figure:
                 f"{value:+.2f}" if abs(value) >= 0.005 else "0", (moved, y), fontsize=6,
                 color=INK, ha="center", va="center",
             )  # fmt: skip
-        zeta = mode["damping_ratio"]
-        head = f"{mode['frequency_hz']:.3g} Hz" + ("" if zeta is None else f", \u03b6 {zeta:.2g}")
-        label = mode["label"] + (", the reference" if mode["reference"] else "")
+        zeta = mode.damping_ratio
+        head = f"{mode.frequency_hz:.3g} Hz" + ("" if zeta is None else f", \u03b6 {zeta:.2g}")
+        label = mode.label + (", the reference" if mode.reference else "")
         ax.text(-0.65, y + 0.13, head, fontsize=8, color=INK, ha="right", va="center")
-        colour = GOT if mode["label"] == "noncolocated" else WANTED
+        colour = GOT if mode.label == "noncolocated" else WANTED
         ax.text(-0.65, y - 0.17, label, fontsize=7, color=colour, ha="right", va="center")
     for x, body in enumerate(bodies):
         ax.text(x, 0.5, body.replace("_", " "), fontsize=8, color=INK, ha="center", va="bottom")
@@ -427,16 +435,16 @@ def mode_shapes(result: Summary, title: str = "") -> Figure:
     return figure
 
 
-def step_response(result: Summary) -> Figure:
-    """Figure of `limits.step_summary()`."""
+def step_response(result: StepResult) -> Figure:
+    """Figure of a step response."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
-    ax.plot(result["time_s"], result["value"], color=INK, linewidth=1.2)
-    if result["final"] is not None:
-        ax.axhline(result["final"], color=GOT, linewidth=0.8, linestyle=":")
+    ax.plot(result.response.time_s, result.response.value, color=INK, linewidth=1.2)
+    if result.response.final is not None:
+        ax.axhline(result.response.final, color=GOT, linewidth=0.8, linestyle=":")
     ax.set_xlabel("time, s")
-    ax.set_ylabel(f"{result['output']}\nper unit step")
-    finish(figure, ax, f"{loop_title(result)}, {result['gain']:.4g} {result['unit']}")
+    ax.set_ylabel(f"{result.loop.output}\nper unit step")
+    finish(figure, ax, f"{loop_title(result.loop)}, {result.gain:.4g} {result.unit}")
     return figure
 
 
@@ -453,80 +461,91 @@ TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a ti
            "zoh and zoh+1": "sampled, on time and a tick late"}  # fmt: skip
 
 
-def loop_title(summary: Summary) -> str:
+PART_NAMES = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sensitivity"}
+
+
+def loop_title(loop: AnalysedLoop) -> str:
     """The title of a figure of a loop."""
-    law, timing = summary["law"], summary["timing"]
-    return f"{name_of(summary['model'])}: {LAWS.get(law, law)}, {TIMINGS.get(timing, timing)}"
+    law, timing = LAWS.get(loop.law, loop.law), TIMINGS.get(loop.timing, loop.timing)
+    return f"{name_of(loop.model)}: {law}, {timing}"
 
 
-def bode_figure(curves: Sequence[Curve], summary: Summary) -> Figure:
-    """Figure of the content of `forceaxis bode --json`; over a set the first curve is nominal."""
-    if "over" not in summary:
-        curves = [replace(c, label=with_units(c.label, summary["model"])) for c in curves]
-    names: Any
-    if summary["of"] != "plant":
-        names = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sensitivity"}
-        label = names[summary["of"]]
-        title = f"{loop_title(summary)}, {label}"
-        if "over" not in summary:
-            loop = summary["curves"][0].get("loop")
-            return bode(curves, title, label, margins=loop if summary["of"] == "loop" else None)
+def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOfSet) -> Figure:
+    """Bode plot of the curves of a result; over a set the first curve is nominal."""
+    if isinstance(result, CurvesOfSet):
+        label = PART_NAMES[result.of or "loop"]
+        title = f"{loop_title(result.analysed.loop)}, {label}"
         return bode([replace(curves[0], label="")], title, label, others=curves[1:])
-    names = list(dict.fromkeys(c["output"] for c in summary["curves"]))
+    if isinstance(result, LoopBode):
+        label = PART_NAMES[result.of]
+        margins = result.curves[0].loop if result.of == "loop" else None
+        named = _with_units(curves, result.loop.model)
+        return bode(named, f"{loop_title(result.loop)}, {label}", label, margins=margins)
+    names = list(dict.fromkeys(c.output for c in result.curves))
     label = names[0] if len(names) == 1 else "amplitude"
-    stem = name_of(summary["model"])
-    title = f"{stem}: {summary['input']} to {', '.join(names)}, {summary['timing']}"
-    return bode(curves, title, label)
+    title = f"{name_of(result.model)}: {result.input} to {', '.join(names)}, {result.timing}"
+    return bode(_with_units(curves, result.model), title, label)
 
 
-def rlocus_figure(loci: Sequence[Locus], summary: Summary) -> Figure:
-    """Figure of the content of `forceaxis rlocus --json`."""
-    named = [replace(one, label=with_units(one.label, summary["model"])) for one in loci]
-    return rlocus(named, loop_title(summary))
+def _with_units(curves: Sequence[Curve], model: str) -> list[Curve]:
+    """The curves of a model, with units in their labels."""
+    return [replace(c, label=with_units(c.label, model)) for c in curves]
 
 
-def nyquist_figure(summary: Summary) -> Figure:
-    """Figure of the content of `forceaxis nyquist --json`."""
-    at = summary["at"]
-    own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
-    title = f"{loop_title(summary)}\nk = {at['gain']:.3g} {summary['unit']}{own}"
-    values = np.array(summary["real"]) + 1j * np.array(summary["imag"])
-    return nyquist(np.array(summary["frequency_hz_of_curve"]), values, title)
+def rlocus_figure(loci: Sequence[Locus], result: LocusResult) -> Figure:
+    """Root-locus plot of the loci of a result."""
+    named = [replace(one, label=with_units(one.label, result.loop.model)) for one in loci]
+    return rlocus(named, loop_title(result.loop))
 
 
-def nyquist_set_figure(curves: Sequence[Curve], summary: Summary) -> Figure:
-    """Figure of the content of `forceaxis nyquist --json` over a set."""
-    at, first = summary["at"], curves[0]
-    own = f" (force_gain {at['firmware_gain']:.3g})" if at["firmware_gain"] else ""
-    title = f"{loop_title(summary)}\nk = {at['gain']:.3g} {summary['unit']}{own}"
-    return nyquist(first.frequency_hz, first.response, title, others=curves[1:])
+def nyquist_figure(result: NyquistResult) -> Figure:
+    """Nyquist plot of one loop."""
+    limit = result.limit
+    title = _title_with_gain(limit.loop, result.at, limit.unit)
+    return nyquist(result.frequency_hz, result.real + 1j * result.imag, title)
 
 
-def step_set_figure(summary: Summary) -> Figure:
-    """Figure of `sets.step_of()`."""
+def nyquist_set_figure(curves: Sequence[Curve], result: CurvesOfSet) -> Figure:
+    """Nyquist plot of the loops of a set; the first curve is nominal."""
+    title = _title_with_gain(result.analysed.loop, result.at, result.unit)
+    return nyquist(curves[0].frequency_hz, curves[0].response, title, others=curves[1:])
+
+
+def _title_with_gain(loop: AnalysedLoop, at: LoopAtGain | WorstAtGain, unit: str) -> str:
+    """The title of a figure of a loop at a gain."""
+    own = f" (force_gain {at.firmware_gain:.3g})" if at.firmware_gain else ""
+    return f"{loop_title(loop)}\nk = {at.gain:.3g} {unit}{own}"
+
+
+def step_set_figure(result: StepOfSet) -> Figure:
+    """Figure of the step responses of a set; the first response is nominal."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
-    first, *others = summary["members"]
+    responses = [member.response for member in result.members]
+    first, *others = responses
     for one in others:
-        ax.plot(one["time_s"], one["value"], **MEMBER)
-    ax.plot(first["time_s"], first["value"], color=INK, linewidth=1.2)
-    if not summary["stable"]:  # an unstable response grows and would hide the others
-        shown = [m for m in summary["members"] if m["stable"]] or [first]
-        reach = 1.5 * max(np.abs(m["value"]).max() for m in shown)
+        ax.plot(one.time_s, one.value, **MEMBER)
+    ax.plot(first.time_s, first.value, color=INK, linewidth=1.2)
+    if not result.stable:  # an unstable response grows and would hide the others
+        shown = [one for one in responses if one.stable] or [first]
+        reach = 1.5 * max(np.abs(one.value).max() for one in shown)
         ax.set_ylim(-reach, reach)
+    loop = result.analysed.loop
     ax.set_xlabel("time, s")
-    ax.set_ylabel(f"{summary['output']}\nper unit step")
-    finish(figure, ax, f"{loop_title(summary)}, {summary['gain']:.4g} {summary['unit']}")
+    ax.set_ylabel(f"{loop.output}\nper unit step")
+    finish(figure, ax, f"{loop_title(loop)}, {result.gain:.4g} {result.unit}")
     return figure
 
 
-def poles_figure(summary: Summary, span_hz: float | None = None) -> Figure:
-    """Figure of the content of `forceaxis poles --json`."""
+def poles_figure(result: PolesResult, span_hz: float | None = None) -> Figure:
+    """Figure of poles and zeros; roots at infinity are left out."""
 
-    def roots(kind: str) -> Roots:
-        found = [r for r in summary[kind] if r["re_per_s"] is not None]
-        return np.array([complex(r["re_per_s"], r["im_per_s"] or 0.0) for r in found], complex)
+    def finite(roots: Sequence[Root]) -> Roots:
+        return np.array(
+            [complex(r.re_per_s, r.im_per_s or 0.0) for r in roots if r.re_per_s is not None],
+            complex,
+        )
 
-    stem = name_of(summary["model"])
-    title = f"{stem}: {summary['input']} to {summary['output']}, {summary['timing']}"
-    return pole_zero([Array("", roots("poles"), roots("zeros"))], title, span_hz)
+    about = result.subject
+    title = f"{name_of(about.model)}: {result.input} to {result.output}, {about.timing}"
+    return pole_zero([Array("", finite(result.poles), finite(result.zeros))], title, span_hz)

@@ -6,15 +6,168 @@ from dataclasses import dataclass, replace
 from forceaxis import toml
 from forceaxis.errors import ParameterError
 from forceaxis.linear import curves, limits, over, plant_set, settings
-from forceaxis.linear.limits import Summary
+from forceaxis.linear.curves import Curve, CurveTable, LoopBode, PlantBode
+from forceaxis.linear.limits import AnalysedLoop, StepResponse
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member
 from forceaxis.linear.request import LoopRequest, one_gain
 from forceaxis.linear.settings import ModelSettings
 from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import System
+from forceaxis.results import json_field
 
 BOTH = ("zoh", "zoh+1")
+
+
+@dataclass(frozen=True)
+class SetMember:
+    """One loop of a set: {parameter: SI value} and {element: state} of its plant, and its
+    timing."""
+
+    values: dict[str, float]
+    modes: dict[str, str]
+    timing: str
+
+    @classmethod
+    def of(cls, member: Member, timing: str) -> "SetMember":
+        """The loop around a member of a set of plants with a timing."""
+        return cls(member.values, member.modes, timing)
+
+    def label(self) -> str:
+        """Text for a user: "k_w = 288,900, drive.amplifier = high outer, zoh"."""
+        return f"{Member(self.values, self.modes).label()}, {self.timing}"
+
+
+@dataclass(frozen=True)
+class RangeEntry:
+    """The range of a parameter of a set in SI units."""
+
+    nominal: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SetEntry:
+    """The set of plants of a result: {parameter: range}, its modes as {element: state}, and the
+    timings of its loops."""
+
+    ranges: dict[str, RangeEntry]
+    modes: list[dict[str, str]]
+    timings: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnalysedSet:
+    """The set of loops that was analysed, as a part of a result; loop: the nominal loop."""
+
+    loop: AnalysedLoop = json_field(inline=True)
+    over: SetEntry
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstAtGain:
+    """The worst value of each figure over a set of loops at one gain, k in the unit of the loop.
+
+    firmware_gain: the gain in DAC codes per 8-bit count, None if the loops do not feed back ADC 0.
+    The figures are those of over.Worst. member: {name of a figure, "stable" or "sag": the loop with
+    the worst value}. members: number of loops that were analysed.
+    """
+
+    gain: float
+    firmware_gain: float | None
+    stable: bool
+    fS_Hz: float | None
+    fT_Hz: float | None
+    Ms: float | None
+    gain_margin: float | None
+    phase_margin_deg: float | None
+    known_to: float | None
+    sag: bool
+    members: int
+    member: dict[str, SetMember]
+
+
+@dataclass(frozen=True)
+class NominalLimit:
+    """Critical gain of the nominal loop, and the gain above which rounding hides crossings; see
+    stability.Limit."""
+
+    critical_gain: float | None
+    known_to: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitOfSet:
+    """The largest gain at which all loops of a set are stable, and the loop that limits it.
+
+    critical_gain: k in `unit`, None if all loops are stable at every gain, or up to known_to; the
+    further fields are as in limits.LimitResult. at: worst figures at the gain of the request.
+    """
+
+    critical_gain: float | None
+    unit: str
+    frequency_hz: float | None
+    known_to: float | None
+    firmware_gain: float | None
+    largest_firmware_gain: float | None
+    member: SetMember
+    nominal: NominalLimit
+    analysed: AnalysedSet = json_field(inline=True)
+    at: WorstAtGain | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MemberCurve(SetMember):
+    """The curve of one loop of a set at its gain k."""
+
+    gain: float
+    table: CurveTable = json_field(inline=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvesOfSet:
+    """Frequency responses of the loops of a set, the nominal ones first, and the worst figures; of:
+    the part of the loop in a Bode plot, None in a Nyquist plot."""
+
+    analysed: AnalysedSet = json_field(inline=True)
+    unit: str
+    at: WorstAtGain
+    curves: list[MemberCurve]
+    of: str | None = json_field(omit_none=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MemberStep(SetMember):
+    """The step response of one loop of a set."""
+
+    response: StepResponse = json_field(inline=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstStep:
+    """The largest value of a figure of the step responses, and the loop that has it."""
+
+    value: float
+    member: SetMember = json_field(inline=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepOfSet:
+    """The step responses of the loops of a set, the nominal ones first.
+
+    gain: k of the nominal loop in `unit`; firmware_gain: in DAC codes per 8-bit count, None if the
+    loops do not feed back ADC 0. stable: whether all loops are stable. worst: the largest overshoot
+    ("overshoot") and settling time ("settle_s").
+    """
+
+    analysed: AnalysedSet = json_field(inline=True)
+    gain: float
+    unit: str
+    firmware_gain: float | None
+    stable: bool
+    worst: dict[str, WorstStep]
+    members: list[MemberStep]
 
 
 def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
@@ -90,58 +243,59 @@ def _modes_of(
     return (fixed,)
 
 
-def _one(member: Member, timing: str) -> Summary:
-    """A member for JSON."""
-    return {"values": member.values, "modes": member.modes, "timing": timing}
+def _analysed(found: LoopSet) -> AnalysedSet:
+    """The entry about the analysed set in a result."""
+    return AnalysedSet(
+        loop=replace(AnalysedLoop.of(found.nominal()), timing=" and ".join(found.timings)),
+        over=SetEntry(
+            {name: RangeEntry(*span) for name, span in found.plants.ranges.items()},
+            list(found.plants.modes),
+            found.timings,
+        ),
+    )
 
 
-def described(found: LoopSet) -> Summary:
-    """The entry about the analysed set in the summary of a verb."""
-    ranges = {n: dict(zip(("nominal", "low", "high"), r, strict=True))
-              for n, r in found.plants.ranges.items()}  # fmt: skip
-    modes = [dict(m) for m in found.plants.modes]
-    return limits.describe_loop(found.nominal()) | {
-        "timing": " and ".join(found.timings),
-        "over": {"ranges": ranges, "modes": modes, "timings": list(found.timings)},
-    }
-
-
-def worst_summary(found: LoopSet, gain: float | None, force_gain: float | None) -> Summary:
-    """The worst of each figure at a gain, and the member that has this worst figure."""
+def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> WorstAtGain:
+    """The worst value of each figure of a set at a gain k, or at a force_gain in DAC codes per
+    8-bit count."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
     worst = over.worst(found.plants, found.timings, found.spec, gain, force_gain)
-    return {
-        "gain": k,
-        "firmware_gain": nominal.firmware_gain(k) if nominal.codes_per_gain is not None else None,
-        "stable": worst.stable,
-        **{name: getattr(worst, name) for name in (*over.FIGURES, "known_to")},
-        "sag": worst.sag,
-        "members": worst.members,
-        "member": {name: _one(*who) for name, who in worst.member.items()},
-    }
+    return WorstAtGain(
+        gain=k,
+        firmware_gain=nominal.optional_firmware_gain(k),
+        stable=worst.stable,
+        fS_Hz=worst.fS_Hz,
+        fT_Hz=worst.fT_Hz,
+        Ms=worst.Ms,
+        gain_margin=worst.gain_margin,
+        phase_margin_deg=worst.phase_margin_deg,
+        known_to=worst.known_to,
+        sag=worst.sag,
+        members=worst.members,
+        member={name: SetMember.of(*who) for name, who in worst.member.items()},
+    )
 
 
-def limit_summary(found: LoopSet) -> Summary:
-    """The content of `forceaxis limit --over --json`."""
+def limit_of(found: LoopSet) -> LimitOfSet:
+    """The largest gain at which all loops of a set are stable, and the worst figures at the gain of
+    the set."""
     largest = over.largest_gain(found.plants, found.timings, found.spec)
-    gain, loop = largest.gain, found.loop(largest.member, largest.timing)
+    loop = found.loop(largest.member, largest.timing)
     own = found.nominal().limit()
-    reading = loop.codes_per_gain is not None
-    summary = {
-        "critical_gain": gain,
-        "unit": loop.unit,
-        "frequency_hz": largest.frequency_hz,
-        "known_to": largest.known_to,
-        "firmware_gain": loop.firmware_gain(gain) if reading and gain else None,
-        "largest_firmware_gain": limits.largest_firmware_gain(loop, loop.limit()),
-        "member": _one(largest.member, largest.timing),
-        "nominal": {"critical_gain": own.gain, "known_to": own.known_to},
-        **described(found),
-    }
-    if found.gain is not None or found.force_gain is not None:
-        summary["at"] = worst_summary(found, found.gain, found.force_gain)
-    return summary
+    has_gain = found.gain is not None or found.force_gain is not None
+    return LimitOfSet(
+        critical_gain=largest.gain,
+        unit=loop.unit,
+        frequency_hz=largest.frequency_hz,
+        known_to=largest.known_to,
+        firmware_gain=loop.optional_firmware_gain(largest.gain),
+        largest_firmware_gain=limits.largest_firmware_gain(loop, loop.limit()),
+        member=SetMember.of(largest.member, largest.timing),
+        nominal=NominalLimit(own.gain, own.known_to),
+        analysed=_analysed(found),
+        at=worst_at(found, found.gain, found.force_gain) if has_gain else None,
+    )
 
 
 def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
@@ -157,10 +311,11 @@ def _curves_over(
     response: Callable[[Loop, float], System],
     span_hz: tuple[float, float],
     points: int,
-) -> tuple[list[curves.Curve], Summary]:
-    """(curves, summary) of response(loop, k), a System with one input and output, over the set.
+    of: str | None = None,
+) -> tuple[list[Curve], CurvesOfSet]:
+    """(curves, result) of response(loop, k), a System with one input and output, over the set.
 
-    The first curve is nominal; the summary contains the worst of each figure.
+    The first curve is nominal; the result contains the worst value of each figure, and `of`.
     """
     gain, force_gain = found.drawn_gain()
     drawn, rows = [], []
@@ -169,17 +324,18 @@ def _curves_over(
         system = response(loop, k)
         one = curves.curve(system, f"{member.label()}, {timing}", span_hz, points=points)
         drawn.append(one)
-        rows.append(_one(member, timing) | {"gain": k} | one.summary())
-    summary = described(found) | {
-        "unit": found.nominal().unit,
-        "at": worst_summary(found, gain, force_gain),
-        "curves": rows,
-    }
-    return drawn, summary
+        rows.append(MemberCurve(member.values, member.modes, timing, gain=k, table=one.table()))
+    return drawn, CurvesOfSet(
+        analysed=_analysed(found),
+        unit=found.nominal().unit,
+        at=worst_at(found, gain, force_gain),
+        curves=rows,
+        of=of,
+    )
 
 
-def nyquist_of(found: LoopSet) -> tuple[list[curves.Curve], Summary]:
-    """(curves, summary) of `forceaxis nyquist` over a set: loop gains."""
+def nyquist_of(found: LoopSet) -> tuple[list[Curve], CurvesOfSet]:
+    """(curves, result) of the loop gains of a set, for a Nyquist plot."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
@@ -188,8 +344,8 @@ def bode(
     view: curves.BodeView,
     ranges: Sequence[str] = (),
     modes: str | None = None,
-) -> tuple[list[curves.Curve], Summary]:
-    """(curves, summary) of `forceaxis bode`, for a plant, for a loop, or for a set of loops.
+) -> tuple[list[Curve], LoopBode | PlantBode | CurvesOfSet]:
+    """(curves, result) of a Bode plot, for a plant, for a loop, or for a set of loops.
 
     ranges, modes: as in `loop_set`.
     """
@@ -213,36 +369,42 @@ def bode(
         raise ParameterError("vary", "expected without `over`, `modes` and `timing` both")
     found = loop_set(request, ranges, modes)
     curves.check_span(view.span_hz, found.timings[0])
-    drawn, summary = _curves_over(found, curves.PARTS[part], view.span_hz, 250)
-    return drawn, summary | {"of": part}
+    return _curves_over(found, curves.PARTS[part], view.span_hz, 250, of=part)
 
 
-def step_of(found: LoopSet, duration_s: float) -> Summary:
-    """The result of `forceaxis step` over a set: the nominal response and those of other
-    members."""
+def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
+    """The step responses of the nominal and of other loops of a set; duration_s as in
+    limits.step_response."""
     given = found.drawn_gain()
     rows = []
     for member, timing, loop in _members(found):
-        gain = over.gain_at(loop, *given)
-        one = limits.step_summary(loop, gain, duration_s)
-        rows.append(_one(member, timing) | {
-            name: one[name] for name in ("stable", "rise_s", "settle_s", "overshoot", "final",
-                                         "time_s", "value")
-        })  # fmt: skip
-    worst = {}
-    stable = [row for row in rows if row["stable"]]
-    for name in ("overshoot", "settle_s"):
-        has = [row for row in stable if row[name] is not None]
-        if has:
-            row = max(has, key=lambda row: row[name])
-            worst[name] = {"value": row[name]} | {n: row[n] for n in ("values", "modes", "timing")}
+        response = limits.step_response(loop, over.gain_at(loop, *given), duration_s)
+        rows.append(MemberStep(member.values, member.modes, timing, response=response))
     loop = found.nominal()
     gain = over.gain_at(loop, *given)
-    return described(found) | {
-        "gain": gain,
-        "unit": loop.unit,
-        "firmware_gain": loop.firmware_gain(gain) if loop.codes_per_gain is not None else None,
-        "stable": len(stable) == len(rows),
-        "worst": worst,
-        "members": rows,
+    worst = {
+        "overshoot": _worst_step(rows, lambda response: response.overshoot),
+        "settle_s": _worst_step(rows, lambda response: response.settle_s),
     }
+    return StepOfSet(
+        analysed=_analysed(found),
+        gain=gain,
+        unit=loop.unit,
+        firmware_gain=loop.optional_firmware_gain(gain),
+        stable=all(row.response.stable for row in rows),
+        worst={name: step for name, step in worst.items() if step is not None},
+        members=rows,
+    )
+
+
+def _worst_step(
+    rows: Sequence[MemberStep], figure: Callable[[StepResponse], float | None]
+) -> WorstStep | None:
+    """The first response with the largest value of a figure; None if no response has the figure."""
+    found: WorstStep | None = None
+    for row in rows:
+        value = figure(row.response)
+        if value is not None and (found is None or value > found.value):
+            member = SetMember(row.values, row.modes, row.timing)
+            found = WorstStep(value=value, member=member)
+    return found

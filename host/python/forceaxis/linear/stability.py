@@ -66,18 +66,29 @@ class Limit:
 
 
 @dataclass(frozen=True)
-class Margins:
-    """Margins at one gain. `gain_margin` is None if there is no crossing above, or none up to
-    `known_to`."""
+class Crossover:
+    """A frequency at which the magnitude of the loop gain is 1, and the phase margin there."""
 
-    gain_margin: float | None  # gain factor up to the next crossing above
-    # gain factor (< 1) down to the next crossing below; None: there is no crossing
+    frequency_hz: float
+    phase_margin_deg: float
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a loop at one gain.
+
+    gain_margin: gain factor up to the next crossing above, None if there is no crossing, or none up
+    to `known_to`. gain_reduction: gain factor (< 1) down to the next crossing below, None if there
+    is no crossing. phase_margin_deg: the phase margin with the smallest magnitude, at
+    crossover_hz; None if |L| is 1 at no frequency. crossovers: all of them. known_to: gain factor
+    above which rounding hides crossings, None if there is no such factor.
+    """
+
+    gain_margin: float | None
     gain_reduction: float | None
-    # the value with the smallest magnitude; None: |L| is 1 at no frequency
     phase_margin_deg: float | None
-    crossover_hz: float | None  # where that is
-    crossovers: list[tuple[float, float]]  # all (frequency_hz, phase_margin_deg)
-    # gain factor above which rounding hides crossings; None: there is no such factor
+    crossover_hz: float | None
+    crossovers: list[Crossover]
     known_to: float | None = None
 
 
@@ -117,6 +128,11 @@ class Loop:
         if self.codes_per_gain is None:
             raise _core.InputError("firmware gain: expected the loop of ADC 0's reading")
         return gain * self.codes_per_gain
+
+    def optional_firmware_gain(self, gain: float | None) -> float | None:
+        """As `firmware_gain`; None for gain None or 0, and if the loop does not feed back the
+        signal of ADC 0."""
+        return self.firmware_gain(gain) if gain and self.codes_per_gain is not None else None
 
     def gain_of(self, firmware_gain: float) -> float:
         """k of a firmware force_gain."""
@@ -463,12 +479,15 @@ class Loop:
         for i in np.flatnonzero(values[:-1] * values[1:] < 0):
             w = self._root(size, grid[i], grid[i + 1])
             phase = float(np.degrees(np.angle(-self._at(w))))
-            crossovers.append((self.hz(w), phase))
-        none: tuple[float | None, float | None] = None, None
-        crossover, margin_deg = min(crossovers, key=lambda c: abs(c[1])) if crossovers else none
-        known = None if above or known_to is None else known_to / gain
+            crossovers.append(Crossover(self.hz(w), phase))
+        least = min(crossovers, key=lambda c: abs(c.phase_margin_deg), default=None)
         return Margins(
-            above and above / gain, below and below / gain, margin_deg, crossover, crossovers, known
+            gain_margin=above and above / gain,
+            gain_reduction=below and below / gain,
+            phase_margin_deg=least.phase_margin_deg if least else None,
+            crossover_hz=least.frequency_hz if least else None,
+            crossovers=crossovers,
+            known_to=None if above or known_to is None else known_to / gain,
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:

@@ -22,6 +22,7 @@ from forceaxis.linear import plant_facts
 from forceaxis.linear import working as working_mode
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.working import States, Working
+from forceaxis.results import json_field
 
 TICK_S = 1 / _core.TICKS_PER_SECOND
 Matrix = NDArray[Any]  # of float, np.longdouble or complex
@@ -369,15 +370,32 @@ def export(system: System, path: str | Path) -> None:
         np.savez(path, **arrays, **names)
 
 
-def summary(system: System, mode: Working | None = None) -> dict[str, Any]:
-    """The content of `forceaxis linearise --json`; mode: the working.Working of the system."""
-    return (
-        working_mode.summary(mode or Working({}))
-        | {
-            "states": list(system.states),
-            "inputs": list(system.inputs),
-            "outputs": list(system.outputs),
-            "dt": system.dt,
-        }
-        | {name: getattr(system, name).tolist() for name in "ABCD"}
+@dataclass(frozen=True, kw_only=True)
+class SystemResult:
+    """A System as a result, with the mode of the model (None if it has only one) and dt in s (None
+    if the system is continuous)."""
+
+    working: Working | None = json_field(inline=True)
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    dt: float | None
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+
+def system_result(system: System, mode: Working) -> SystemResult:
+    """The SystemResult of a System and its mode."""
+    return SystemResult(
+        working=mode.shown,
+        states=system.states,
+        inputs=system.inputs,
+        outputs=system.outputs,
+        dt=system.dt,
+        A=system.A,
+        B=system.B,
+        C=system.C,
+        D=system.D,
     )

@@ -20,6 +20,7 @@ import numpy as np
 from forceaxis import _core, toml
 from forceaxis.linear import plant_facts
 from forceaxis.linear.plant_facts import PlantFacts
+from forceaxis.results import json_field
 
 STUCK, SLIDING = "stuck", "forward"
 FLANKS = (".low", ".high")
@@ -51,18 +52,13 @@ class Working:
     """modes: {element: state} in which a model is linearised, given or chosen. text: the chosen
     states as one line for a user; empty if the model has no choice and no state was given."""
 
-    modes: dict[str, str]
-    text: str = ""
+    modes: dict[str, str] = json_field(key="mode")
+    text: str = json_field(key="mode_text", default="")
 
-
-def summary(mode: Working) -> dict[str, Any]:
-    """The mode of a Working in the summary of a verb; empty if the model has no choice."""
-    return {"mode": dict(mode.modes), "mode_text": mode.text} if mode.text else {}
-
-
-def lines(found: Mapping[str, Any]) -> list[str]:
-    """The text of a Working as a list of lines; empty for an empty text."""
-    return [f"mode         {found['mode_text']}"] if found.get("mode_text") else []
+    @property
+    def shown(self) -> "Working | None":
+        """The mode as a part of a result; None if the model has no choice of a mode."""
+        return self if self.text else None
 
 
 @lru_cache(maxsize=64)

@@ -84,11 +84,12 @@ def _margins(model: Path, row: dict[str, Any]) -> list[Picture]:
         )
     except _core.InputError:  # the model has no response in this mode
         return []
-    at = found["at"]
-    margin = "" if at["phase_margin_deg"] is None else f", phase {at['phase_margin_deg']:.3g}\u00b0"
-    factor = "none" if at["gain_margin"] is None else plain(at["gain_margin"])
-    if at["known_to"] is not None:
-        factor += f" up to {stability.known_text(at['known_to'], '')}"
+    margins = found.at.margins
+    phase = margins.phase_margin_deg
+    margin = "" if phase is None else f", phase {phase:.3g}\u00b0"
+    factor = "none" if margins.gain_margin is None else plain(margins.gain_margin)
+    if margins.known_to is not None:
+        factor += f" up to {stability.known_text(margins.known_to, '')}"
     caption = f"The model as it is, at the recommended gain: gain margin {factor}{margin}."
     return [(caption, pictures.figure(plots.nyquist_figure(found)))]
 
@@ -136,11 +137,11 @@ def words(model: Path) -> list[str]:
             f"{abs(reading.per_count) * 2 ** (8 - reading.bits):.3g} {unit} a code."
         )
     try:
-        found = modes.modes(model)["modes"]
+        found = modes.modes(model).modes
     except _core.InputError:
         found = []
     if found:
-        lines.append(f"Modes at {', '.join(format(m['frequency_hz'], '.3g') for m in found)} Hz.")
+        lines.append(f"Modes at {', '.join(format(m.frequency_hz, '.3g') for m in found)} Hz.")
     if defaults := text.count("default, check"):
         lines.append(f'{defaults} values are defaults: look for "default, check" in the file.')
     return lines

@@ -103,17 +103,16 @@ def mode_rows() -> list[tuple[str, str, list[str]]]:
             found = modes.modes(path)
         except _core.InputError:  # the file has only parameters, or the model has no drive
             continue
-        if not found["path"] or found["contact"] == "apart":
+        if not found.has_path or found.contact == "apart":
             continue
-        lowest, *others = found["modes"]
+        lowest, *others = found.modes
         texts = []
         for mode in others:
-            body = max(mode["shape"], key=lambda name: abs(mode["shape"][name]))
-            label = mode["label"]
-            if mode["against_below"] != label:
-                label += f", {mode['against_below']} against the mode below"
-            texts.append(f"{body} {mode['frequency_hz']:.3g} Hz: {label}")
-        rows.append((path.stem, f"{lowest['frequency_hz']:.3g} Hz", texts))
+            label = mode.label
+            if mode.against_below != label:
+                label += f", {mode.against_below} against the mode below"
+            texts.append(f"{mode.largest_body} {mode.frequency_hz:.3g} Hz: {label}")
+        rows.append((path.stem, f"{lowest.frequency_hz:.3g} Hz", texts))
     return rows
 
 
@@ -144,7 +143,7 @@ def ended(begun: Mapping[str, list[AsyncResult[Any]] | AsyncResult[Any]]) -> Val
     advice, advice_image = found.pop("advice")
     return found | {
         "value": thesis.value,
-        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e["modes"] % 4 == 0],
+        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e.modes % 4 == 0],
         "designs_image": pictures.figure(designs.figure(found["designs"])),
         "advice": advice,
         "advice_image": advice_image,
