@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from forceaxis import _core, linear, objects
 from forceaxis.axis.sim import SimLink
-from forceaxis.design import data_sheet, files, new, sets, simulate
+from forceaxis.design import data_sheet, experiment_file, new, sets, simulate
 from forceaxis.design.changes import Design
 from forceaxis.linear import over as margins
 from forceaxis.linear.bank import Bank
@@ -233,7 +233,12 @@ def contacts(model, truth, forces, bank, designed):
         bench.wait_for(bank)
         bench.rated_N = max(forces)
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
-        loss = {n: designed["contact_loss"][n] for n in files.LOSS if n in designed["contact_loss"]}
+        kept = designed["contact_loss"]
+        loss = {name: kept[name] for name in experiment_file.LOSS if name in kept}
+            n: designed["contact_loss"][n]
+            for n in experiment_file.LOSS
+            if n in designed["contact_loss"]
+        }
         cases = [simulate.ContactCase(force, speed) for force in forces]
         done = simulate.run([bench.job(case, bank, {}, 0, loss) for case in cases], 1)
         return [

@@ -31,7 +31,7 @@ from forceaxis.commission.tune_results import (
     TouchDownPeaks,
     Values,
 )
-from forceaxis.design import files
+from forceaxis.design import experiment_file
 from forceaxis.design import simulate as simulation
 from forceaxis.design.cases import ContactCase, simulated_contact, why
 from forceaxis.design.changes import Design
@@ -98,7 +98,7 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
     random members of the set. Each row has its kind. Raises Refusal hf_gain or simulated_KIND."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank, given = designed.bank.bank, designed.contact_loss or {}
-    loss = {name: int(given[name]) for name in files.LOSS if name in given}
+    loss = {name: int(given[name]) for name in experiment_file.LOSS if name in given}
     if bank.hf_gain() > (most := hf_most(designed.adc_bits)):
         raise Refusal(
             "hf_gain", f"expected at most {most:g} DAC codes per 8-bit count at high frequency, "

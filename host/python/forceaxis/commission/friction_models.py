@@ -13,7 +13,8 @@ from typing import Any
 import tomlkit
 
 from forceaxis import linear, toml
-from forceaxis.design.changes import contact_of
+from forceaxis.design import model_file
+from forceaxis.linear import working
 
 MOVING, TABLE = "guide_friction", "table_friction"
 WORDS = re.compile(r"[A-Za-z_]\w*")
@@ -41,21 +42,19 @@ def frictions_of(
     """The frictions of a model: in all `moving_N` between the drive's body and its counterpart, and
     `workpiece_N` between workpiece and ground. Frictions of the model keep their places and share
     the measured newtons in proportion to their declared values."""
-    path = linear.find_model(model)
-    table, facts = toml.read(path), linear.facts(path)
-    contact = contact_of(table)
-    work = contact["between"][1] if contact else None
+    tables, facts = model_file.read(model), linear.facts(model)
+    work = tables.workpiece
     drive = facts.required_drive
     found = []
     for of_work, newton, name, place in (
         (False, moving_N, MOVING, (drive.body, drive.reaction)),
         (True, workpiece_N, TABLE, (work, "ground")),
     ):
-        own = [f for f in table.get("friction", ()) if (work in f["between"]) is of_work]
-        sizes = [_size(facts, f) for f in own]
+        own = [f for f in tables.frictions if (work in f.between) is of_work]
+        sizes = [working.number(f.coulomb, facts.parameters) or 0.0 for f in own]
         if own and sum(sizes) > 0:
             found += [
-                FrictionElement(f["name"], tuple(f["between"]), newton * size / sum(sizes), True)
+                FrictionElement(f.name, f.between, newton * size / sum(sizes), True)
                 for f, size in zip(own, sizes, strict=True)
             ]
         elif newton > 0 and (not of_work or work in facts.masses_kg):
@@ -65,8 +64,7 @@ def frictions_of(
 
 def of_workpiece(model: str | Path, rub: FrictionElement) -> bool:
     """Whether a friction acts under the workpiece."""
-    contact = contact_of(toml.read(linear.find_model(model)))
-    return contact is not None and contact["between"][1] in rub.between
+    return model_file.read(model).workpiece in rub.between
 
 
 def at_both_ends(
@@ -75,8 +73,8 @@ def at_both_ends(
     """The frictions for `damped`. With a transmission between the drive's body and the body in
     contact, the measurement cannot assign the friction to one side. Each side then receives one
     half, unless the model has friction on both sides."""
-    contact = contact_of(toml.read(linear.find_model(model)))
-    near = contact["between"][0] if contact else None
+    contact = model_file.read(model).contact
+    near = contact.between[0] if contact else None
     drive = linear.facts(model).required_drive
     moving = [rub for rub in found if not of_workpiece(model, rub)]
     if near in (None, drive.body) or any(near in rub.between for rub in moving):
@@ -89,11 +87,6 @@ def at_both_ends(
             split.append(replace(rub, name=f"{rub.name}_{near}", between=place))
         split.append(rub)
     return tuple(split)
-
-
-def _size(facts: linear.PlantFacts, friction: dict[str, Any]) -> float:
-    value = friction["coulomb"]
-    return float(facts.parameters.get(value, (value,))[0])
 
 
 def toml_lines(found: tuple[FrictionElement, ...]) -> str:
@@ -167,12 +160,9 @@ def _texts(part: object) -> list[str]:
 
 
 def _document(model: str | Path) -> tomlkit.TOMLDocument:
-    path = linear.find_model(model)
-    document = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
-    if "parameters_file" in document:
-        document["parameters_file"] = str((path.parent / document["parameters_file"]).resolve())
-    if "parameters" not in document:
-        document["parameters"] = tomlkit.table()
+    """The model file as a document with a table of parameters."""
+    document = model_file.document(model)
+    document.setdefault("parameters", tomlkit.table())
     return document
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from forceaxis import linear, toml
-from forceaxis.design.changes import Design, contact_of, value_of
+from forceaxis.design.changes import Design
 from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_set
 
@@ -128,8 +128,8 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
     """Counts/N of the spring of the contact itself; 0 without such a spring."""
     with Design(str(model), overrides) as plant:
-        contact = contact_of(plant.table)
-        stiffness = contact and value_of(plant, contact.get("stiffness"))
+        contact = plant.tables.contact
+        stiffness = plant.value(contact.stiffness) if contact else None
         scale = abs(plant.facts.required_encoder.scale)
     return scale / stiffness if stiffness else 0.0
 
@@ -138,10 +138,8 @@ def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) 
     """Counts/N of the single spring between the body behind the contact and the ground; 0 without
     one."""
     with Design(str(model), overrides) as plant:
-        contact = contact_of(plant.table)
-        body = contact["between"][1] if contact else None
-        springs = [s for s in plant.table.get("spring", ()) if body in s["between"]]
-        stiffness = value_of(plant, springs[0].get("stiffness")) if len(springs) == 1 else None
+        support = plant.tables.support
+        stiffness = plant.value(support.stiffness) if support else None
         scale = abs(plant.facts.required_encoder.scale)
     return scale / stiffness if stiffness else 0.0
 

@@ -17,7 +17,7 @@ from scipy import optimize, stats
 from forceaxis import linear, toml
 from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples
 from forceaxis.commission.known import Prior
-from forceaxis.design.changes import contact_of
+from forceaxis.design import model_file
 from forceaxis.identify.fit import MISFIT
 
 MODES_FROM = 10  # number of frequencies at which the search of a mode begins
@@ -189,7 +189,7 @@ def _modes(problem: Responses) -> list[Shape]:
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
     body = facts.required_drive.body
-    work = (contact_of(toml.read(linear.find_model(problem.model))) or {}).get("between", (0, 0))[1]
+    work = model_file.read(problem.model).workpiece
     moving = sum(kg for name, kg in facts.masses_kg.items() if name != work)
 
     def factor(values: Values, _: int, hz: Samples) -> Any:
@@ -224,9 +224,7 @@ def _modes(problem: Responses) -> list[Shape]:
 def _gains(problem: Responses) -> Shape:
     """Candidate: a separate gain for each response in contact after the first."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
-    table = toml.read(linear.find_model(problem.model))
-    work = (contact_of(table) or {}).get("between", ("", ""))[1]
-    springs = [s for s in table.get("spring", ()) if work in s["between"]]
+    support = model_file.read(problem.model).support
 
     def factor(values: Values, i: int, _: Samples) -> Any:
         return values[f"gain_{i}"] if i in pressed[1:] else 1.0
@@ -235,7 +233,7 @@ def _gains(problem: Responses) -> Shape:
         gains = [1.0, *(values[f"gain_{i}"] for i in pressed[1:])]
         shares = ", ".join(f"{gain:.3g}" for gain in gains)
         what = f"a gain that differs by level, {shares} from the smallest force on"
-        name = springs[0].get("stiffness") if len(springs) == 1 else None
+        name = support.stiffness if support else None
         known = linear.facts(problem.model).parameters
         own = best.get(str(name), known.get(str(name), (1.0,))[0])
         softer = [float(f"{own * gain:.4g}") for gain in gains]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from forceaxis import linear, toml
+from forceaxis import linear
 from forceaxis.commission import (
     friction,
     friction_models,
@@ -29,7 +29,7 @@ from forceaxis.commission.tune_results import (
     ResponseFigures,
     Values,
 )
-from forceaxis.design.changes import contact_of
+from forceaxis.design import model_file
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
@@ -309,20 +309,15 @@ def _name(value: Any) -> str | None:
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
     """(parameter of the contact's stiffness, parameter of its damping); None for a constant
     number."""
-    contact = contact_of(toml.read(linear.find_model(model))) or {}
-    return _name(contact.get("stiffness")), _name(contact.get("damping"))
+    contact = model_file.read(model).contact
+    return (_name(contact.stiffness), _name(contact.damping)) if contact else (None, None)
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
     """(parameter of the stiffness between workpiece and ground, parameter of its mass), or None."""
-    table = toml.read(linear.find_model(model))
-    contact = contact_of(table)
-    body = contact["between"][1] if contact else None
-    springs = [s.get("stiffness") for s in table.get("spring", ()) if body in s["between"]]
-    masses = [b.get("mass") for b in table["body"] if b["name"] == body]
-    return (
-        _name(springs[0]) if len(springs) == 1 else None, _name(masses[0]) if masses else None
-    )  # fmt: skip
+    tables = model_file.read(model)
+    support, body = tables.support, tables.body(tables.workpiece)
+    return _name(support.stiffness) if support else None, _name(body.mass) if body else None
 
 
 def _differing(

@@ -29,7 +29,7 @@ from forceaxis.commission.tune_results import (
 )
 from forceaxis.design import files
 from forceaxis.design import simulate as simulation
-from forceaxis.design.changes import Design, contact_of
+from forceaxis.design.changes import Design
 from forceaxis.identify import result as results
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
@@ -218,8 +218,7 @@ def _shaken(
 def _mass(tuning: TuningFolder) -> float | None:
     """Mass of the workpiece in kg by the model."""
     with Design(str(tuning.model)) as plant:
-        contact = contact_of(plant.table)
-        return plant.facts.masses_kg.get(contact["between"][1]) if contact else None
+        return plant.facts.masses_kg.get(plant.tables.workpiece or "")
 
 
 def _rigid(tuning: TuningFolder) -> float:

@@ -41,9 +41,9 @@ from forceaxis.commission.tune_results import (
     VerifiedResponse,
     Written,
 )
-from forceaxis.design import files, for_set, outcome
+from forceaxis.design import experiment_file, for_set, outcome
 from forceaxis.design import simulate as simulation
-from forceaxis.design.changes import Design, contact_of, value_of
+from forceaxis.design.changes import Design
 from forceaxis.design.grid import HF_DEFAULT, hf_most
 from forceaxis.linear import PlantFacts, loops, plant_set, working
 from forceaxis.linear.bank import Bank
@@ -213,11 +213,11 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
     """Approach speed in counts/s whose momentum causes the peak force IMPACT_PEAK_N in the
     contact's spring."""
     with Design(str(model)) as plant:
-        contact = contact_of(plant.table)
-        stiffness = contact and value_of(plant, contact.get("stiffness"))
+        contact = plant.tables.contact
+        stiffness = plant.value(contact.stiffness) if contact else None
     if not stiffness or contact is None:
         raise InputError(f"{model}: contact: expected one, with a stiffness")
-    far = contact["between"][1]
+    far = contact.between[1]
     mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
     speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * mass))
     return max(1, round(speed * abs(facts.required_encoder.scale)))
@@ -369,12 +369,12 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
         axis.set(force_bank=0)
         axis.set(**values)
     except Refused as error:
-        state = axis.read(f"bank_state_{files.BANK}")
+        state = axis.read(f"bank_state_{experiment_file.BANK}")
         put_back(tuning)
         raise Refusal(
             "bank" if state == "valid" else state, f"expected it to be taken, {error}"
         ) from None
-    certificate = axis.read(f"certificate_state_{files.BANK}")
+    certificate = axis.read(f"certificate_state_{experiment_file.BANK}")
     if certificate != "fits":
         put_back(tuning)
         raise Refusal("certificate", f"expected one that fits, it is {certificate}")
@@ -389,7 +389,7 @@ def write_line(tuning: TuningFolder, done: Written) -> str:
 
 def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
     """Writes the bank again if the axis has lost it in a power cut or a reset."""
-    names = ("force_bank", f"bank_crc_{files.BANK}")
+    names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
     if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
         tuning.say("the axis has lost the bank since; it is written again")
         write(tuning, designed)

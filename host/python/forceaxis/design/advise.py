@@ -39,7 +39,7 @@ from forceaxis._core import InputError
 from forceaxis.design import for_set, reduced, sets, simulate
 from forceaxis.design.cases import ContactRun
 from forceaxis.design.certificate import WorstFigures
-from forceaxis.design.changes import FACTOR, Change, Design, banked, changes, converter
+from forceaxis.design.changes import FACTOR, NO_CHANGE, Change, Design, banked, changes, converter
 from forceaxis.design.grid import Goal
 from forceaxis.design.outcome import DesignOrder
 from forceaxis.design.reduced import ShortSearch
@@ -47,6 +47,8 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear import loops, modes
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
+from forceaxis.linear.loops import LoopSpec
+from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
@@ -259,7 +261,7 @@ def ratios(new: Performance, old: Performance) -> Ratios:
     )
 
 
-def strain(model: Path, overrides: Mapping[str, float], shape: Mapping[str, float]) -> str | None:
+def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str | None:
     """The element with most of the elastic energy of a mode, or None."""
     signals = linear.facts(model, overrides).signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
@@ -370,24 +372,22 @@ class _Over:
         self.goal = Goal(timings=(design.timing,), adc_bits=design.facts.required_reading.bits)
 
     def problem(
-        self, change: Change | None = None, goal: Goal | None = None, random: int = reduced.RANDOM
+        self, change: Change = NO_CHANGE, goal: Goal | None = None, random: int = reduced.RANDOM
     ) -> ShortSearch:
         """The search for the plant set of a change."""
-        change = change or Change("", "")
         model = str(self.design.changed_model(change))
-        overrides = self.design.overrides | change.overrides
+        overrides = self.design.overrides | dict(change.overrides)
         ranges = ranges_of(model, self.over, overrides)
         plants = PlantSet(model, overrides, ranges, self.modes)
         return ShortSearch(plants, goal or self.goal, random)
 
-    def figures(self, change: Change | None = None) -> FiguresOverSet | None:
+    def figures(self, change: Change = NO_CHANGE) -> FiguresOverSet | None:
         """The worst figures of a change at the margins; None if no gain keeps them."""
-        change = change or Change("", "")
-        shape = change.loop.get("bank", Bank(1.0))
-        goal = replace(self.goal, timings=(change.loop.get("timing", self.design.timing),))
-        bits = change.firmware.get("adc_bits", goal.adc_bits)
+        spec = change.spec or LoopSpec(timing=self.design.timing)
+        bits = change.firmware.get("adc_bits", self.goal.adc_bits)
+        goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
         try:
-            found = self.problem(change, replace(goal, adc_bits=bits), random=0).worst(shape)
+            found = self.problem(change, goal, random=0).worst(spec.bank or Bank(1.0))
         except InputError:  # no gain keeps all members stable
             return None
         if found.worst is None:
@@ -404,7 +404,7 @@ class _Over:
             text = f"designed bank, {reduced.NAME}" + (f", ADC of {bits} bits" if finer else "")
             found = problem.designed()
             if found.worst:
-                change = banked(text, found.bank)
+                change = banked(self.design, text, found.bank)
                 made.append(replace(change, firmware={"adc_bits": bits}))
         return made
 
@@ -455,7 +455,7 @@ def _simulated(
     design: Design, present: PresentDesign, rows: Rows, order: AdviceOrder
 ) -> tuple[PresentDesign, Rows]:
     """(present design, rows) with the limits that runs with the firmware have found."""
-    own = simulated_limit(design, None, present, order.threads)
+    own = simulated_limit(design, NO_CHANGE, present, order.threads)
     quiet = (own.stable_gain or 0) / GAIN_MARGIN
     done: Rows = []
     for row, change in progress.each(rows, "changes simulated"):
@@ -493,7 +493,7 @@ def _rows(design: Design, base: Performance, factor: float, group: _Over | None)
 
 
 def simulated_limit(
-    design: Design, change: Change | None, linear_figures: Performance,
+    design: Design, change: Change, linear_figures: Performance,
     threads: int | None = None, quiet_gain: float | None = None,
 ) -> SimulatedLimit:  # fmt: skip
     """Largest firmware gain up to which all runs have a stable verdict.

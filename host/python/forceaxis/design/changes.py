@@ -3,75 +3,56 @@
 import contextlib
 import math
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from types import TracebackType
+from typing import Self
 
 import tomlkit
 
 from forceaxis import _core, paths, toml
-from forceaxis._core import InputError
+from forceaxis.design import experiment_file, model_file
+from forceaxis.design.experiment_file import ExperimentText
+from forceaxis.design.model_file import Given, TableEdit
 from forceaxis.linear import loops, settings, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import COEFFICIENT_MAX, Bank
+from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 
-FACTOR = 2.0
-
-Table = Mapping[str, Any]  # the parsed tables of a model file
-Edit = Callable[[Any], None]  # changes the parsed tables of a model file in place
-
-
+FACTOR = 2.0  # by which `advise` multiplies and divides a parameter
 # The two improvements of the thesis (5.1.2, 5.2) and its sensor (Fig 4.26), in SI units.
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
-
-
-WORKPIECE_ZETA = 0.11
-
-
-NO_PAD = 1e7  # Fig 4.24
-
-
-# The [verdict] for an experiment without one: that of contact.toml.
-VERDICT = {"window_s": 1.0, "contact_held": True, "force_ripple_max_count": 10.0}
-
-
-KINDS = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad": "damping"}
+WORKPIECE_ZETA = 0.11  # damping ratio of the damped workpiece
+NO_PAD = 1e7  # N/m, without a pad (Fig 4.24)
+# [verdict] for an experiment without one, the same as in contact.toml
+VERDICT: dict[str, float | bool] = {
+    "window_s": 1.0,
+    "contact_held": True,
+    "force_ripple_max_count": 10.0,
+}
+KIND_OF_UNIT = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad": "damping"}
 
 
 @dataclass(frozen=True)
 class Change:
-    """One change of the design; an empty field changes nothing."""
+    """One change of the design; a field with its default changes nothing."""
 
-    name: str
-    kind: str  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
-    overrides: dict[str, float] = field(default_factory=dict)  # model parameters
-    edit: Edit | None = None  # a function that changes the parsed model file in place
-    loop: dict[str, Any] = field(default_factory=dict)  # fields of loops.LoopSpec
-    states: dict[str, str] = field(default_factory=dict)  # {element: state}
-    firmware: dict[str, int] = field(default_factory=dict)  # objects that the simulation needs
+    name: str = ""
+    kind: str = ""  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
+    overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
+    edits: tuple[TableEdit, ...] = ()  # of the model file
+    spec: LoopSpec | None = None  # law and sampling; None: law p with the timing of the design
+    states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
+    firmware: Mapping[str, int] = field(default_factory=dict)  # objects that the simulation needs
     simulated: bool = True  # False: not run by `advise --simulate`
     in_firmware: bool = True  # False: firmware and simulator do not support it
     thesis: str = ""  # section of the thesis that proposes it
 
 
-class ModelBody(NamedTuple):
-    """Name and position, as the model file gives it, of a body."""
-
-    name: str
-    position: float | str
-
-
-def read_bodies(table: Mapping[str, Any]) -> list[ModelBody]:
-    """The bodies of a model file."""
-    return [ModelBody(body["name"], body.get("position", 0.0)) for body in table["body"]]
-
-
-def read_firmware(experiment: Path | None) -> dict[str, Any]:
-    """The firmware settings of an experiment as _core.inputs gives them; empty without one."""
-    return dict(_core.inputs(str(experiment))["firmware"]) if experiment else {}
+NO_CHANGE = Change()
 
 
 class Design:
@@ -91,40 +72,41 @@ class Design:
         states: working.States | None = None,
     ) -> None:
         self.states = dict(states or {})
-        path = settings.find(text)
-        table = toml.read(path)
-        if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
-            raise InputError(f"{path}: expected a model or an experiment, got the list of tables")
-        self.experiment = path if "model" in table else None
-        self.overrides: dict[str, Any] = dict(overrides or {})  # __init__ ends with SI values
-        if self.experiment:
-            self.model = (path.parent / table["model"]).resolve()
-            values = _core.inputs(str(path), linear.override_texts(self.overrides))["parameters"]
-            named = table.get("set", {}) | self.overrides
-            self.overrides = {name: values[name]["value"] for name in named}
-        else:
-            self.model = path.resolve()
-            own = paths.EXPERIMENTS / f"{path.stem}.toml"
-            named = toml.read(own).get("model") if own.exists() else None
-            if named and (own.parent / named).resolve() == self.model:
-                self.experiment = own
-        firmware = read_firmware(self.experiment)
+        given = settings.of(text, overrides, plant=True)
+        self.model = Path(given.model).resolve()
+        self.experiment = Path(given.experiment) if given.experiment else self._own_experiment()
+        firmware = experiment_file.firmware_values(self.experiment)
         self.timing = timing or ("zoh+1" if firmware.get("latency_ticks") == 1 else "zoh")
         self.present_gain = firmware.get("force_gain")
-        self.facts = linear.facts(self.model, self.overrides)
+        self.facts = linear.facts(self.model, given.overrides)
         used = self.facts.parameters
-        self.overrides = {n: used[n][0] if n in used else v for n, v in self.overrides.items()}
-        self.table = toml.read(self.model)
+        self.overrides: dict[str, float | str] = {
+            name: used[name].value if name in used else value
+            for name, value in given.overrides.items()
+        }
+        self.tables = model_file.read(self.model)
         self._stack = contextlib.ExitStack()
         self._folder: Path | None = None
         self._files: dict[str, Path] = {}
         self._runs: dict[Path, Path] = {}
 
+    def _own_experiment(self) -> Path | None:
+        """The experiment of forceaxis with the name of the model, if it runs this model."""
+        path = paths.EXPERIMENTS / f"{self.model.stem}.toml"
+        model = toml.read(path).get("model") if path.exists() else None
+        return path if model and (path.parent / model).resolve() == self.model else None
+
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None
+    ) -> None:
         self._stack.close()
+
+    def value(self, given: Given | None) -> float | None:
+        """The value of a number, quantity or parameter in the model file; None without one."""
+        return working.number(given, self.facts.parameters)
 
     def file(self, name: str, text: str) -> Path:
         """Writes a file with this text, which exists until the design is closed."""
@@ -136,68 +118,59 @@ class Design:
 
     def changed_model(self, change: Change) -> Path:
         """The path of the changed model."""
-        if change.edit is None:
+        if not change.edits:
             return self.model
         if change.name not in self._files:
-            document = tomlkit.parse(self.model.read_text(encoding="utf-8-sig"))
-            if "parameters_file" in document:
-                document["parameters_file"] = str(
-                    (self.model.parent / document["parameters_file"]).resolve()
-                )
-            change.edit(document)
-            name = f"model_{len(self._files)}.toml"
-            self._files[change.name] = self.file(name, tomlkit.dumps(document))
+            text = model_file.edited(self.model, change.edits)
+            self._files[change.name] = self.file(f"model_{len(self._files)}.toml", text)
         return self._files[change.name]
 
-    def loop(self, change: Change | None = None) -> Loop:
-        """The force loop, with a change or without one."""
-        change = change or Change("", "")
-        spec = loops.LoopSpec(**{"timing": self.timing} | change.loop)
-        overrides = self.overrides | change.overrides
-        states = self.states | change.states
-        return spec.around(self.changed_model(change), overrides, states)
+    def loop(self, change: Change = NO_CHANGE) -> Loop:
+        """The force loop with a change."""
+        return (change.spec or LoopSpec(timing=self.timing)).around(
+            self.changed_model(change),
+            self.overrides | dict(change.overrides),
+            self.states | dict(change.states),
+        )
 
     def working(self) -> working.Working:
         """The working.Working mode of the unchanged plant."""
         return working.working(self.model, self.overrides, self.states)
 
-    def job(self, change: Change | None = None, **sets: float) -> tuple[str, list[str]]:
+    def job(self, change: Change = NO_CHANGE, **sets: float) -> tuple[str, list[str]]:
         """(experiment, overrides) of a run with the firmware; sets: firmware objects."""
-        change = change or Change("", "")
         model = self.changed_model(change)
         if model not in self._runs:
             self._runs[model] = self.run_file(model)
-        experiment = self._runs[model]
-        firmware = {"latency_ticks": 1 if self.timing == "zoh+1" else 0} | change.firmware | sets
-        texts = [f"{n}={v!r}" for n, v in (self.overrides | change.overrides).items()]
-        return str(experiment), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
+        firmware = {"latency_ticks": int(self.timing == "zoh+1"), **change.firmware, **sets}
+        texts = [f"{n}={v!r}" for n, v in (self.overrides | dict(change.overrides)).items()]
+        return str(self._runs[model]), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
 
     def run_file(self, model: Path) -> Path:
         """The path of an experiment for a model: the given file, or a file with that model and a
         verdict."""
-        if self.experiment is None:
-            text = self.generated()
-        else:
-            text = tomlkit.parse(self.experiment.read_text(encoding="utf-8-sig"))
-            if model == self.model and "verdict" in text:
-                return self.experiment
+        text = (
+            experiment_file.document(self.experiment) if self.experiment else self._first_contact()
+        )
+        if self.experiment and model == self.model and "verdict" in text:
+            return self.experiment
         text["model"] = str(model)
         if "verdict" not in text:
             text["verdict"] = VERDICT
             text["duration_s"] = max(text["duration_s"], 4.0)
         return self.file(f"run_{len(self._runs)}.toml", tomlkit.dumps(text))
 
-    def generated(self) -> dict[str, Any]:
+    def _first_contact(self) -> ExperimentText:
         """The text of a first contact for a model without an experiment, as in contact.toml."""
-        reading = next(a for a in self.table["adc"] if a["channel"] == 0)
+        adc = self.tables.force_adc
         return {
             "title": f"Contact of {self.model.stem}",
             "model": "",
             "duration_s": 6.0,
             "firmware": {
                 "mode": "force",
-                "adc_bits": reading.get("bits", 8),
-                "force_zero_code": reading.get("zero_code", 0),
+                "adc_bits": adc.bits,
+                "force_zero_code": adc.zero_code,
                 "force_gain": 1.0,
                 "force_setpoint": 30.0,
                 "bump_decay_shift": 0,
@@ -206,152 +179,121 @@ class Design:
         }
 
 
-def roles(table: Table) -> dict[str, str]:
+def roles(tables: model_file.ModelFile) -> dict[str, str]:
     """{parameter: its role}: "arm stiffness", "tip mass"."""
-    found: dict[str, list[str]] = {}
-    for kind in ("body", "spring", "damper", "contact"):
-        for element in table.get(kind, ()):
-            for key in ("mass", "stiffness", "damping"):
-                if isinstance(element.get(key), str):
-                    found.setdefault(element[key], []).append(f"{element['name']} {key}")
-    if isinstance(table.get("drive", {}).get("b_m"), str):
-        found.setdefault(table["drive"]["b_m"], []).append("motor damping")
-    return {name: ", ".join(uses) for name, uses in found.items()}
+    uses = [(body.mass, f"{body.name} mass") for body in tables.bodies]
+    for link in (*tables.springs, *tables.dampers, *tables.contacts):
+        uses.append((link.stiffness, f"{link.name} stiffness"))
+        uses.append((link.damping, f"{link.name} damping"))
+    found: dict[str, str] = {}
+    for given, use in (*uses, (tables.drive.b_m, "motor damping")):
+        if isinstance(given, str):
+            found[given] = f"{found[given]}, {use}" if given in found else use
+    return found
 
 
 def scaled(design: Design, factor: float) -> list[Change]:
     """Changes: each stiffness, mass and damping of the model multiplied and divided by `factor`."""
-    known = roles(design.table)
+    known = roles(design.tables)
     changes = []
     for name, (value, unit) in design.facts.parameters.items():
-        if name not in known or unit not in KINDS or value == 0:
+        if name not in known or unit not in KIND_OF_UNIT or value == 0:
             continue
         for sign, new in (("x", value * factor), ("/", value / factor)):
             text = f"{known[name]} {name} {sign} {factor:g}"
-            changes.append(Change(text, KINDS[unit], {name: new}))
+            changes.append(Change(text, KIND_OF_UNIT[unit], {name: new}))
     return changes
-
-
-def contact_of(table: Table) -> dict[str, Any] | None:
-    """The only contact of a model, on which the force loop presses; None if there is not exactly
-    one."""
-    contacts = table.get("contact", [])
-    return contacts[0] if len(contacts) == 1 else None
-
-
-def value_of(design: Design, given: float | str | None) -> float | None:
-    """The value of a number or parameter in the model file; None for another type."""
-    if isinstance(given, str) and given[:1].isidentifier():
-        return design.facts.parameters.get(given, (None,))[0]
-    if isinstance(given, str):
-        return _core.quantity(given)
-    return given if isinstance(given, int | float) else None
 
 
 def pads(design: Design) -> list[Change]:
     """Changes: grip pads between sensor and workpiece (5.1) inserted, exchanged or removed."""
-    contact = contact_of(design.table)
-    if contact is None or value_of(design, contact.get("stiffness")) is None:
+    tables = design.tables
+    contact = tables.contact
+    if contact is None or design.value(contact.stiffness) is None:
         return []
     sensor = design.facts.required_reading.signal.rpartition(".")[0]
-    bodies = [b["name"] for b in design.table["body"]]
-
-    def pad(stiffness: float) -> dict[str, Any]:
-        def edit(document: Any) -> None:
-            (old,) = document["contact"]
-            # the contact itself is the sensor, so an additional body gets its mass
-            if sensor == old["name"]:
-                near, far = old["between"]
-                body = next(b for b in document["body"] if b["name"] == near)
-                mass = {"name": "sensor_mass", "mass": SENSOR_MASS}
-                mass |= {k: body[k] for k in ("position", "velocity") if k in body}
-                document["body"].append(mass)
-                spring = {"name": sensor, "between": [near, "sensor_mass"]}
-                spring |= {k: old[k] for k in ("stiffness", "damping") if k in old}
-                document.setdefault("spring", tomlkit.aot()).append(spring)
-                old["name"], old["between"] = "pad", ["sensor_mass", far]
-            old["stiffness"], old["damping"] = stiffness, PAD_DAMPING
-
-        names = [contact.get(key) for key in ("stiffness", "damping")]
-        if sensor != contact["name"] and all(isinstance(name, str) for name in names):
-            return {"overrides": dict(zip(names, (stiffness, PAD_DAMPING), strict=True))}
-        return {"edit": edit}
-
-    if sensor == contact["name"]:
-        names = [e["name"] for kind in ("spring", "damper") for e in design.table.get(kind, ())]
-        if contact["between"][0] not in bodies or {"sensor_mass", "pad"} & {*bodies, *names}:
+    if sensor == contact.name:
+        names = {body.name for body in tables.bodies}
+        names |= {link.name for link in (*tables.springs, *tables.dampers)}
+        if tables.body(contact.between[0]) is None or {"sensor_mass", "pad"} & names:
             return []
-        rows = [(SOFT_PAD, "add", "5.1"), (HARD_PAD, "add", "5.1.2")]
-    elif any(s["name"] == sensor for s in design.table.get("spring", ())):
-        rows = [
-            (SOFT_PAD, "exchange", "5.1"),
-            (HARD_PAD, "exchange", "5.1.2"),
-            (NO_PAD, "none", ""),
-        ]
-    else:
+    elif sensor not in [spring.name for spring in tables.springs]:
         return []
+    rows = [
+        (f"grip pad of {SOFT_PAD:,.0f} N/m", SOFT_PAD, "5.1"),
+        (f"grip pad of {HARD_PAD:,.0f} N/m", HARD_PAD, "5.1.2"),
+    ]
+    if sensor != contact.name:
+        rows.append(("no grip pad (10 MN/m)", NO_PAD, ""))
     return [
-        Change(
-            "no grip pad (10 MN/m)" if how == "none" else f"grip pad of {stiffness:,.0f} N/m",
-            "grip", **pad(stiffness), thesis=thesis,
-        )
-        for stiffness, how, thesis in rows
-    ]  # fmt: skip
+        Change(text, "grip", *_with_pad(tables, contact, stiffness, sensor), thesis=thesis)
+        for text, stiffness, thesis in rows
+    ]
+
+
+def _with_pad(
+    tables: model_file.ModelFile, contact: model_file.Link, stiffness: float, sensor: str
+) -> tuple[dict[str, float], tuple[TableEdit, ...]]:
+    """(parameters, edits) with which the contact has the stiffness of a pad. A contact that is the
+    force sensor itself becomes a spring, and an additional body gets the mass of the sensor."""
+    values = {"stiffness": stiffness, "damping": PAD_DAMPING}
+    names = contact.stiffness, contact.damping
+    if sensor != contact.name:
+        if isinstance(names[0], str) and isinstance(names[1], str):
+            return {names[0]: stiffness, names[1]: PAD_DAMPING}, ()
+        return {}, (TableEdit("contact", contact.name, values),)
+    near, far = contact.between
+    body = tables.body(near)
+    motion = {"position": body.position, "velocity": body.velocity} if body else {}
+    spring = {"stiffness": contact.stiffness, "damping": contact.damping}
+    ends = ["sensor_mass", far]
+    return {}, (
+        TableEdit("body", "sensor_mass", {"mass": SENSOR_MASS, **_present(motion)}),
+        TableEdit("spring", sensor, {"between": [near, "sensor_mass"], **_present(spring)}),
+        TableEdit("contact", contact.name, {**values, "name": "pad", "between": ends}),
+    )
+
+
+def _present(values: Mapping[str, Given | None]) -> dict[str, Given]:
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def workpiece_damping(design: Design) -> list[Change]:
     """Change: the damper of 5.2, which gives the workpiece's support the damping ratio
     WORKPIECE_ZETA."""
-    contact = contact_of(design.table)
-    if contact is None:
+    support, mass = design.tables.support, design.facts.masses_kg.get(design.tables.workpiece or "")
+    if support is None or mass is None:
         return []
-    workpiece = contact["between"][1]
-    supports = [s for s in design.table.get("spring", ()) if workpiece in s["between"]]
-    if workpiece not in design.facts.masses_kg or len(supports) != 1:
+    stiffness, given = design.value(support.stiffness), design.value(support.damping or 0.0)
+    if stiffness is None or given is None:
         return []
-    stiffness = value_of(design, supports[0].get("stiffness"))
-    if stiffness is None:
-        return []
-    mass = design.facts.masses_kg[workpiece]
     damping = float(f"{2 * WORKPIECE_ZETA * math.sqrt(stiffness * mass):.3g}")
-    old, name = supports[0].get("damping", 0.0), supports[0]["name"]
-    given = value_of(design, old)
-    if given is None:
-        return []
-
-    def edit(document: Any) -> None:
-        next(s for s in document["spring"] if s["name"] == name)["damping"] = damping
-
     label = f"workpiece damping {given:g} -> {damping:g} N s/m (zeta {WORKPIECE_ZETA:g})"
-    if isinstance(old, str):
-        return [Change(label, "damping", {old: damping}, thesis="5.2")]
-    return [Change(label, "damping", edit=edit, thesis="5.2")]
+    if isinstance(support.damping, str):
+        return [Change(label, "damping", {support.damping: damping}, thesis="5.2")]
+    edit = TableEdit("spring", support.name, {"damping": damping})
+    return [Change(label, "damping", edits=(edit,), thesis="5.2")]
 
 
 def together(one: Change, other: Change) -> Change:
-    """A change that contains two changes; they edit different places of the model."""
-
-    def edit(document: Any) -> None:
-        for change in (one, other):
-            if change.edit is not None:
-                change.edit(document)
-
+    """A change that contains two changes; they edit different tables of the model."""
     return Change(
-        "both improvements: soft pad, damped workpiece", "grip", one.overrides | other.overrides,
-        edit if one.edit or other.edit else None, thesis="5.1, 5.2",
+        "both improvements: soft pad, damped workpiece", "grip",
+        {**one.overrides, **other.overrides}, one.edits + other.edits, thesis="5.1, 5.2",
     )  # fmt: skip
 
 
 def sampling(design: Design) -> list[Change]:
     """Changes of sample rate, hold and delay."""
-    rate = _core.TICKS_PER_SECOND
+    rate_hz = _core.TICKS_PER_SECOND
     rows = []
     if design.timing != "continuous":
         for text, factor in (("x 2", 2), ("/ 2", 0.5)):
             rows.append(
                 Change(
-                    f"sample rate {text} ({rate * factor:g} Hz)", "sampling",
-                    loop={"tick_s": 1 / (rate * factor)}, in_firmware=False,
+                    f"sample rate {text} ({rate_hz * factor:g} Hz)", "sampling",
+                    spec=LoopSpec(timing=design.timing, tick_s=1 / (rate_hz * factor)),
+                    in_firmware=False,
                 )
             )  # fmt: skip
     names = {
@@ -361,12 +303,12 @@ def sampling(design: Design) -> list[Change]:
     }
     for timing in loops.TIMINGS:
         if timing != design.timing:
-            firmware = {"latency_ticks": int(timing == "zoh+1")}
+            is_sampled = timing != "continuous"
             rows.append(
                 Change(
-                    names[timing], "sampling", loop={"timing": timing},
-                    firmware=firmware if timing != "continuous" else {},
-                    in_firmware=timing != "continuous",
+                    names[timing], "sampling", spec=LoopSpec(timing=timing),
+                    firmware={"latency_ticks": int(timing == "zoh+1")} if is_sampled else {},
+                    in_firmware=is_sampled,
                 )
             )  # fmt: skip
     return rows
@@ -380,39 +322,32 @@ def converter(design: Design, bits: int = 12) -> list[Change]:
 
 def resolution(design: Design, bits: int) -> Change:
     """The design with an ADC of `bits` bits and the same range."""
-    shift = 2 ** (bits - design.facts.required_reading.bits)
-    overrides, literal, zero = {}, {}, 0
-    for adc in design.table["adc"]:
-        for key in ("per_count", "zero_code"):
-            old = adc.get(key, 0)
-            new = value_of(design, old) * (1 / shift if key == "per_count" else shift)
-            if isinstance(old, str):
-                overrides[old] = new
+    factor = 2 ** (bits - design.facts.required_reading.bits)
+    overrides: dict[str, float] = {}
+    edits = []
+    for adc in design.tables.adcs:
+        values: dict[str, float] = {"bits": bits}
+        scales = (("per_count", adc.per_count, 1 / factor), ("zero_code", adc.zero_code, factor))
+        for key, given, scale in scales:
+            new = (design.value(given) or 0.0) * scale
+            if isinstance(given, str):
+                overrides[given] = new
             else:
-                literal[adc["channel"], key] = new if key == "per_count" else int(new)
-            if key == "zero_code" and adc["channel"] == 0:
-                zero = int(new)
-
-    def edit(document: Any) -> None:
-        for adc in document["adc"]:
-            adc["bits"] = bits
-            for (channel, key), value in literal.items():
-                if channel == adc["channel"]:
-                    adc[key] = value
-
+                values[key] = new if key == "per_count" else int(new)
+        edits.append(TableEdit("adc", adc.channel, values))
+    zero = int((design.value(design.tables.force_adc.zero_code) or 0) * factor)
     return Change(
-        f"ADC of {bits} bits", "converter", overrides, edit,
+        f"ADC of {bits} bits", "converter", overrides, tuple(edits),
         firmware={"adc_bits": bits, "force_zero_code": zero}, thesis="6.2.1",
     )  # fmt: skip
 
 
 def amplifier(design: Design) -> list[Change]:
     """Change: the other linear range of the amplifier (Fig 4.3)."""
-    drive = design.table.get("drive", {})
-    gain = value_of(design, drive.get("k_amp_outer"))
-    if drive.get("type") != "dc_motor" or gain is None:
+    drive = design.tables.drive
+    gain, inner = design.value(drive.k_amp_outer), design.value(drive.k_amp)
+    if drive.type != "dc_motor" or gain is None or inner is None:
         return []
-    inner = value_of(design, drive["k_amp"])
     return [
         Change(
             f"amplifier on its outer slope ({inner:g} -> {gain:g} V/V)", "amplifier",
@@ -421,7 +356,7 @@ def amplifier(design: Design) -> list[Change]:
     ]  # fmt: skip
 
 
-def control(frequency_hz: float | None, sensor_rate: bool) -> list[Change]:
+def control(design: Design, frequency_hz: float | None) -> list[Change]:
     """Changes to other laws (6.2.1), placed at the frequency at which the present loop becomes
     unstable: laws of a firmware bank, and the derivative of a sensor for which the firmware has no
     input."""
@@ -441,18 +376,15 @@ def control(frequency_hz: float | None, sensor_rate: bool) -> list[Change]:
         ),
     ]
     rows = [
-        banked(text, Bank(1.0, sections=(section,)), thesis="6.2.1")
+        banked(design, text, Bank(1.0, sections=(section,)), "6.2.1")
         for text, section in laws
         if max(map(abs, section)) <= COEFFICIENT_MAX
     ]
-    if sensor_rate:
-        rows.append(
-            Change(
-                f"derivative from a velocity-sensing sensor, T_d {derivative * 1e3:.3g} ms",
-                "control", loop={"law": "derivative", "parameters": {"derivative_s": derivative}},
-                in_firmware=False, thesis="6.2.1",
-            )
-        )  # fmt: skip
+    sensor = design.facts.required_reading.signal.rpartition(".")[0]
+    if f"{sensor}.spring_force_rate" in design.facts.signals:
+        spec = LoopSpec("derivative", design.timing, parameters={"derivative_s": derivative})
+        text = f"derivative from a velocity-sensing sensor, T_d {derivative * 1e3:.3g} ms"
+        rows.append(Change(text, "control", spec=spec, in_firmware=False, thesis="6.2.1"))
     return rows
 
 
@@ -466,16 +398,14 @@ def lead_section(zero_hz: float, pole_hz: float) -> tuple[float, ...]:
     return (az / ap, bz / ap, 0.0, bp / ap, 0.0)
 
 
-def banked(text: str, bank: Bank, thesis: str = "") -> Change:
+def banked(design: Design, text: str, bank: Bank, thesis: str = "") -> Change:
     """The change from the present law to a bank of the firmware."""
-    return Change(
-        text, "control", loop={"law": "bank", "bank": bank}, simulated=False, thesis=thesis
-    )
+    spec = LoopSpec("bank", design.timing, bank=bank)
+    return Change(text, "control", spec=spec, simulated=False, thesis=thesis)
 
 
 def changes(design: Design, frequency_hz: float | None, factor: float = FACTOR) -> list[Change]:
     """All changes that are possible for the design."""
-    rate = design.facts.required_reading.signal.rpartition(".")[0] + ".spring_force_rate"
     pad, damping = pads(design), workpiece_damping(design)
     return [
         *pad,
@@ -485,5 +415,5 @@ def changes(design: Design, frequency_hz: float | None, factor: float = FACTOR) 
         *sampling(design),
         *converter(design),
         *amplifier(design),
-        *control(frequency_hz, rate in design.facts.signals),
+        *control(design, frequency_hz),
     ]

@@ -18,11 +18,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from forceaxis import paths, progress, toml
+from forceaxis import paths, progress
 from forceaxis._core import InputError
-from forceaxis.design import friction, sets, simulate
+from forceaxis.design import friction, model_file, sets, simulate
 from forceaxis.design.cases import ContactCase
-from forceaxis.design.changes import Design, contact_of
+from forceaxis.design.changes import Design
 from forceaxis.design.grid import Goal
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.design.simulate import ContactBench, Plant
@@ -30,6 +30,7 @@ from forceaxis.drawing import FAINT, GOT, INK, WANTED, finish, legend, name_of, 
 from forceaxis.errors import ParameterError
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank, BankKeys
+from forceaxis.linear.plant_facts import Overrides
 from forceaxis.results import json_field
 
 SPAN = (1 / 20, 4.0)  # relative to the stiffness of the model
@@ -90,16 +91,16 @@ class ComplianceOrder:
     states: Mapping[str, str] | None = None  # {element: state} of all plants
 
 
-def element_of(model: str | Path, overrides: Mapping[str, float]) -> str:
+def element_of(model: str | Path, overrides: Overrides) -> str:
     """The parameter that is the stiffness of the contact. Raises InputError if no parameter is."""
-    contact = contact_of(toml.read(linear.find_model(model)))
-    name = contact.get("stiffness") if contact else None
-    if name not in linear.facts(model, overrides).parameters:
+    contact = model_file.read(model).contact
+    name = contact.stiffness if contact else None
+    if not isinstance(name, str) or name not in linear.facts(model, overrides).parameters:
         raise ParameterError(
             "element",
             f"expected the name of a stiffness, the contact of {model} has a number",
         )
-    return str(name)
+    return name
 
 
 def compliance(order: ComplianceOrder) -> Compliance:

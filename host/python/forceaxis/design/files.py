@@ -12,44 +12,17 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol
 
 import tomlkit
 
 from forceaxis import _core, objects
-from forceaxis.design.cases import ContactCase
-from forceaxis.design.changes import Change, Design
+from forceaxis.design import model_file
+from forceaxis.design.experiment_file import BANK, LOSS
+from forceaxis.design.outcome import DesignOutcome
+from forceaxis.design.simulate import ContactBench
 from forceaxis.errors import ParameterError
-from forceaxis.linear.bank import Bank
-from forceaxis.results import to_json
 
-if TYPE_CHECKING:
-    from forceaxis.design.outcome import DesignOutcome
-
-
-class WritableBench(Protocol):
-    """The parts of a simulate.ContactBench that the files of a design contain."""
-
-    design: Design
-    change: Change
-    model: Path
-    overrides: dict[str, float]
-    settings: dict[str, float | str]
-
-    @property
-    def shown(self) -> ContactCase: ...
-
-    def text(
-        self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
-        model: str | None = None,
-    ) -> str: ...  # fmt: skip
-
-    def approach_count_per_s(self, case: ContactCase) -> int: ...
-
-
-BANK = 1  # number of the bank to which a design is written
 EPOCH = datetime.date(1984, 1, 1)  # of certificate_date
-LOSS = ("contact_loss_cap", "contact_loss_dwell")
 
 
 def signed(name: str, value: float) -> float:
@@ -104,36 +77,6 @@ def bank_objects(
     return {n: int(v) if objects.BY_NAME[n].scale == 1 else v for n, v in values.items()}
 
 
-def law_keys(bench: WritableBench, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
-    """The [firmware] keys of a design."""
-    sensor = {name: bench.settings[name] for name in ("adc_bits", "force_zero_code", "force_scale")}
-    return (
-        sensor
-        | {name: loss[name] for name in LOSS if name in loss}
-        | {"force_bank": BANK, f"bank_{BANK}": to_json(bank.keys())}
-    )
-
-
-def with_bank(
-    bench: WritableBench, experiment: Path, bank: Bank, loss: Mapping[str, int],
-    model: str | Path | None = None,
-) -> str:  # fmt: skip
-    """The text of an experiment with a bank; comments of the experiment are kept. model: path of
-    its model from the folder of the text; by default the model of the bench."""
-    text: dict[str, Any] = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
-    text["model"] = str(model or bench.model)
-    if bench.overrides and "set" not in text:
-        text["set"] = tomlkit.table()
-    for name, value in bench.overrides.items():
-        text["set"][name] = value
-    if "firmware" not in text:
-        text["firmware"] = tomlkit.table()
-    for name, value in law_keys(bench, bank, loss).items():
-        text["firmware"][name] = value
-    text.pop("expect", None)  # of the law before
-    return tomlkit.dumps(text)
-
-
 class NewFolder:
     """A new folder that appears complete. Files are written to a temporary folder beside it, which
     is renamed at the end of the context, unless an exception ends the context."""
@@ -179,16 +122,16 @@ def refuse_existing(out: Path) -> None:
 
 
 def write(
-    folder: NewFolder, bench: WritableBench, outcome: "DesignOutcome", own: Path | None = None,
+    folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, own: Path | None = None,
     date: datetime.date | None = None,
 ) -> list[str]:  # fmt: skip
     """Write experiments and bank.toml of a design into a folder. Returns the names of the files."""
     names = []
     model = folder.reference(bench.model)
-    if bench.change.edit is not None:
-        document: dict[str, Any] = tomlkit.parse(Path(bench.model).read_text(encoding="utf-8"))
-        if "parameters_file" in document:
-            document["parameters_file"] = folder.reference(document["parameters_file"])
+    if bench.change.edits:
+        document = model_file.document(bench.model)
+        if parameters := document.get("parameters_file"):
+            document["parameters_file"] = folder.reference(parameters)
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
@@ -204,13 +147,13 @@ def write(
     contact = bench.text(case, outcome.bank, outcome.loss_objects, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}
     if own is not None:
-        texts[own.name] = with_bank(bench, own, outcome.bank, outcome.loss_objects, model)
+        texts[own.name] = bench.with_bank(own, outcome.bank, outcome.loss_objects, model)
     for name, text in texts.items():
         folder.write(name, text)
     return [*names, *texts]
 
 
-def bank_text(bench: WritableBench, values: dict[str, float]) -> str:
+def bank_text(bench: ContactBench, values: dict[str, float]) -> str:
     document = tomlkit.document()
     document.add(
         tomlkit.comment(f"The force law designed for {bench.design.model.stem}: objects of an")

@@ -13,7 +13,9 @@ from pathlib import Path
 
 import tomlkit
 
+from forceaxis.design import model_file
 from forceaxis.linear import working
+from forceaxis.linear.plant_facts import Overrides
 
 MOST = 2.0  # multiple of the declared friction
 
@@ -38,9 +40,7 @@ class FrictionRange:
         return {name: share * value for name, value in self.declared_N}
 
 
-def ranges(
-    model: str | Path, overrides: dict[str, float] | None = None
-) -> tuple[FrictionRange, ...]:
+def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[FrictionRange, ...]:
     """The frictions of a model whose forces are parameters (see `named`), without those that the
     drive cannot overcome. The largest multiple is 2, or the mean of 1 and the ratio of the drive's
     force to the breakaway force if that is less."""
@@ -79,7 +79,7 @@ def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, floa
 def named(model: Path) -> str | None:
     """The text of a model in which each friction force that was a number is a parameter, to be
     written to another file; None if no friction force is a number."""
-    document = tomlkit.parse(model.read_text(encoding="utf-8-sig"))
+    document = model_file.document(model)
     changed = False
     for row in document.get("friction", ()):
         for key in ("coulomb", "stiction"):
@@ -93,8 +93,4 @@ def named(model: Path) -> str | None:
             }  # fmt: skip
             row[key] = parameter
             changed = True
-    if not changed:
-        return None
-    if "parameters_file" in document:
-        document["parameters_file"] = str((model.parent / document["parameters_file"]).resolve())
-    return tomlkit.dumps(document)
+    return tomlkit.dumps(document) if changed else None

@@ -2,35 +2,31 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
-from forceaxis import toml
-from forceaxis.design.changes import contact_of
+from forceaxis.design import model_file
 from forceaxis.linear import over as margins
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.plant_set import PlantSet, ranges_of
 from forceaxis.linear.working import States
 
-SHARE = "30%"  # uncertainty of a workpiece after a data sheet or a test without contact
+# uncertainty of a workpiece that is known from a data sheet or from a test without contact
+WORKPIECE_TOLERANCE = "30%"
 
 
 def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[str, ...]:
     """Default of --over for the workpiece, +-30 %: its mass and the stiffness of its support. If
     the workpiece is the ground: the stiffness of the contact. Empty without a contact."""
-    table = toml.read(linear.find_model(model))
-    known = linear.facts(model, overrides).parameters
-    contact = contact_of(table)
-    if contact is None:
+    known, tables = linear.facts(model, overrides).parameters, model_file.read(model)
+    if tables.contact is None:
         return ()
-    body = contact["between"][1]
-    supports = [s for s in table.get("spring", ()) if body in s["between"]]
-    masses = [b["mass"] for b in table["body"] if b["name"] == body]
-    if len(supports) == 1 and masses:
-        named: tuple[Any, ...] = (supports[0].get("stiffness"), masses[0])
-    else:
-        named = (contact.get("stiffness"),)
-    return tuple(f"{n}={SHARE}" for n in named if n in known and known[n][0])
+    body, support = tables.body(tables.workpiece), tables.support
+    named = (support.stiffness, body.mass) if support and body else (tables.contact.stiffness,)
+    return tuple(
+        f"{name}={WORKPIECE_TOLERANCE}"
+        for name in named
+        if isinstance(name, str) and name in known and known[name].value
+    )
 
 
 def slopes(

@@ -15,12 +15,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import tomlkit
 
-from forceaxis import _core, objects, toml
+from forceaxis import _core, objects
 from forceaxis._core import InputError
-from forceaxis.design import changes, files, friction
+from forceaxis.design import changes, experiment_file, friction
 from forceaxis.design.cases import (
     ContactCase,
     ContactRun,
@@ -33,11 +34,13 @@ from forceaxis.design.cases import (
     why,
 )
 from forceaxis.design.changes import Design
+from forceaxis.design.model_file import Given
 from forceaxis.design.outcome import ContactLoss
 from forceaxis.errors import ParameterError
 from forceaxis.linear import loops
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
+from forceaxis.results import to_json
 
 Job = tuple[str, list[str]]  # (experiment, overrides)
 Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
@@ -86,16 +89,16 @@ class ContactBench:
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
         own_bits = design.facts.required_reading.bits
         self.change = (
-            changes.Change("", "", firmware={"adc_bits": bits})
+            changes.Change(firmware={"adc_bits": bits})
             if bits == own_bits
             else changes.resolution(design, bits)
         )
         self.model = design.changed_model(self.change)
-        self.overrides = design.overrides | self.change.overrides
+        self.overrides = design.overrides | dict(self.change.overrides)
         self.settle_s = SETTLE_S[0]
         self.facts = linear.facts(self.model, self.overrides)
         self.count_N = abs(self.facts.required_reading.per_count)
-        self._given = dict(toml.read(design.experiment)["firmware"]) if design.experiment else {}
+        self._given = experiment_file.firmware_table(design.experiment)
         self._asked = dict(firmware or {})
         self._given |= self._asked
         self._check()
@@ -142,10 +145,9 @@ class ContactBench:
 
     def _settings(self, bits: int) -> dict[str, float | str]:
         """Firmware settings that all cases share, without set-point, speed and bank."""
-        reading = next(a for a in self.design.table["adc"] if a["channel"] == 0)
         zero = self.change.firmware.get("force_zero_code")
         if zero is None:
-            zero = int(changes.value_of(self.design, reading.get("zero_code", 0)) or 0)
+            zero = int(self.design.value(self.design.tables.force_adc.zero_code) or 0)
         kept = {name: self._given[name] for name in KEPT if name in self._given}
         if "position_gain" not in kept:
             kept["position_gain"] = self._position_gain()
@@ -197,8 +199,8 @@ class ContactBench:
 
     def _stall_N(self) -> float:
         """Largest static force of the drive in N; infinite if the model has no limits."""
-        table, drive = self.design.table.get("drive", {}), self.facts.required_drive.values
-        supply_V, R = (changes.value_of(self.design, table.get(n)) for n in ("supply_limit", "R"))
+        table, drive = self.design.tables.drive, self.facts.required_drive.values
+        supply_V, R = self.design.value(table.supply_limit), self.design.value(table.R)
         r_trans = drive.get("r_trans")
         if not supply_V or not R or not r_trans:
             return math.inf
@@ -213,7 +215,7 @@ class ContactBench:
             return float(min(default / scale, APPROACH_M_PER_S))
         if name in self._asked:
             return float(self._asked[name]) / scale
-        return float(changes.read_firmware(self.design.experiment)[name]) / scale
+        return float(experiment_file.firmware_values(self.design.experiment)[name]) / scale
 
     def _cases(self) -> list[ContactCase]:
         speed, strike = self._speed(), STRIKE_S * self.rated_N
@@ -287,16 +289,14 @@ class ContactBench:
 
     def gap_m(self) -> float:
         """Distance of the two bodies of the contact at the start."""
-        places = {
-            body.name: self._place(body.position) for body in changes.read_bodies(self.design.table)
-        }
+        places = {body.name: self._place(body.position) for body in self.design.tables.bodies}
         near, far = self.facts.contacts[0].between
         return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
 
-    def _place(self, text: float | str) -> float:
-        sign = -1.0 if isinstance(text, str) and text.startswith("-") else 1.0
-        text = text.removeprefix("-") if isinstance(text, str) else text
-        return sign * (changes.value_of(self.design, text) or 0.0)
+    def _place(self, given: Given | None) -> float:
+        if isinstance(given, str) and given.startswith("-"):
+            return -self._place(given[1:])
+        return self.design.value(given) or 0.0
 
     def touch_s(self, case: ContactCase) -> float:
         """Time in s at which the axis is in contact at the latest, with a margin of a fifth."""
@@ -310,7 +310,7 @@ class ContactBench:
         the model from the folder of the file; by default the absolute path."""
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
-        law = files.law_keys(self, bank, loss or {})
+        law = self._law_keys(bank, loss or {})
         at: list[dict[str, object]] = [
             {"time_s": time_s, "firmware": {"controlword": word}}
             for time_s, word in ((0.01, 6), (0.02, 7), (0.03, 15))
@@ -334,6 +334,29 @@ class ContactBench:
                 **self.limits(case, bank),
             },
         })  # fmt: skip
+        return tomlkit.dumps(text)
+
+    def _law_keys(self, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
+        """The keys of [firmware] that select a bank with the sensor of this bench."""
+        sensor = {n: self.settings[n] for n in ("adc_bits", "force_zero_code", "force_scale")}
+        return {
+            **sensor,
+            **{name: loss[name] for name in experiment_file.LOSS if name in loss},
+            "force_bank": experiment_file.BANK,
+            f"bank_{experiment_file.BANK}": to_json(bank.keys()),
+        }
+
+    def with_bank(
+        self, experiment: Path, bank: Bank, loss: Mapping[str, int], model: str | None = None
+    ) -> str:
+        """The text of an experiment with a bank; comments of the experiment are kept. model: path
+        of its model from the folder of the text; by default the model of the bench."""
+        text = experiment_file.document(experiment)
+        text["model"] = str(model or self.model)
+        if self.overrides:
+            text.setdefault("set", tomlkit.table()).update(self.overrides)
+        text.setdefault("firmware", tomlkit.table()).update(self._law_keys(bank, loss))
+        text.pop("expect", None)  # belongs to the law before
         return tomlkit.dumps(text)
 
     def loads(self, case: ContactCase) -> dict[str, float | str]:
@@ -372,7 +395,7 @@ class ContactBench:
         """The run of the user's own experiment with the bank."""
         key = (own, bank, *(loss or {}).values())
         if key not in self._files:
-            text = files.with_bank(self, own, bank, loss or {})
+            text = self.with_bank(own, bank, loss or {})
             self._files[key] = self.design.file(f"case_{len(self._files)}.toml", text)
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 

@@ -1,0 +1,45 @@
+"""Experiment files: their firmware settings, and their text as a document that can be changed."""
+
+from pathlib import Path
+from typing import Any, TypedDict
+
+import tomlkit
+
+from forceaxis import _core, toml
+
+BANK = 1  # number of the bank to which a design is written
+LOSS = ("contact_loss_cap", "contact_loss_dwell")  # objects for the time after a contact loss
+
+
+class ExperimentText(TypedDict, total=False):
+    """The keys of an experiment file that a design writes; tomlkit.dumps gives the text."""
+
+    title: str
+    model: str
+    duration_s: float
+    set: dict[str, float | str]
+    firmware: dict[str, Any]
+    at: list[dict[str, Any]]
+    verdict: dict[str, float | bool]
+    expect: dict[str, str]
+
+
+def document(experiment: Path) -> ExperimentText:
+    """An experiment file as a document that keeps the comments of the file."""
+    found: Any = tomlkit.parse(experiment.read_text(encoding="utf-8-sig"))
+    text: ExperimentText = found
+    return text
+
+
+def firmware_values(experiment: Path | None) -> dict[str, float]:
+    """{object: value in its unit} of an experiment's [firmware]; empty without an experiment."""
+    return _core.inputs(str(experiment))["firmware"] if experiment else {}
+
+
+def firmware_table(experiment: Path | None) -> dict[str, float | str]:
+    """The keys of an experiment's [firmware] with the values of the file; empty without an
+    experiment."""
+    if experiment is None:
+        return {}
+    table: dict[str, float | str] = toml.read(experiment).get("firmware", {})
+    return table

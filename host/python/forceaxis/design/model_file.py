@@ -1,0 +1,178 @@
+"""Model files as their tables: read into types, and changed with comments kept.
+
+The compiled module reads a model with all units and checks. This module keeps what it does not
+give: which parameter or text of the file a value comes from.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import tomlkit
+
+from forceaxis import toml
+from forceaxis.linear import system as linear
+from forceaxis.results import from_json
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
+
+Given = float | str  # a value in a file: a number, a quantity with its unit, or a parameter
+
+
+@dataclass(frozen=True)
+class Body:
+    """A [[body]] of a model file. None: the file does not have the key."""
+
+    name: str
+    mass: Given | None = None
+    position: Given | None = None
+    velocity: Given | None = None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A [[spring]], [[damper]] or [[contact]] between two bodies or a body and "ground". None: the
+    file does not have the key."""
+
+    name: str
+    between: tuple[str, str]
+    stiffness: Given | None = None
+    damping: Given | None = None
+
+
+@dataclass(frozen=True)
+class FrictionLink:
+    """A [[friction]] between two bodies or a body and "ground": sliding force and breakaway force.
+    None: the file does not have the key."""
+
+    name: str
+    between: tuple[str, str]
+    coulomb: Given
+    stiction: Given | None = None
+
+
+@dataclass(frozen=True)
+class Adc:
+    """An [[adc]] of a model file with the defaults of its keys."""
+
+    channel: int
+    bits: int = 8
+    per_count: Given = 0
+    zero_code: Given = 0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The [drive] of a model file; only the values that a design changes or needs by name."""
+
+    type: str = ""
+    b_m: Given | None = None
+    k_amp: Given | None = None
+    k_amp_outer: Given | None = None
+    supply_limit: Given | None = None
+    R: Given | None = None
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """The tables of a model file that a design reads."""
+
+    bodies: tuple[Body, ...]
+    springs: tuple[Link, ...]
+    dampers: tuple[Link, ...]
+    contacts: tuple[Link, ...]
+    frictions: tuple[FrictionLink, ...]
+    adcs: tuple[Adc, ...]
+    drive: Drive
+
+    @property
+    def contact(self) -> Link | None:
+        """The only contact, on which the force loop presses; None if there is not exactly one."""
+        return self.contacts[0] if len(self.contacts) == 1 else None
+
+    @property
+    def workpiece(self) -> str | None:
+        """The body behind the only contact, or "ground"; None without such a contact."""
+        return self.contact.between[1] if self.contact else None
+
+    @property
+    def support(self) -> Link | None:
+        """The only spring at the workpiece; None if there is not exactly one."""
+        found = [spring for spring in self.springs if self.workpiece in spring.between]
+        return found[0] if len(found) == 1 else None
+
+    @property
+    def force_adc(self) -> Adc:
+        """The ADC of the force sensor, channel 0."""
+        return next(adc for adc in self.adcs if adc.channel == 0)
+
+    def body(self, name: str | None) -> Body | None:
+        """The body with a name; None if there is no such body."""
+        return next((body for body in self.bodies if body.name == name), None)
+
+
+def read(model: str | Path) -> ModelFile:
+    """The tables of a model, given as a path or a stem. Raises InputError."""
+    path = linear.find_model(model)
+    table = toml.read(path)
+
+    def every(kind: type[T], name: str) -> tuple[T, ...]:
+        return tuple(_of_table(kind, row, f"{path}: {name}") for row in table.get(name, ()))
+
+    return ModelFile(
+        bodies=every(Body, "body"),
+        springs=every(Link, "spring"),
+        dampers=every(Link, "damper"),
+        contacts=every(Link, "contact"),
+        frictions=every(FrictionLink, "friction"),
+        adcs=every(Adc, "adc"),
+        drive=_of_table(Drive, table.get("drive", {}), f"{path}: drive"),
+    )
+
+
+def _of_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
+    """The dataclass `kind` from the keys of a table that are its fields."""
+    known = {field.name for field in dataclasses.fields(kind)}
+    return from_json(kind, {key: table[key] for key in known & table.keys()}, where)
+
+
+@dataclass(frozen=True)
+class TableEdit:
+    """New values for one table of a model file.
+
+    kind: name of the array of tables, such as "spring"; key: name of the element, or channel of
+    the ADC. An element that the file does not have is added at the end of the array.
+    """
+
+    kind: str
+    key: str | int
+    values: Mapping[str, Given | list[str]]
+
+
+def document(model: str | Path) -> tomlkit.TOMLDocument:
+    """A model file as a document that can be changed and written to any folder, because its path of
+    parameters is absolute. tomlkit.dumps gives the text, with the comments of the file."""
+    path = linear.find_model(model)
+    found = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
+    if parameters := found.get("parameters_file"):
+        found["parameters_file"] = str((path.parent / parameters).resolve())
+    return found
+
+
+def edited(model: str | Path, edits: Iterable[TableEdit]) -> str:
+    """The text of a model file after edits; see document() for its paths."""
+    found = document(model)
+    for edit in edits:
+        tables = found.setdefault(edit.kind, tomlkit.aot())
+        of_name = "channel" if edit.kind == "adc" else "name"
+        own = [table for table in tables if table[of_name] == edit.key]
+        if own:
+            own[0].update(edit.values)
+        else:
+            tables.append({of_name: edit.key, **edit.values})
+    return tomlkit.dumps(found)
