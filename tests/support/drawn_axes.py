@@ -235,10 +235,6 @@ def contacts(model, truth, forces, bank, designed):
         bench.settings["rated_force"] = round(1e3 * bench.rated_N)
         kept = designed["contact_loss"]
         loss = {name: kept[name] for name in experiment_file.LOSS if name in kept}
-            n: designed["contact_loss"][n]
-            for n in experiment_file.LOSS
-            if n in designed["contact_loss"]
-        }
         cases = [simulate.ContactCase(force, speed) for force in forces]
         done = simulate.run([bench.job(case, bank, {}, 0, loss) for case in cases], 1)
         return [

@@ -107,7 +107,7 @@ def test_a_friction_that_no_setpoint_overcomes_is_said(tmp_path):
     assert said.setpoint_N == 375
     (text,) = said.doubts
     pushes = float(re.search(r"pushes with (\S+) N", text)[1])
-    assert "--guide-coulomb-n 800" in text and "never comes into contact" in text
+    assert "dry friction of 800 N" in text and "never comes into contact" in text
     expected = tomllib.loads((tmp_path / "mine/contact.toml").read_text())["expect"]["verdict"]
     assert ran(tmp_path, "contact.toml")["verdict"] == expected == "never_in_contact"
     for share, verdict in ((0.9, "stable"), (1.03, "never_in_contact")):
@@ -251,7 +251,8 @@ def test_the_law_of_a_soft_part_does_not_pump(tmp_path):
 def test_an_inductance_that_no_motor_has_is_said(tmp_path):
     """1 H over 1 ohm is a second; 2 mH over 1 ohm, the default, 2 ms."""
     (doubt,) = made(tmp_path, "--inductance-h 1 --current-loop-hz 1000")["doubts"]
-    assert "--inductance-h 1 over --resistance-ohm 1 is an electrical time constant of 1 s" in doubt
+    assert "inductance of 1 H over the resistance of 1 ohm is an electrical time constant" in doubt
+    assert " of 1 s," in doubt
     assert made(tmp_path, "--force")["doubts"] == []
 
 

@@ -7,23 +7,37 @@ from pathlib import Path
 import click
 
 from forceaxis._core import InputError
-from forceaxis.cli.common import Callback, Folder, Verb, as_json, fitted, show, waiting
+from forceaxis.cli.common import (
+    Callback,
+    Folder,
+    Verb,
+    as_json,
+    fitted,
+    show,
+    waiting,
+    with_options,
+)
 from forceaxis.design import data_sheet, new
 from forceaxis.results import to_json
+
+
+def option_of(field: data_sheet.SheetField) -> str:
+    """Return the option that gives the value of a field."""
+    return "--" + field.name.lower().replace("_", "-")
 
 
 def options(command: Callback) -> Callback:
     """Add one option for each value of the data sheets to the verb."""
     for field in reversed(data_sheet.FIELDS):
-        default = field.why if callable(field.default) else data_sheet.shown(field, field.default)
+        default = field.why if callable(field.default) else field.shown(field.default)
         help_text = f"{field.part}: {field.ask} [default: {default}]"
-        command = click.option(field.option, field.name, metavar=field.unit, help=help_text)(
+        command = click.option(option_of(field), field.name, metavar=field.unit, help=help_text)(
             command
         )
     return command
 
 
-def prompt(field: data_sheet.Field, proposed: str, number: int) -> str:
+def prompt(field: data_sheet.SheetField, proposed: str, number: int) -> str:
     """Ask the user for one value of the data sheets until the answer is valid. Return the answer,
     or the word that asks for the question before."""
     count = len(data_sheet.FIELDS)
@@ -34,14 +48,15 @@ def prompt(field: data_sheet.Field, proposed: str, number: int) -> str:
     click.echo("\n" + fitted(f"{number} of {count}  {field.part}: {field.ask}", 2))
     unit = "" if field.unit == "1" else f", {field.unit}"
     while True:
-        text = click.prompt(f"  {field.option[2:]}{unit}", default=proposed).strip()
+        text = click.prompt(f"  {option_of(field)[2:]}{unit}", default=proposed).strip()
         if text == data_sheet.BACK:
             return text
         try:
             field.parse(text)
             return text
         except InputError as error:
-            click.echo(fitted(f"  {error}", 2))
+            command = click.get_current_context().command
+            click.echo(fitted(f"  {with_options(command, error)}", 2))
 
 
 @click.command(

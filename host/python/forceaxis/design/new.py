@@ -1,27 +1,19 @@
 """A model and two experiments of a user's axis, from data-sheet values (`forceaxis new`)."""
 
 import math
-import os
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 import jinja2
 import numpy as np
 
 from forceaxis import _core, objects, paths
 from forceaxis._core import InputError
-from forceaxis.design.data_sheet import (
-    BY_NAME,
-    SheetValues,
-    back_emf_speed,
-    radius_m,
-    weight_n,
-)
+from forceaxis.design.data_sheet import BY_NAME, SheetValues
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import BankKeys
 
@@ -33,8 +25,9 @@ MOMENTUM_SHARE = 0.1  # share of the sensor's full scale, for the peak force at 
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
 FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1  # L / R of motors
 DAC_CODES = 2048  # from 0 V to full scale
-# share of the linear limit for the first gains, because contact loss makes a loop unstable earlier
-SHARE = 1 / 6
+# the first gains are this share of the linear limit, because contact loss makes a loop unstable
+# earlier
+FIRST_GAIN_SHARE = 1 / 6
 FILES = ("model.toml", "contact.toml", "step.toml")
 HELD = "held.toml"  # with a bank
 
@@ -43,12 +36,11 @@ HELD = "held.toml"  # with a bank
 class AxisConstants:
     """Constants derived from the data sheet."""
 
-    v: SheetValues  # data-sheet values by name
+    v: SheetValues
     r_trans: float
     rotor_mass: float
     mass: float
     k_torque: float
-    b_axis: float
     current_limit: float
     k_current: float
     k_amp: float
@@ -66,62 +58,63 @@ class AxisConstants:
 def derive(v: SheetValues) -> AxisConstants:
     """The gains of the amplifier and the constants of the model. Raises InputError if no values
     satisfy the data sheet."""
-    r, rotor = radius_m(v), v["rotor_inertia_kg_m2"] / radius_m(v) ** 2
-    mass, full_V = rotor + v["moving_mass_kg"], v["command_full_scale_v"]
-    speed = v["full_scale_speed_m_per_s"]
-    current = min(v["motor_peak_current_a"], v["amplifier_current_limit_a"])
-    k_torque = v["efficiency"] * v["torque_constant_n_m_per_a"]
+    r, mass, full_V = v.radius_m, v.total_mass_kg, v.command_full_scale_v
+    speed = v.full_scale_speed_m_per_s
+    current = min(v.motor_peak_current_a, v.amplifier_current_limit_a)
+    k_torque = v.efficiency * v.torque_constant_n_m_per_a
     k_current = full_V / current
-    L, R = v["inductance_h"], v["resistance_ohm"]
-    k_amp = (2 * math.pi * v["current_loop_hz"] * L - R) / k_current
+    L, R = v.inductance_h, v.resistance_ohm
+    k_amp = (2 * math.pi * v.current_loop_hz * L - R) / k_current
     if k_amp <= 0:
-        fail("current_loop_hz", f"more than R/(2 pi L) = {R / (2 * math.pi * L):.4g} Hz, "
-             f"got {v['current_loop_hz']:g}", "raise it or check R and L")  # fmt: skip
-    k_tach = v["tachometer_v_s_per_rad"] or full_V * r / speed
+        raise ParameterError(
+            "current_loop_hz", f"expected more than R/(2 pi L) = {R / (2 * math.pi * L):.4g} Hz, "
+            f"got {v.current_loop_hz:g}; raise it or check R and L",
+        )  # fmt: skip
+    k_tach = v.tachometer_v_s_per_rad or full_V * r / speed
     # Without filter and inductance, (R + k_amp k_current) i = k_amp (k_preamp_cmd u -
     # k_preamp_fdbk k_tach v/r) - k_back_emf v/r, and k_torque/r i - b v has to equal D
     # (speed/full_V u - v).
-    D = 2 * math.pi * v["velocity_loop_hz"] * mass
-    b = v["guide_damping_n_s_per_m"] + v["motor_damping_n_m_s_per_rad"] / r**2
+    D = 2 * math.pi * v.velocity_loop_hz * mass
+    b = v.guide_damping_n_s_per_m + v.motor_damping_n_m_s_per_rad / r**2
     Z = R + k_amp * k_current
-    back = v["back_emf_v_s_per_rad"]
+    back = v.back_emf_v_s_per_rad
     k_fdbk = ((D - b) * Z * r**2 / k_torque - back) / (k_amp * k_tach)
     if k_fdbk < 0:
         natural = (b + k_torque * back / (Z * r**2)) / (2 * math.pi * mass)
-        fail("velocity_loop_hz", f"more than the {natural:.4g} Hz of friction and back EMF alone, "
-             f"got {v['velocity_loop_hz']:g}", "raise it or the current loop")  # fmt: skip
+        raise ParameterError(
+            "velocity_loop_hz", f"expected more than the {natural:.4g} Hz of friction and back EMF "
+            f"alone, got {v.velocity_loop_hz:g}; raise it or the current loop",
+        )  # fmt: skip
     k_cmd = speed / full_V * D * Z * r / (k_torque * k_amp)
     b_transmission = 0.0
-    if k := v["transmission_stiffness_n_per_m"]:
-        pair = rotor * v["moving_mass_kg"] / mass
-        b_transmission = 2 * v["transmission_damping_ratio"] * math.sqrt(k * pair)
-    b_workpiece = v["workpiece_damping_n_s_per_m"] or 0.0
-    if k := v["workpiece_stiffness_n_per_m"]:
-        zeta = v["workpiece_damping_ratio"]
-        if zeta is not None:
-            b_workpiece = 2 * zeta * math.sqrt(k * v["workpiece_mass_kg"])
-    per_rev = v["encoder_counts_per_rev"]
-    half = 2.0 ** (v["sensor_bits"] - 1)
+    if k := v.transmission_stiffness_n_per_m:
+        pair = v.rotor_mass_kg * v.moving_mass_kg / mass
+        b_transmission = 2 * v.transmission_damping_ratio * math.sqrt(k * pair)
+    b_workpiece, zeta = v.workpiece_damping_n_s_per_m, v.workpiece_damping_ratio
+    if zeta is not None:
+        b_workpiece = (
+            2 * zeta * math.sqrt((v.workpiece_stiffness_n_per_m or 0.0) * v.workpiece_mass_kg)
+        )
+    per_rev = v.encoder_counts_per_rev
+    half = 2.0 ** (v.sensor_bits - 1)
     return AxisConstants(
-        v, r, rotor, mass, k_torque, v["guide_damping_n_s_per_m"], current, k_current, k_amp,
-        k_tach, k_fdbk, k_cmd, 2 * math.pi * v["velocity_filter_hz"], b_transmission, b_workpiece,
-        1e3 * v["encoder_counts_per_mm"] if per_rev is None else per_rev / (2 * math.pi * r),
-        v["sensor_full_scale_n"] / half, 1.25 * current / half,
+        v, r, v.rotor_mass_kg, mass, k_torque, current, k_current, k_amp, k_tach, k_fdbk, k_cmd,
+        2 * math.pi * v.velocity_filter_hz, b_transmission, b_workpiece,
+        1e3 * v.encoder_counts_per_mm if per_rev is None else per_rev / (2 * math.pi * r),
+        v.sensor_full_scale_n / half, 1.25 * current / half,
     )  # fmt: skip
 
 
 def doubts(v: SheetValues) -> list[str]:
     """Texts of one line each about data-sheet values that are possible but unlikely."""
-    tau, texts = v["inductance_h"] / v["resistance_ohm"], []
-    if not SLOWEST_TAU_S >= tau >= FASTEST_TAU_S:
-        text = (
-            f"{BY_NAME['inductance_h'].option} {v['inductance_h']:g} over "
-            f"{BY_NAME['resistance_ohm'].option} {v['resistance_ohm']:g} is an electrical time "
-            f"constant of {tau:.3g} s, where motors have {1e3 * FASTEST_TAU_S:g} to "
-            f"{1e3 * SLOWEST_TAU_S:g} ms: 1 mH is 0.001"
-        )
-        texts.append(text)
-    return texts
+    tau_s = v.inductance_h / v.resistance_ohm
+    if SLOWEST_TAU_S >= tau_s >= FASTEST_TAU_S:
+        return []
+    return [
+        f"the inductance of {v.inductance_h:g} H over the resistance of {v.resistance_ohm:g} ohm "
+        f"is an electrical time constant of {tau_s:.3g} s, but motors have "
+        f"{1e3 * FASTEST_TAU_S:g} to {1e3 * SLOWEST_TAU_S:g} ms; an inductance of 1 mH is 0.001"
+    ]
 
 
 def stuck(v: SheetValues, first: "First") -> list[str]:
@@ -129,25 +122,20 @@ def stuck(v: SheetValues, first: "First") -> list[str]:
     law."""
     if first.friction_most is not None:
         return []
-    back = -min(weight_n(v), 0.0)
-    what = f"{BY_NAME['guide_coulomb_n'].option} {v['guide_coulomb_n']:g}"
-    if back:
-        what += f" and the weight of {back:.3g} N"
+    back_N = -min(v.weight_n, 0.0)
+    weight = f" and the weight of {back_N:.3g} N" if back_N else ""
     return [
-        f"{what} hold the axis back: the law of contact.toml pushes with "
-        f"{first.pushes_N + back:.3g} N, so that its run never comes into contact; raise "
-        "force_gain or force_setpoint, or take a law with an integral part (held.toml)"
+        f"the dry friction of {v.guide_coulomb_n:g} N{weight} keeps the axis at standstill, "
+        f"because the law of contact.toml pushes with {first.pushes_N + back_N:.3g} N, so that its "
+        "run never comes into contact; raise force_gain or force_setpoint, or take a law with "
+        "integral action (held.toml)"
     ]
 
 
 def within(name: str, value: float) -> float:
     """A value of a firmware object, limited to the object's range."""
-    taken = next(o for o in objects.OBJECTS if o.name == name)
-    return min(max(value, taken.min * taken.scale), taken.max * taken.scale)
-
-
-def fail(name: str, expected: str, remedy: str) -> NoReturn:
-    raise InputError(f"{BY_NAME[name].option}: expected {expected}; {remedy}")
+    known = objects.BY_NAME[name]
+    return min(max(value, known.min * known.scale), known.max * known.scale)
 
 
 @dataclass
@@ -175,8 +163,8 @@ class First:
 def approach_m_per_s(axis: AxisConstants) -> float:
     """Approach speed whose momentum causes the share MOMENTUM_SHARE of the sensor's full scale as
     spring force, v sqrt(k m), at most APPROACH_M_PER_S."""
-    v, stiffness = axis.v, axis.v["sensor_stiffness_n_per_m"]
-    force = MOMENTUM_SHARE * v["sensor_full_scale_n"]
+    v, stiffness = axis.v, axis.v.sensor_stiffness_n_per_m
+    force = MOMENTUM_SHARE * v.sensor_full_scale_n
     return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
 
 
@@ -187,6 +175,11 @@ def highest_gain(loop: "Loop", volts_per_code: float) -> float:
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 
+def first_gain(limit: float) -> float:
+    """The first gain for a limit of highest_gain(), at least the smallest gain of the firmware."""
+    return max(1, math.floor(limit * FIRST_GAIN_SHARE * 256)) / 256
+
+
 def first_gains(axis: AxisConstants, model: Path) -> First:
     """First gains as a share of the linear limits. The set-point is a quarter of the sensor range
     or of the peak force, whichever is smaller; it is larger if the approach has to overcome the
@@ -195,34 +188,37 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     from forceaxis.linear import loops
 
     v = axis.v
-    sliding = {"seals": "forward"} if v["guide_coulomb_n"] else {}
-    if v["transmission_stiffness_n_per_m"] and v["backlash_mm"]:
+    sliding = {"seals": "forward"} if v.guide_coulomb_n else {}
+    if v.transmission_stiffness_n_per_m and v.backlash_mm:
         sliding["transmission.high"] = "pressed"  # the backlash closed
     # Forces along the axis: gravity and dry friction, on the body that presses.
-    pull = f"{'axis' if v['transmission_stiffness_n_per_m'] is None else 'load'}.force"
+    pull = f"{'axis' if v.transmission_stiffness_n_per_m is None else 'load'}.force"
     inputs = ("drive.command", pull)
     plant = linear.linearise(model, inputs, ("adc0",), modes=sliding)
     free = linear.linearise(model, outputs=("encoder",), modes=sliding, free=True)
     poles = np.concatenate([plant.poles().real, free.poles().real])
     if poles.max() > 1e-6 * np.abs(poles).max():
-        fail("velocity_loop_hz", "a drive that is stable by itself with this current loop, filter "
-             f"and transmission, got {v['velocity_loop_hz']:g}",
-             f"lower it or raise {BY_NAME['velocity_filter_hz'].option} and "
-             f"{BY_NAME['current_loop_hz'].option}")  # fmt: skip
-    volts = v["command_full_scale_v"] / DAC_CODES
+        raise ParameterError(
+            "velocity_loop_hz", "expected a drive that is stable by itself with this current loop, "
+            f"filter and transmission, got {v.velocity_loop_hz:g}; lower it or raise "
+            "`velocity_filter_hz` and `current_loop_hz`",
+        )  # fmt: skip
+    volts = v.command_full_scale_v / DAC_CODES
     force = loops.force_loop(model, modes=sliding, output="adc0")
     limit = highest_gain(force, volts)
-    gain = max(1, math.floor(limit * SHARE * 256)) / 256
-    newton_per_count = v["sensor_full_scale_n"] / 128
-    current = min(axis.current_limit, v["supply_v"] / v["resistance_ohm"])
+    gain = first_gain(limit)
+    newton_per_count = v.sensor_full_scale_n / 128
+    current = min(axis.current_limit, v.supply_v / v.resistance_ohm)
     peak = axis.k_torque * current / axis.r_trans
     setpoint = math.floor(min(32.0, peak / 4 / newton_per_count) * 256) / 256
-    code = v["full_scale_speed_m_per_s"] / DAC_CODES
-    if gain * setpoint < 2 or limit * SHARE < 1 / 256:
-        fail("full_scale_speed_m_per_s", "a speed at which the safe approach takes at least two "
-             f"DAC codes, got {v['full_scale_speed_m_per_s']:g} ({gain * setpoint:.2g} codes)",
-             "lower it, or check sensor and amplifier")  # fmt: skip
-    weight, dry = weight_n(v), v["guide_coulomb_n"]
+    code = v.full_scale_speed_m_per_s / DAC_CODES
+    if gain * setpoint < 2 or limit * FIRST_GAIN_SHARE < 1 / 256:
+        raise ParameterError(
+            "full_scale_speed_m_per_s", "expected a speed at which the safe approach takes at "
+            f"least two DAC codes, got {v.full_scale_speed_m_per_s:g} "
+            f"({gain * setpoint:.2g} codes); lower it, or check sensor and amplifier",
+        )  # fmt: skip
+    weight, dry = v.weight_n, v.guide_coulomb_n
     moving = linear.linearise(
         model, inputs, (pull.replace("force", "velocity"),), modes=sliding, free=True
     )
@@ -235,7 +231,7 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     held = (static + of_force * weight / setpoint) / (1 + static)
     rate = force.decay(gain * volts)
     free_speed = min(gain * setpoint, DAC_CODES) * code
-    reach = v["approach_mm"] / 1e3 / free_speed
+    reach = v.approach_mm / 1e3 / free_speed
     # With lower gains and set-points the axis approaches more slowly; a tenth of the speed is
     # permitted if the approach does not take too long.
     room = min(10 * reach, 1.3 * reach + 3)
@@ -243,14 +239,14 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     most = friction_most(dry, pushes)
     if most is not None:
         slowest = (pushes - most * dry) * speed_per_N
-        room = max(room, 1.3 * v["approach_mm"] / 1e3 / slowest + 0.5)
+        room = max(room, 1.3 * v.approach_mm / 1e3 / slowest + 0.5)
     contact = min(600.0, math.ceil(2 * (room + min(10 / rate, 30) + 1.5)) / 2)
 
     position = loops.force_loop(model, modes=sliding, output="encoder", free=True)
     position_limit = highest_gain(position, volts)
-    position_gain = max(1, math.floor(position_limit * SHARE * 256)) / 256
+    position_gain = first_gain(position_limit)
     distance, acceleration = 0.02, 0.25 * peak / axis.mass
-    speed = v["full_scale_speed_m_per_s"] / 4
+    speed = v.full_scale_speed_m_per_s / 4
     settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(
@@ -289,24 +285,24 @@ def render(
         return f'{key} = {{ value = {float(value)!r}, unit = "{unit}", source = "{source}" }}'
 
     def given(key: str, name: str, unit: str, scale: float = 1.0) -> str:
-        return f"# {BY_NAME[name].ask}\n{entry(key, v[name] * scale, unit, sources[name])}"
+        return f"# {BY_NAME[name].ask}\n{entry(key, getattr(v, name) * scale, unit, sources[name])}"
 
     context = dict(
         title=title, a=axis, v=v, src=sources, entry=entry, given=given, exact=repr,
-        bits=int(v["sensor_bits"]), half=1 << (int(v["sensor_bits"]) - 1),
-        back_emf_speed=back_emf_speed(v), weight=weight_n(v),
-        count_N=v["sensor_full_scale_n"] / 128,
-        force_scale=round(within("force_scale", 1e6 * v["sensor_full_scale_n"] / 128)),
-        rated_force=round(within("rated_force", 1e3 * v["sensor_full_scale_n"])),
+        bits=int(v.sensor_bits), half=1 << (int(v.sensor_bits) - 1),
+        back_emf_speed=v.back_emf_speed_m_per_s, weight=v.weight_n,
+        count_N=v.sensor_full_scale_n / 128,
+        force_scale=round(within("force_scale", 1e6 * v.sensor_full_scale_n / 128)),
+        rated_force=round(within("rated_force", 1e3 * v.sensor_full_scale_n)),
     )  # fmt: skip
     if first:
         count = axis.encoder_scale
-        target = round((-v["approach_mm"] / 1e3 - first.distance_m) * count)
+        target = round((-v.approach_mm / 1e3 - first.distance_m) * count)
         if abs(target) >= 2**31:
-            key = (
-                "encoder_counts_per_rev" if v["encoder_counts_per_rev"] else "encoder_counts_per_mm"
+            key = "encoder_counts_per_rev" if v.encoder_counts_per_rev else "encoder_counts_per_mm"
+            raise ParameterError(
+                key, "expected a move of less than 2^31 counts; give a coarser encoder"
             )
-            fail(key, "a move of less than 2^31 counts", "give a coarser encoder")
         context |= dict(
             f=first, target=target, approach_mm_per_s=1e3 * approach_m_per_s(axis),
             speed=within("profile_velocity_max", first.speed_m_per_s * count * TICK_S),
@@ -402,21 +398,11 @@ def write(
         if held:
             written[HELD] = held
     refuse_existing(folder, force)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{title}.", dir=folder.parent))
-    try:
-        for name, text in written.items():
-            (part / name).write_text(text, encoding="utf-8")
-        if folder.exists():
-            for name in written:
-                os.replace(part / name, folder / name)
-            if HELD not in written:  # of the model before
-                (folder / HELD).unlink(missing_ok=True)
-        else:
-            part.chmod(0o777 & ~umask())
-            os.replace(part, folder)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    with paths.replacing(folder, *written) as files:
+        for file, text in zip(files, written.values(), strict=True):
+            file.write_text(text, encoding="utf-8")
+        if HELD not in written:  # of the model before
+            (folder / HELD).unlink(missing_ok=True)
     return NewAxis(
         folder=paths.display(folder),
         files=list(written),
@@ -424,7 +410,7 @@ def write(
         force_limit_gain=first.limit,
         force_gain=first.gain,
         force_setpoint=first.setpoint,
-        setpoint_N=first.setpoint * values["sensor_full_scale_n"] / 128,
+        setpoint_N=first.setpoint * values.sensor_full_scale_n / 128,
         held_share=first.held,
         held_with=held_with(values),
         position_gain=first.position_gain,
@@ -437,14 +423,8 @@ def write(
 
 def held_with(v: SheetValues) -> str:
     """End of a line: what the settled share of the set-point includes or excludes."""
-    text = "" if v["inclination_deg"] is None else ", the weight's part included"
-    return text + (", give or take the dry friction" if v["guide_coulomb_n"] else "")
-
-
-def umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    text = "" if v.inclination_deg is None else ", the weight's part included"
+    return text + (", give or take the dry friction" if v.guide_coulomb_n else "")
 
 
 def refuse_existing(folder: Path, force: bool) -> None:

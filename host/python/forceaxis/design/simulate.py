@@ -35,6 +35,7 @@ from forceaxis.design.cases import (
 )
 from forceaxis.design.changes import Design
 from forceaxis.design.model_file import Given
+from forceaxis.design.new import first_gain, highest_gain
 from forceaxis.design.outcome import ContactLoss
 from forceaxis.errors import ParameterError
 from forceaxis.linear import loops
@@ -191,11 +192,8 @@ class ContactBench:
 
     def _position_gain(self) -> float:
         """A sixth of the linear limit out of contact, as in `forceaxis new`."""
-        gain = loops.force_loop(
-            self.model, overrides=self.overrides, output="encoder", free=True
-        ).limit().stable_to  # fmt: skip
-        highest = 256.0 if gain is None else gain / self.facts.volts_per_code
-        return max(1, math.floor(min(highest, 256.0) / 6 * 256)) / 256
+        loop = loops.force_loop(self.model, overrides=self.overrides, output="encoder", free=True)
+        return first_gain(highest_gain(loop, self.facts.volts_per_code))
 
     def _stall_N(self) -> float:
         """Largest static force of the drive in N; infinite if the model has no limits."""
