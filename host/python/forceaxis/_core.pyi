@@ -88,6 +88,19 @@ class LiveAxis:
         self, first: int, count: int, signals: int
     ) -> np.ndarray[Any, np.dtype[np.int32]]: ...
 
+class BenchCase:
+    """A plant in the loop of the benchmark."""
+
+    def __init__(self, file: Path, force: str, robot: str, workpiece: str) -> None: ...
+    def run(self, gain: int, setpoint_N: int, firmware: bool = ...) -> dict[str, Any]: ...
+    def sweep(
+        self,
+        gains: tuple[float, float],
+        setpoints_N: tuple[float, float],
+        side: int,
+        threads: int,
+    ) -> dict[str, Any]: ...
+
 def inputs(
     experiment: str | Path, overrides: Sequence[str] = ..., text: str | None = ...
 ) -> Inputs: ...

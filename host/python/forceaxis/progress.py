@@ -49,3 +49,16 @@ def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]
             yield item
     finally:
         shown = before
+
+
+@contextlib.contextmanager
+def bar(title: str, total: int) -> Iterator[Callable[[int, int], None]]:
+    """Context of a progress bar on standard error, shown only on a terminal. Yields a function that
+    sets the number of steps that are done; its second argument, the total, has no effect."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as shown_bar:
+        task = shown_bar.add_task(title, total=total)
+        yield lambda done, _: shown_bar.update(task, completed=done)

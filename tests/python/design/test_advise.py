@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -10,6 +11,7 @@ from forceaxis import _core, linear, paths
 from forceaxis.bench import bench
 from forceaxis.cli import main as cli
 from forceaxis.cli.advise_text import describe
+from forceaxis.cli.bench import bench_text
 from forceaxis.design import advise
 from forceaxis.linear import loops
 from forceaxis.results import to_json
@@ -364,15 +366,14 @@ def test_a_mistake_is_one_line(capsys, monkeypatch, arguments, says):
 
 def test_bench_times_responses_limits_and_advice():
     rows = bench.linear_analysis(1, lambda: None)
-    assert sum("frequencies of full_axis" in r["work"] for r in rows) == 1
-    assert sum("critical gain of" in r["work"] for r in rows) == 2
-    assert sum("advice table of" in r["work"] for r in rows) == 2
+    assert sum("frequencies of full_axis" in r.work for r in rows) == 1
+    assert sum("critical gain of" in r.work for r in rows) == 2
+    assert sum("advice table of" in r.work for r in rows) == 2
     for r in rows:
-        assert r["seconds"] > 0 and (r["difference"] is None or r["difference"] < 1e-6)
-    result = {"results": [], "linear": rows, "missing": {}, "load": 0.0}
-    names = [text for text, _ in bench.check(result)]
-    assert sum("advice" in name for name in names) == 2
-    slow = {"results": [], "linear": [r | {"seconds": 5.0} for r in rows]}
-    held = [h for text, h in bench.check(slow) if "advice" in text or "frequencies, s" in text]
-    assert held and not any(held)
-    assert "python-control" in bench.describe(result)
+        assert r.seconds > 0 and (r.difference is None or r.difference < 1e-6)
+    result = bench.BenchResult(results=[], missing={}, load=0.0, linear=rows)
+    assert sum("advice" in c.check for c in bench.check(result)) == 2
+    slow = replace(result, linear=[replace(r, seconds=5.0) for r in rows])
+    timed = [c for c in bench.check(slow) if "advice" in c.check or "full_axis, s" in c.check]
+    assert len(timed) == 3 and not any(c.held for c in timed)
+    assert "python-control" in bench_text(result)

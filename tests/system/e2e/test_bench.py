@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from forceaxis import _core, paths
 from forceaxis.bench import bench, scipy_peer
+from forceaxis.results import from_json
 
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"
 
@@ -63,8 +65,8 @@ def test_a_case_and_a_tool_alone():
 def test_without_a_checkout_it_times_itself_and_says_what_is_missing(monkeypatch, tmp_path):
     monkeypatch.setattr(paths, "SIM", tmp_path / "sim")
     rows, missing = bench.cases(["A"], ("forceaxis", "odeint"), 1, lambda: None)
-    assert [r["tool"] for r in rows] == ["forceaxis"]
-    assert rows[0]["force_error_N"] is None
+    assert [r.tool for r in rows] == ["forceaxis"]
+    assert rows[0].force_error_N is None
     assert set(missing) == {"odeint", "reference"}
     assert "bench_peers.so not found" in missing["odeint"]
 
@@ -83,14 +85,15 @@ def test_sweeps_do_not_depend_on_the_number_of_threads():
 
 
 def test_a_check_fails_on_a_figure_that_is_missing_or_short(result):
-    held = dict(bench.check(result))
-    assert any(text.startswith("A: plant / odeint") for text in held)
-    short = json.loads(json.dumps(result))
-    for row in short["results"]:
-        if row["tool"] == "odeint":
-            row["real_time_factor"] *= 1000
-    assert not any(ok for text, ok in bench.check(short) if "odeint" in text)
-    assert not any(ok for _, ok in bench.check({"results": []}))
+    found = from_json(bench.BenchResult, result)
+    assert any(c.check.startswith("A: plant / odeint") for c in bench.check(found))
+    fast = [
+        replace(row, real_time_factor=1000 * row.real_time_factor) if row.tool == "odeint" else row
+        for row in found.results
+    ]
+    short = bench.check(replace(found, results=fast))
+    assert not any(c.held for c in short if "odeint" in c.check)
+    assert not any(c.held for c in bench.check(replace(found, results=[])))
 
 
 def test_a_case_that_is_none_is_refused():

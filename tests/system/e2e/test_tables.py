@@ -60,21 +60,21 @@ def test_measured_verdicts_are_those_of_the_thesis(result):
 def test_a_cell_that_differs_says_why(result):
     for c in result["cells"]:
         assert (c["ours"] == c["thesis"]) == ("reason" not in c)
-        assert c.get("reason") != "not explained", tables.key_of(c)
+        assert c.get("reason") != "not explained", c
 
 
 def test_printed_parameters_are_untouched(result):
     assert result["overridden"] == []
     parameters = tables.parameters()
     for name, value in PRINTED.items():
-        assert parameters[name]["value"] == value, name
+        assert parameters[name].value == value, name
 
 
 def test_at_most_four_constants_are_fitted_and_none_is_printed(result):
     assert 1 <= len(result["fitted"]) <= 4
     assert not set(result["fitted"]) & set(PRINTED)
     for name, value in result["fitted"].items():
-        assert tables.parameters()[name]["value"] == value
+        assert tables.parameters()[name].value == value
 
 
 def test_a_moved_printed_parameter_would_be_seen():
@@ -87,9 +87,9 @@ def test_the_halves_of_figure_5_10_differ_in_b_w_alone():
     t = tables.load()
     jobs = {}
     for c in t.cells:
-        if c["figure"] == "5.10":
+        if c.figure == "5.10":
             path, sets = t.job(c)
-            jobs.setdefault((c["test"], c["force_gain"]), []).append((path, set(sets)))
+            jobs.setdefault((c.test, c.force_gain), []).append((path, set(sets)))
     assert len(jobs) == 18
     for (path_a, original), (path_b, damped) in jobs.values():
         assert path_a == path_b
@@ -111,29 +111,31 @@ def test_judging_again_gives_the_same_verdicts(result):
 
 def test_the_fit_on_record_belongs_to_these_files_and_to_these_constants():
     found, t = tables.evidence(), tables.load()
-    assert found["fitted"] == tables.fitted()
-    assert found["grid"] == {c.name: list(c.grid) for c in t.constants}
-    assert found["points"] == math.prod(len(c.grid) for c in t.constants)
-    assert 1 <= found["points_at_best"] <= found["points_with_strikes"] <= found["points"]
-    assert [row["figure"] for row in found["left_out"]] == ["3.15", "3.16", "5.10", "5.8", "5.9"]
+    assert found.fitted == tables.fitted()
+    assert found.grid == {c.name: list(c.grid) for c in t.constants}
+    assert found.points == math.prod(len(c.grid) for c in t.constants)
+    assert 1 <= found.points_at_best <= found.points_with_strikes <= found.points
+    assert [row.figure for row in found.left_out] == ["3.15", "3.16", "5.10", "5.8", "5.9"]
 
 
 def test_the_fit_on_record_is_what_runs_give(result):
     """Every omitted row, and one value of each plateau, run again."""
     found, t = tables.evidence(), tables.load()
-    fitted_to = [c for c in result["cells"] if t.group(c) in t.fit_on]
-    assert found["cells"] == len(fitted_to) == 53
-    assert found["score"] == sum(c["ours"] == c["thesis"] for c in fitted_to)
-    for row in found["left_out"]:
-        outcomes = run_many([t.job(c, row["fitted"]) for c in t.cells], threads=2)
-        right = tables.matches(t.cells, outcomes)
-        figure = [t.group(c).split()[0] == row["figure"] for c in t.cells]
-        assert row["score_on_all"] == right.sum()
-        assert row["predicted_right"] == right[figure].sum()
-        assert row["cells"] == sum(figure)
-    again = tables.plateau(found["fitted"], 2, steps=(0.95, 1.05))
+    fitted_to = [
+        ours for c, ours in zip(t.cells, result["cells"], strict=True) if t.group(c) in t.fit_on
+    ]
+    assert found.cells == len(fitted_to) == 53
+    assert found.score == sum(c["ours"] == c["thesis"] for c in fitted_to)
+    for row in found.left_out:
+        runs = tables.run_jobs([t.job(c, row.fitted) for c in t.cells], 2, "without a figure")
+        right = tables.matches(t.cells, runs)
+        figure = [t.group(c).split()[0] == row.figure for c in t.cells]
+        assert row.score_on_all == right.sum()
+        assert row.predicted_right == right[figure].sum()
+        assert row.cells == sum(figure)
+    again = tables.plateau(found.fitted, 2, steps=(0.95, 1.05))
     for name, pairs in again.items():
-        assert all(pair in found["plateau"][name] for pair in pairs)
+        assert all(pair in found.plateau[name] for pair in pairs)
 
 
 def test_a_changed_experiment_makes_the_fit_stale(monkeypatch):

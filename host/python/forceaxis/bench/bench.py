@@ -1,71 +1,151 @@
 """`forceaxis bench`: speed of the simulator and of other tools, on the same task in the same
 run.
 
-The work is a force loop of 2 s at 1500 Hz around one plant, recording contact force, two
-positions, motor current and ADC code at every tick. Its plants: one rigid mass on a workpiece in
-stable contact (A: one touch-down) and in a limit cycle (B: 46 touch-downs, 335 switchings), 6
-states each, and sim/models/full_axis.toml, 14 states in stable contact (full). The law is the
-scenario's own in integers, or the firmware's fw_tick ("forceaxis+firmware").
+The task is a force loop of 2 s at 1500 Hz around one plant. Contact force, two positions, motor
+current and ADC code are recorded at every tick. Case A is a rigid mass on a workpiece in stable
+contact, with one touch-down. Case B is the same plant in a limit cycle, with 46 touch-downs and 335
+switching events. Both have 6 states. Case "full" is sim/models/full_axis.toml, with 14 states, in
+stable contact. The control law is an integer formula, or the firmware's fw_tick for the tool
+"forceaxis+firmware".
 
-real_time_factor is 2.0 s over the CPU seconds of one thread for one run, models read and modes
-built before. Tools take turns of some runs each (a single run of 0.1 ms would mostly meet caches
-filled by the tool before it); the best run counts. force_error_N is the largest difference
-from an independent integration in extended precision at any tick. Peers and that reference are
-built in a checkout only (tests/bench): odeint is dopri5 at 1e-4 with located events, mujoco RK4
-with one step a tick (four in full, where one is unstable) and no events, scipy RK45 at 1e-4 with
-terminal events, cases A and B only.
+real_time_factor is 2.0 s divided by the CPU seconds of one thread for one run; reading models and
+building modes is not timed. Tools take turns of some runs each, because the caches contain data of
+the previous tool in a single run of 0.1 ms; the fastest run counts. force_error_N is the largest
+difference at any tick from an independent integration in extended precision. The other simulators
+and this reference exist only in a checkout (tests/bench): odeint is dopri5 at 1e-4 with located
+events, mujoco is RK4 with one step a tick (four in "full", where one is unstable) and without
+events, scipy is RK45 at 1e-4 with terminal events, for the cases A and B.
 
-With linear_analysis also frequency responses, critical gains and the table of `forceaxis advise`.
+On request, sweeps, frequency responses, critical gains and the table of `forceaxis advise` are
+timed too.
 """
 
 import ctypes
+import functools
 import importlib.util
+import itertools
 import os
 import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import Progress
 
-from forceaxis import _core, paths
+from forceaxis import _core, paths, progress
 from forceaxis.bench import scipy_peer
+from forceaxis.bench.requirement import Requirement, at_least, at_most
+from forceaxis.bench.scipy_peer import TimedRun
+from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
-# Force in N, ADC codes, CPU seconds, number of events (None: unknown) of one run.
-TimedRun = tuple[NDArray[np.float64], NDArray[np.integer[Any]], float, int | None]
-Runner = Callable[[], TimedRun | None]
-Row = dict[str, Any]  # of the output in JSON
+if TYPE_CHECKING:
+    import control
 
-TOOLS = ("forceaxis", "forceaxis+firmware", "odeint", "mujoco", "scipy")
+    from forceaxis.linear.stability import Limit, Loop
+
+T = TypeVar("T")
+Runner = Callable[[], TimedRun | None]
+Advance = Callable[[], None]  # called after each step of the benchmark
+
+OWN_TOOLS = ("forceaxis", "forceaxis+firmware")
+TOOLS = (*OWN_TOOLS, "odeint", "mujoco", "scipy")
 TICKS = 3000
 SPAN_S = TICKS / _core.TICKS_PER_SECOND
-SETPOINT_B = 100
-TURN_S = 0.01
+SETPOINT_B_N = 100
+TURN_S = 0.01  # of one tool
+RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MAX_S = "full_axis", 10_000, 0.020
+ADVICE_MODELS, ADVICE_MAX_S = ("laboratory", "full_axis"), 1.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """A plant and its law: gain in DAC codes per ADC count, set-point in N."""
+    """A plant and its control law: gain in DAC codes per ADC code, set-point in N."""
 
     experiment: str
     signals: tuple[str, str, str]  # contact force, robot's body, workpiece's body
     gain: int
     setpoint_N: int
 
+    def plant(self) -> _core.BenchCase:
+        """The plant of the case in the compiled module."""
+        return _core.BenchCase(paths.EXPERIMENTS / self.experiment, *self.signals)
+
+
+@dataclass(frozen=True)
+class CaseSpeed:
+    """Speed and accuracy of one tool in one case."""
+
+    case: str
+    tool: str
+    real_time_factor: float  # simulated time / CPU time of one thread
+    force_error_N: float | None  # largest difference from the reference; None: no reference
+    codes_differ: int | None  # number of ticks with another ADC code than the reference
+    events: int | None  # number of switching events; None: unknown
+    tick_ns: float  # CPU time of one tick
+    spread: float  # median / smallest CPU time, minus 1
+    runs: int
+
+
+@dataclass(frozen=True)
+class SweepSpeed:
+    """Speed of many runs on one and on two threads."""
+
+    sweep: str
+    runs: int
+    runs_per_s_core: float  # runs per second of CPU time
+    runs_per_s: float
+    runs_per_s_two_threads: float
+    two_thread_ratio: float  # elapsed time of one thread / of two threads
+    two_thread_cpu: float  # CPU time of two threads / of one thread
+
+
+@dataclass(frozen=True)
+class EventCost:
+    """CPU time of a run as a linear function of the number of its events."""
+
+    events_least: int
+    events_most: int
+    run_us: float  # CPU time without events
+    event_us: float  # CPU time of one event
+    r_squared: float
+    worst_deviation: float  # largest deviation from the straight line, as a share of its value
+    points: list[tuple[int, float]]  # (events, CPU time in us) of each run
+
+
+@dataclass(frozen=True)
+class AnalysisSpeed:
+    """Time of one computation of the linear analysis, with forceaxis and with python-control."""
+
+    work: str
+    states: int  # of the system
+    seconds: float
+    control_seconds: float | None  # None: python-control does not have this computation
+    difference: float | None  # between both results, relative
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """The result of the benchmark."""
+
+    results: list[CaseSpeed]
+    missing: dict[str, str]  # tool -> the reason why it was not measured
+    load: float  # average load of the machine in the last minute
+    sweeps: list[SweepSpeed] | None = json_field(omit_none=True)
+    scaling: EventCost | None = json_field(omit_none=True)
+    linear: list[AnalysisSpeed] | None = json_field(omit_none=True)
+    checks: list[Requirement] | None = json_field(omit_none=True)
+
 
 AXIS = ("tip.force", "robot", "workpiece")
 CASES = {
     "A": Case("axis_contact_a.toml", AXIS, 4, 59),
-    "B": Case("axis_contact_b.toml", AXIS, 15, SETPOINT_B),
+    "B": Case("axis_contact_b.toml", AXIS, 15, SETPOINT_B_N),
     "full": Case("full_axis.toml", ("pad.force", "rotor", "workpiece"), 4, 59),
 }
 # {name: (gains in DAC codes per ADC count, set-points in N)}: 64 x 64 runs, including both ends.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
-SIDE = 64
+SIDE = 64  # number of gains and of set-points
 
 
 class Peers:
@@ -74,105 +154,120 @@ class Peers:
     def __init__(self) -> None:
         path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
         self.missing: dict[str, str] = {}
-        self._call: Any = None
+        self._call: Callable[..., int] | None = None
         try:
-            self._call = ctypes.CDLL(str(path)).bench_peer
-            self._call.restype = ctypes.c_long
+            function = ctypes.CDLL(str(path)).bench_peer
+            function.restype = ctypes.c_long
+            self._call = function
         except OSError:
             where = f"{paths.display(path)} not found; in a checkout tools/setup --tests builds it"
             self.missing = dict.fromkeys(("odeint", "mujoco", "reference"), where)
-        if self._call and self.run("mujoco", CASES["A"], False, 0) is None:
-            self.missing["mujoco"] = "not built in: its wheel was not in .venv at the last build"
+        if self._call is not None and self.run("mujoco", CASES["A"], False, 0) is None:
+            self.missing["mujoco"] = "not built: its wheel was not in .venv at the last build"
         if importlib.util.find_spec("scipy") is None:
             self.missing["scipy"] = "not installed"
 
     def run(self, tool: str, case: Case, full: bool, ticks: int = TICKS) -> TimedRun | None:
-        """(force, counts, CPU seconds, events or None) of one run; None if the tool fails."""
+        """One run; None if the tool fails."""
+        assert self._call is not None
         values = np.zeros((4, TICKS + 1))
-        counts = np.zeros(TICKS + 1, np.int32)
+        codes = np.zeros(TICKS + 1, np.int32)
         seconds = ctypes.c_double()
         doubles, ints = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int)
         events = self._call(
             tool.encode(), int(full), case.gain, case.setpoint_N, ticks,
-            *(row.ctypes.data_as(doubles) for row in values), counts.ctypes.data_as(ints),
+            *(row.ctypes.data_as(doubles) for row in values), codes.ctypes.data_as(ints),
             ctypes.byref(seconds),
         )  # fmt: skip
         if events == -2:
             return None
-        return values[0], counts, seconds.value, None if events < 0 else events
+        return TimedRun(values[0], codes, seconds.value, None if events < 0 else events)
+
+
+def own_run(plant: _core.BenchCase, gain: int, setpoint_N: int, firmware: bool = False) -> TimedRun:
+    """One run of the simulator."""
+    done = plant.run(gain, setpoint_N, firmware)
+    return TimedRun(done["force"], done["count"], done["seconds"], done["events"])
 
 
 def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
-    """{tool: function of one run} of a case. The preparation is done before, so that only the run
-    is timed."""
+    """{tool: function of one run} of a case. Models are read and modes are built here, so that only
+    the run is timed."""
     case, full = CASES[name], name == "full"
-    own = _core.BenchCase(paths.EXPERIMENTS / case.experiment, *case.signals)
-
-    def ours(firmware: bool) -> TimedRun:
-        done = own.run(case.gain, case.setpoint_N, firmware)
-        return done["force"], done["count"], done["seconds"], done["events"]
-
+    own = functools.partial(own_run, case.plant(), case.gain, case.setpoint_N)
     every: dict[str, Runner] = {
-        "forceaxis": lambda: ours(False),
-        "forceaxis+firmware": lambda: ours(True),
+        "forceaxis": own,
+        "forceaxis+firmware": functools.partial(own, firmware=True),
         "odeint": lambda: peers.run("odeint", case, full),
         "mujoco": lambda: peers.run("mujoco", case, full),
-        "scipy": lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS),
     }
-    if full:
-        del every["scipy"]  # its equations exist only for the cases A and B
+    if not full:  # the equations for SciPy exist only for the cases A and B
+        every["scipy"] = lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS)
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 
 
-def turn(tool: str, once: Runner, last: dict[str, Any]) -> list[float]:
-    """CPU seconds of successive runs during TURN_S."""
+def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
+    """(CPU seconds of successive runs of a tool during TURN_S, the last run)."""
     times: list[float] = []
-    while sum(times) < TURN_S:
-        last[tool] = once()
-        if last[tool] is None:
-            raise RuntimeError(f"{tool} failed; its reason stands above")
-        times.append(last[tool][2])
-    return times
+    while True:
+        last = once()
+        if last is None:
+            raise RuntimeError(f"{tool} failed for the reason printed above")
+        times.append(last.seconds)
+        if sum(times) >= TURN_S:
+            return times, last
 
 
 def cases(
-    names: Iterable[str], tools: Sequence[str], repeat: int, progress: Callable[[], None]
-) -> tuple[list[Row], dict[str, str]]:
-    """Rows of results, one for each case and tool, and {tool: reason why it is missing}."""
+    names: Iterable[str], tools: Sequence[str], repeat: int, advance: Advance
+) -> tuple[list[CaseSpeed], dict[str, str]]:
+    """The speed of each tool in each case, and {tool: the reason why it is missing}."""
     peers = Peers()
     rows = []
     for name in names:
-        run = runners(name, tools, peers)
+        tool_runs = runners(name, tools, peers)
         reference = None
         if "reference" not in peers.missing:
             reference = peers.run("reference", CASES[name], name == "full")
-        seconds: dict[str, list[float]] = {tool: [] for tool in run}
-        last: dict[str, Any] = {}
+        seconds: dict[str, list[float]] = {tool: [] for tool in tool_runs}
+        last: dict[str, TimedRun] = {}
         for _ in range(repeat):
-            # tools take turns, so that all run under the same conditions
-            for tool, once in run.items():
-                seconds[tool] += turn(tool, once, last)
-            progress()
-        for tool, times in seconds.items():
-            force, counts, _, events = last[tool]
-            row = {"case": name, "tool": tool, "real_time_factor": SPAN_S / min(times)}
-            row["force_error_N"] = float(abs(force - reference[0]).max()) if reference else None
-            row["codes_differ"] = int((counts != reference[1]).sum()) if reference else None
-            row["events"] = events
-            row["tick_ns"] = 1e9 * min(times) / TICKS
-            row["spread"] = float(np.median(times)) / min(times) - 1  # median over best
-            row["runs"] = len(times)
-            rows.append(row)
-    asked = {t: why for t, why in peers.missing.items() if t in tools or t == "reference"}
-    return rows, asked
+            # Tools take turns, so that all of them run under the same conditions.
+            for tool, once in tool_runs.items():
+                times, last[tool] = turn(tool, once)
+                seconds[tool] += times
+            advance()
+        rows += [case_speed(name, tool, seconds[tool], last[tool], reference) for tool in tool_runs]
+    missing = {t: why for t, why in peers.missing.items() if t in tools or t == "reference"}
+    return rows, missing
 
 
-def sweeps(repeat: int, progress: Callable[[], None]) -> list[Row]:
-    """Number of runs per second on one and on two threads: sweeps of 4096 runs, and the 55 cells of
-    the thesis."""
-    own = _core.BenchCase(paths.EXPERIMENTS / CASES["A"].experiment, *AXIS)
-    cells = tables.load()
-    jobs = [cells.job(c) for c in cells.cells]
+def case_speed(
+    case: str, tool: str, seconds: Sequence[float], last: TimedRun, reference: TimedRun | None
+) -> CaseSpeed:
+    """Speed and accuracy from the CPU seconds of all runs and from the last run."""
+    error_N = codes_differ = None
+    if reference:
+        error_N = float(abs(last.force_N - reference.force_N).max())
+        codes_differ = int((last.codes != reference.codes).sum())
+    return CaseSpeed(
+        case=case,
+        tool=tool,
+        real_time_factor=SPAN_S / min(seconds),
+        force_error_N=error_N,
+        codes_differ=codes_differ,
+        events=last.events,
+        tick_ns=1e9 * min(seconds) / TICKS,
+        spread=float(np.median(seconds)) / min(seconds) - 1,
+        runs=len(seconds),
+    )
+
+
+def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
+    """Speed of two sweeps of 4096 runs and of the 55 cells of the thesis."""
+    plant = CASES["A"].plant()
+    known = tables.load()
+    jobs = [known.job(c) for c in known.cells]
 
     def cells_once(threads: int) -> tuple[float, float]:
         wall, cpu = time.perf_counter(), time.process_time()
@@ -180,11 +275,12 @@ def sweeps(repeat: int, progress: Callable[[], None]) -> list[Row]:
         return time.perf_counter() - wall, time.process_time() - cpu
 
     def sweep_once(name: str, threads: int) -> tuple[float, float]:
-        done = own.sweep(*SWEEPS[name], SIDE, threads)
+        done = plant.sweep(*SWEEPS[name], SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    work: dict[str, tuple[int, Any]] = {
-        n: (SIDE * SIDE, lambda threads, n=n: sweep_once(n, threads)) for n in SWEEPS
+    # name -> (number of runs, function of the number of threads: elapsed time and CPU time in s)
+    work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
+        name: (SIDE * SIDE, functools.partial(sweep_once, name)) for name in SWEEPS
     }
     work["cells"] = (len(jobs), cells_once)
     rows = []
@@ -193,70 +289,63 @@ def sweeps(repeat: int, progress: Callable[[], None]) -> list[Row]:
         for _ in range(repeat):
             for threads, taken in times.items():
                 taken.append(once(threads))
-            progress()
-        one, two = (min(wall for wall, _ in times[n]) for n in (1, 2))
+            advance()
+        (wall_one, cpu_one), (wall_two, cpu_two) = (np.min(times[n], axis=0) for n in times)
         rows.append(
-            {
-                "sweep": name,
-                "runs": runs,
-                "runs_per_s_core": runs / min(cpu for _, cpu in times[1]),
-                "runs_per_s": runs / one,
-                "runs_per_s_two_threads": runs / two,
-                "two_thread_ratio": one / two,
-                "two_thread_cpu": min(c for _, c in times[2]) / min(c for _, c in times[1]),
-            }
+            SweepSpeed(
+                sweep=name,
+                runs=runs,
+                runs_per_s_core=float(runs / cpu_one),
+                runs_per_s=float(runs / wall_one),
+                runs_per_s_two_threads=float(runs / wall_two),
+                two_thread_ratio=float(wall_one / wall_two),
+                two_thread_cpu=float(cpu_two / cpu_one),
+            )
         )
     return rows
 
 
-def scaling(repeat: int, gains: Sequence[int] = range(2, 26)) -> dict[str, Any]:
+def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
     """CPU time of case B at several gains as a function of its events: seconds = a + b events."""
-    own = _core.BenchCase(paths.EXPERIMENTS / CASES["B"].experiment, *AXIS)
-    best: dict[int, float]
-    events: dict[int, int]
-    best, events = {}, {}
+    plant = CASES["B"].plant()
+    seconds: dict[int, list[float]] = {gain: [] for gain in gains}
     for _ in range(max(repeat, 3)):
-        for gain in gains:
-            for _ in range(5):
-                done = own.run(gain, SETPOINT_B)
-                best[gain] = min(best.get(gain, np.inf), done["seconds"])
-            events[gain] = done["events"]
-    x = np.array([events[g] for g in gains], float)
-    y = np.array([best[g] for g in gains])
+        for gain, times in seconds.items():
+            times += [own_run(plant, gain, SETPOINT_B_N).seconds for _ in range(5)]
+    x = np.array([own_run(plant, gain, SETPOINT_B_N).events for gain in gains], float)
+    y = np.array([min(times) for times in seconds.values()])
     b, a = np.polyfit(x, y, 1)
     off = y - (a + b * x)
-    return {
-        "events_least": int(x.min()),
-        "events_most": int(x.max()),
-        "run_us": 1e6 * a,
-        "event_us": 1e6 * b,
-        "r_squared": float(1 - (off**2).sum() / ((y - y.mean()) ** 2).sum()),
-        "worst_deviation": float(abs(off / (a + b * x)).max()),
-        "points": [[int(e), 1e6 * t] for e, t in zip(x, y, strict=True)],
-    }
+    return EventCost(
+        events_least=int(x.min()),
+        events_most=int(x.max()),
+        run_us=float(1e6 * a),
+        event_us=float(1e6 * b),
+        r_squared=float(1 - (off**2).sum() / ((y - y.mean()) ** 2).sum()),
+        worst_deviation=float(abs(off / (a + b * x)).max()),
+        points=[(int(e), float(1e6 * t)) for e, t in zip(x, y, strict=True)],
+    )
 
 
-RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MOST_S = "full_axis", 10_000, 0.020
-ADVICE_MODELS, ADVICE_MOST_S = ("laboratory", "full_axis"), 1.0
-
-
-def best(repeat: int, once: Callable[..., object]) -> float:
-    """Wall time in s of the fastest of `repeat` calls."""
+def fastest(repeat: int, once: Callable[[], T]) -> tuple[float, T]:
+    """(wall time in s of the fastest of `repeat` calls, result of the last call)."""
     times = []
     for _ in range(repeat):
         start = time.perf_counter()
-        once()
+        result = once()
         times.append(time.perf_counter() - start)
-    return min(times)
+    return min(times), result
 
 
-def halved_limit(sampled: Any) -> float:
-    """The critical gain of a sampled control.StateSpace with an error of 1e-9: steps of 5 % from
-    1e-4 on, then halving."""
+def critical_gain_by_bisection(sampled: "control.StateSpace") -> float:
+    """The critical gain of a sampled system with python-control, with a relative error of 1e-9.
+
+    The gain is increased in steps of 5 % from 1e-4 on; then the interval is bisected.
+    """
     import control
 
-    def stable(gain: float) -> np.bool:
-        return np.all(np.abs(control.feedback(gain * sampled, 1).poles()) < 1)
+    def stable(gain: float) -> bool:
+        return bool(np.all(np.abs(control.feedback(gain * sampled, 1).poles()) < 1))
 
     low = 1e-4
     while stable(1.05 * low):
@@ -268,68 +357,55 @@ def halved_limit(sampled: Any) -> float:
     return low
 
 
-def linear_analysis(repeat: int, progress: Callable[[], None]) -> list[Row]:
+def fresh_limit(loop: "Loop") -> "Limit":
+    """The limit of a loop, computed without stored intermediate results."""
+    return replace(loop).limit()
+
+
+def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     """Times of a frequency response, a critical gain and the advice table, with forceaxis and with
     python-control.
 
-    Both take the same matrices. A response is of 10,000 frequencies, from the matrices on (our
-    Hessenberg form is not kept from call to call). A critical gain of ours is that with all
-    crossings; the other is a halving on control.feedback's poles (stability_margins falls back to a
-    grid for these loops and misses it).
+    Both use the same matrices. The time of a frequency response of 10,000 frequencies includes the
+    transformation of the matrices to Hessenberg form. The critical gain of forceaxis comes with all
+    crossings; that of python-control is a bisection on the poles of control.feedback, because
+    stability_margins uses a grid for these loops and does not find it.
     """
     from forceaxis import linear
     from forceaxis.design import advise
     from forceaxis.linear import loops
 
+    few = min(repeat, 3)
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)
     theirs = system.state_space()
-
-    def ours() -> Any:
-        return replace(system).response(frequency)
-
-    def peer() -> Any:
-        return theirs(2j * np.pi * frequency)
-
+    # replace() makes a system without stored intermediate results.
+    seconds, response = fastest(repeat, lambda: replace(system).response(frequency))
+    control_seconds, peer = fastest(few, lambda: theirs(2j * np.pi * frequency))
     rows = [
-        {
-            "work": f"{RESPONSE_POINTS} frequencies of {RESPONSE_MODEL}",
-            "states": len(system.A),
-            "seconds": best(repeat, ours),
-            "control_seconds": best(min(repeat, 3), peer),
-            "difference": float(np.max(np.abs(ours() / peer() - 1))),
-        }
+        AnalysisSpeed(
+            work=f"{RESPONSE_POINTS} frequencies of {RESPONSE_MODEL}",
+            states=len(system.A),
+            seconds=seconds,
+            control_seconds=control_seconds,
+            difference=float(np.max(np.abs(response / peer - 1))),
+        )
     ]
-    progress()
+    advance()
     for model in ADVICE_MODELS:
         loop = loops.force_loop(model)
+        states = len(loop.open.A)
+        seconds, limit = fastest(repeat, functools.partial(fresh_limit, loop))
         sampled = loop.open.state_space()
-        limit: Any
-        margin, limit = halved_limit(sampled), loop.limit().gain
-        rows.append(
-            {
-                "work": f"critical gain of {model}",
-                "states": len(loop.open.A),
-                "seconds": best(repeat, lambda loop=loop: replace(loop).limit()),
-                "control_seconds": best(
-                    min(repeat, 3), lambda sampled=sampled: halved_limit(sampled)
-                ),
-                "difference": abs(float(margin) / limit - 1),
-            }
-        )
+        control_seconds, gain = fastest(few, functools.partial(critical_gain_by_bisection, sampled))
+        assert limit.gain is not None
+        work, difference = f"critical gain of {model}", abs(gain / limit.gain - 1)
+        rows.append(AnalysisSpeed(work, states, seconds, control_seconds, difference))
         order = advise.AdviceOrder(model, runs="none")
-        table = advise.advise(order).rows
-        taken = best(min(repeat, 3), lambda order=order: advise.advise(order))
-        rows.append(
-            {
-                "work": f"advice table of {model}, {len(table)} rows",
-                "states": len(loop.open.A),
-                "seconds": taken,
-                "control_seconds": None,
-                "difference": None,
-            }
-        )
-        progress()
+        seconds, advice = fastest(few, functools.partial(advise.advise, order))
+        work = f"advice table of {model}, {len(advice.rows)} rows"
+        rows.append(AnalysisSpeed(work, states, seconds, None, None))
+        advance()
     return rows
 
 
@@ -339,97 +415,65 @@ def run(
     repeat: int,
     with_sweeps: bool,
     with_linear: bool = False,
-) -> dict[str, Any]:
-    """The complete benchmark; returns the content of `--json`."""
-    console = Console(stderr=True)
+) -> BenchResult:
+    """The benchmark of some cases and tools, without the comparison with required figures."""
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
     steps += with_linear and 1 + len(ADVICE_MODELS)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("bench", total=steps)
-        rows, missing = cases(names, tools, repeat, lambda: bar.advance(task))
-        result: dict[str, Any] = {"results": rows, "missing": missing, "load": os.getloadavg()[0]}
-        if with_sweeps:
-            result["sweeps"] = sweeps(sweep_repeat, lambda: bar.advance(task))
-            result["scaling"] = scaling(repeat)
-        if with_linear:
-            result["linear"] = linear_analysis(repeat, lambda: bar.advance(task))
-    return result
+    with progress.bar("bench", steps) as show:
+        done = itertools.count(1)
 
+        def advance() -> None:
+            show(next(done), steps)
 
-def describe(result: dict[str, Any]) -> str:
-    """The result for a terminal."""
-    lines = ["case  tool                x real time   us/tick   spread   force error   events"]
-    for r in result["results"]:
-        error = "unknown" if r["force_error_N"] is None else f"{r['force_error_N']:.1e} N"
-        events = "" if r["events"] is None else r["events"]
-        lines.append(
-            f"{r['case']:4}  {r['tool']:18} {r['real_time_factor']:12,.0f} "
-            f"{r['tick_ns'] / 1e3:9.3f} {r['spread']:8.0%}   {error:>11} {events:>8}"
+        rows, missing = cases(names, tools, repeat, advance)
+        return BenchResult(
+            results=rows,
+            missing=missing,
+            load=os.getloadavg()[0],
+            sweeps=sweeps(sweep_repeat, advance) if with_sweeps else None,
+            scaling=event_cost(repeat) if with_sweeps else None,
+            linear=linear_analysis(repeat, advance) if with_linear else None,
         )
-    for r in result.get("sweeps", []):
-        lines.append(
-            f"{r['sweep']:12} {r['runs']} runs: {r['runs_per_s_core']:,.0f} runs/s per core, "
-            f"{r['runs_per_s_two_threads']:,.0f} runs/s on two threads "
-            f"({r['two_thread_ratio']:.2f} x one; CPU time {r['two_thread_cpu']:.2f} x)"
-        )
-    if s := result.get("scaling"):
-        lines.append(
-            f"{'scaling':12} {s['events_least']} to {s['events_most']} events: "
-            f"{s['run_us']:.0f} us + {s['event_us']:.2f} us per event, R^2 {s['r_squared']:.4f}, "
-            f"worst {s['worst_deviation']:.0%} off the line"
-        )
-    for r in result.get("linear", []):
-        text = f"{r['work']}: {1e3 * r['seconds']:.3g} ms"
-        if r["control_seconds"]:
-            text += (
-                f", python-control {1e3 * r['control_seconds']:.3g} ms, "
-                f"{r['control_seconds'] / r['seconds']:.1f} times as long; they differ by "
-                f"{r['difference']:.1e}"
-            )
-        lines.append(f"{'linear':12} {text}")
-    lines += [f"{'missing':12} {tool}: {why}" for tool, why in result["missing"].items()]
-    if result["load"] > 0.5:
-        lines.append(f"{'load':12} {result['load']:.1f}: the machine was not idle")
-    return "\n".join(lines)
 
 
-def check(result: dict[str, Any]) -> list[tuple[str, bool]]:
-    """The required figures: [(text, whether it is reached)]; a missing figure is not reached."""
-    row = {(r["case"], r["tool"]): r for r in result["results"]}
-    checks: list[tuple[str, bool]] = []
+def check(result: BenchResult) -> list[Requirement]:
+    """The required figures. A figure that was not measured is not reached."""
+    row = {(r.case, r.tool): r for r in result.results}
 
-    def want(text: str, figure: float | None, least: Any = None, most: float | None = None) -> None:
-        held = figure is not None and (figure >= least if most is None else figure <= most)
-        text += f" >= {least}" if most is None else f" <= {most}"
-        checks.append((f"{text}: {'missing' if figure is None else f'{figure:.3g}'}", held))
-
-    def figure(case: str, tool: str, key: str = "real_time_factor") -> Any:
-        return row.get((case, tool), {}).get(key)
+    def speed(case: str, tool: str) -> float | None:
+        found = row.get((case, tool))
+        return found.real_time_factor if found else None
 
     def ratio(a: float | None, b: float | None) -> float | None:
         return a / b if a and b else None
 
+    checks = []
     for case, least in (("A", 2), ("B", 1.4)):
-        plant = figure(case, "forceaxis")
-        firmware = figure(case, "forceaxis+firmware")
-        want(f"{case}: plant / odeint", ratio(plant, figure(case, "odeint")), least)
-        want(f"{case}: firmware / plant", ratio(firmware, plant), 0.5)
-    want("A: plant / mujoco", ratio(figure("A", "forceaxis"), figure("A", "mujoco")), 40)
-    for case, most in (("A", 1e-9), ("B", 1e-8)):
-        for tool in TOOLS[:2]:
-            error = figure(case, tool, "force_error_N")
-            want(f"{case}: force error of {tool}, N", error, most=most)
-    per_tick = [figure(c, "forceaxis", "tick_ns") for c in ("full", "A")]
-    want("tick of full / tick of A", ratio(*per_tick), most=4)
-    for r in result.get("sweeps", []):
-        want(f"{r['sweep']}: two threads / one", r["two_thread_ratio"], 1.8)
-    for r in result.get("linear", []):
-        if "frequencies" in r["work"]:
-            want(f"{r['work']}, s", r["seconds"], most=RESPONSE_MOST_S)
-            want(f"{r['work']}, difference from python-control", r["difference"], most=1e-6)
-        elif "advice" in r["work"]:
-            want(f"{r['work']}, s", r["seconds"], most=ADVICE_MOST_S)
-    if "scaling" in result:
-        want("cost is linear in events, R^2", result["scaling"]["r_squared"], 0.98)
+        plant, firmware = speed(case, "forceaxis"), speed(case, "forceaxis+firmware")
+        checks += [
+            at_least(f"{case}: plant / odeint", ratio(plant, speed(case, "odeint")), least),
+            at_least(f"{case}: firmware / plant", ratio(firmware, plant), 0.5),
+        ]
+    plant_per_mujoco = ratio(speed("A", "forceaxis"), speed("A", "mujoco"))
+    checks.append(at_least("A: plant / mujoco", plant_per_mujoco, 40))
+    for case, most_N in (("A", 1e-9), ("B", 1e-8)):
+        for tool in OWN_TOOLS:
+            found = row.get((case, tool))
+            error_N = found.force_error_N if found else None
+            checks.append(at_most(f"{case}: force error of {tool}, N", error_N, most_N))
+    full_per_a = ratio(speed("A", "forceaxis"), speed("full", "forceaxis"))
+    checks.append(at_most("tick of full / tick of A", full_per_a, 4))
+    for r in result.sweeps or ():
+        checks.append(at_least(f"{r.sweep}: two threads / one", r.two_thread_ratio, 1.8))
+    for a in result.linear or ():
+        if "frequencies" in a.work:
+            quantity = f"{a.work}, difference from python-control"
+            checks.append(at_most(f"{a.work}, s", a.seconds, RESPONSE_MAX_S))
+            checks.append(at_most(quantity, a.difference, 1e-6))
+        elif "advice" in a.work:
+            checks.append(at_most(f"{a.work}, s", a.seconds, ADVICE_MAX_S))
+    if result.scaling:
+        r_squared = result.scaling.r_squared
+        checks.append(at_least("cost is linear in events, R^2", r_squared, 0.98))
     return checks

@@ -1,4 +1,4 @@
-"""`forceaxis bench --link`: rate of the lock-step and raw rate of its transport.
+"""The benchmark of connections: rate of the lock-step and raw rate of its transport.
 
 The raw rate is that of a message exchange between two plain C programs
 (tests/bench/link_pingpong_*.c) on the same transport. It is measured in the same run, in turns with
@@ -7,149 +7,159 @@ CPU. For six axes, one process contains six plants and one contains six firmware
 median of the turns.
 """
 
+import contextlib
 import json
 import os
-import secrets
 import statistics
 import subprocess
 import sys
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from forceaxis import _core, paths
+from forceaxis.bench.requirement import Requirement, at_least
 from forceaxis.experiments import link
+from forceaxis.experiments.node_reports import PlantReport, read_axis_report, read_plant_report
+from forceaxis.results import from_json, to_json
 
-KINDS = ("lcm", "socketcan")
 CAN = link.LinkOptions.can
 EXPERIMENT = paths.EXPERIMENTS / "contact.toml"
 ROUND_TRIPS = 20_000
 AXES = 6
 TIME_LIMIT_S = 120
-LEAST_SHARE, LEAST_REAL_TIME = 0.6, 1.0
+SHARE_OF_RAW_MIN, REAL_TIME_MIN = 0.6, 1.0
 
 
-def _pinned() -> None:
+@dataclass(frozen=True)
+class LinkRates:
+    """Rates of the lock-step over one transport, and the raw rate of the transport."""
+
+    link: str  # "lcm" or "socketcan"
+    raw_per_s: float  # message exchanges per second of the plain programs
+    ticks_per_s: float  # of the lock-step with one axis
+    share: float  # ticks_per_s / raw_per_s
+    real_time: float  # simulated time / elapsed time, one axis
+    six_axes_ticks_per_s: float
+    six_axes_real_time: float
+    repeated: int  # number of records that were sent again, in all turns
+    turns: int
+
+
+def _pin_to_one_cpu() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
-def _start(*command: object) -> Any:
-    return subprocess.Popen(
-        [str(c) for c in command], stdout=subprocess.PIPE, text=True, preexec_fn=_pinned
+@contextlib.contextmanager
+def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
+    """Context of a program on one CPU that has printed its first line; it is ended after the
+    context."""
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, preexec_fn=_pin_to_one_cpu
     )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _output(*command: str | Path) -> str | None:
+    """The output of a program that runs on one CPU; None if the program fails."""
+    done = subprocess.run(
+        command,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=TIME_LIMIT_S,
+        preexec_fn=_pin_to_one_cpu,
+        check=False,
+    )
+    return None if done.returncode else done.stdout
 
 
 def raw_rate(kind: str, where: str) -> float:
-    """Message exchanges per second between the two plain programs."""
+    """Message exchanges per second between the two plain programs. Raises link.LinkError."""
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
     program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
     if not program.is_file():
         raise link.LinkError(f"{paths.display(program)}: not found; tools/setup --tests builds it")
-    pong = _start(program, "pong", where)
-    try:
-        pong.stdout.readline()
-        ping = _start(program, "ping", where, ROUND_TRIPS)
-        text = ping.communicate(timeout=TIME_LIMIT_S)[0]
-        if ping.returncode:
-            raise link.LinkError(f"{name}: the ping-pong failed")
-        return float(text)
-    finally:
-        pong.kill()
-        pong.communicate()
+    with _running(program, "pong", where):
+        text = _output(program, "ping", where, str(ROUND_TRIPS))
+    if text is None:
+        raise link.LinkError(f"{name}: the exchange of messages failed")
+    return float(text)
 
 
-def lock_step(kind: str, axes: int) -> dict[str, Any]:
-    """The reports of plant_node and axis_node about one run."""
-    run_id = secrets.randbelow(2**53)
-    common = [EXPERIMENT, "--axes", axes, "--link", kind, "--run-id", run_id]
-    axis = _start(link.program("axis_node"), *common)
-    try:
-        axis.stdout.readline()
-        plant = _start(link.program("plant_node"), *common)
-        text = plant.communicate(timeout=TIME_LIMIT_S)[0]
-        answer = axis.communicate(timeout=TIME_LIMIT_S)[0]
-    finally:
-        axis.kill()
-        axis.communicate()
-    if plant.returncode or axis.returncode:
-        raise link.LinkError(f"lock-step over {kind}: a node failed")
-    reports = [json.loads(t.splitlines()[-1]) for t in (text, answer)]
-    hashes = [[a["trace_hash"] for a in r["axes"]] for r in reports]
-    if hashes[0] != hashes[1]:
-        raise link.LinkError(f"lock-step over {kind}: the two sides' hashes differ")
-    return reports[0]
+def lock_step(kind: str, axes: int) -> PlantReport:
+    """The report of plant_node about one run. Raises link.LinkError."""
+    run_id = str(link.new_run_id())
+    common = [str(EXPERIMENT), "--axes", str(axes), "--link", kind, "--run-id", run_id]
+    with _running(link.program("axis_node"), *common) as axis:
+        plant_text = _output(link.program("plant_node"), *common)
+        axis_text, _ = axis.communicate(timeout=TIME_LIMIT_S)
+    if plant_text is None or axis.returncode:
+        raise link.LinkError(f"lock-step over {kind}: plant_node or axis_node failed")
+    report = read_plant_report(plant_text)
+    if report.trace_hashes != read_axis_report(axis_text).trace_hashes:
+        raise link.LinkError(
+            f"lock-step over {kind}: plant and firmware have different trace hashes"
+        )
+    return report
 
 
-def measure(kind: str, turns: int) -> dict[str, Any]:
-    """One row: raw rate and lock-step rate of a transport on this machine."""
-    raw: list[float]
-    one: list[float]
-    six: list[float]
-    rates: Any
-    raw, one, six, repeated = [], [], [], 0
+def measure(kind: str, turns: int) -> LinkRates:
+    """Raw rate and lock-step rate of a transport on this machine."""
+    raw, one, six = [], [], []
     for _ in range(turns):
-        where = _core.lcm_url_of(secrets.randbelow(2**53)) if kind == "lcm" else CAN
+        where = _core.lcm_url_of(link.new_run_id()) if kind == "lcm" else CAN
         raw.append(raw_rate(kind, where))
-        for rates, axes in ((one, 1), (six, AXES)):
-            report = lock_step(kind, axes)
-            rates.append(report["ticks_per_s"])
-            repeated += report["statistics"]["repeated"]
-    rates = {n: statistics.median(r) for n, r in (("raw", raw), ("one", one), ("six", six))}
-    return {
-        "link": kind,
-        "raw_per_s": rates["raw"],
-        "ticks_per_s": rates["one"],
-        "share": rates["one"] / rates["raw"],
-        "real_time": rates["one"] / _core.TICKS_PER_SECOND,
-        "six_axes_ticks_per_s": rates["six"],
-        "six_axes_real_time": rates["six"] / _core.TICKS_PER_SECOND,
-        "repeated": repeated,
-        "turns": turns,
-    }
+        one.append(lock_step(kind, 1))
+        six.append(lock_step(kind, AXES))
+    raw_per_s = statistics.median(raw)
+    one_per_s = statistics.median(report.ticks_per_s for report in one)
+    six_per_s = statistics.median(report.ticks_per_s for report in six)
+    return LinkRates(
+        link=kind,
+        raw_per_s=raw_per_s,
+        ticks_per_s=one_per_s,
+        share=one_per_s / raw_per_s,
+        real_time=one_per_s / _core.TICKS_PER_SECOND,
+        six_axes_ticks_per_s=six_per_s,
+        six_axes_real_time=six_per_s / _core.TICKS_PER_SECOND,
+        repeated=sum(report.repeated for report in one + six),
+        turns=turns,
+    )
 
 
-def run(turns: int = 5) -> list[dict[str, Any]]:
-    """Rows of all transports; CAN runs under tools/vcan."""
-    rows = [measure("lcm", turns)]
+def run(turns: int = 5) -> list[LinkRates]:
+    """Rates of both transports; those of CAN are measured under tools/vcan. Raises
+    link.LinkError."""
+    lcm = measure("lcm", turns)
     command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench.link", str(turns)]
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, check=False
     )
     if done.returncode:
-        raise link.LinkError("bench over socketcan failed; its reason stands above")
-    return [*rows, json.loads(done.stdout)]
+        raise link.LinkError("bench over socketcan failed for the reason printed above")
+    return [lcm, from_json(LinkRates, json.loads(done.stdout))]
 
 
-def describe(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Lines for a terminal."""
+def check(rates: Sequence[LinkRates]) -> list[Requirement]:
+    """The required rates of each transport."""
     return [
-        f"{r['link']:12} {r['ticks_per_s']:,.0f} ticks/s ({r['real_time']:.1f} x real time), "
-        f"{r['share']:.0%} of a raw ping-pong's {r['raw_per_s']:,.0f}/s; six axes "
-        f"{r['six_axes_ticks_per_s']:,.0f} ticks/s ({r['six_axes_real_time']:.1f} x); "
-        f"{r['repeated']} records repeated"
-        for r in rows
-    ]
-
-
-def check(rows: Sequence[dict[str, Any]]) -> list[tuple[str, bool]]:
-    """The required figures: [(text, whether it is reached)]."""
-    checks = []
-    for r in rows:
-        share, six = r["share"], r["six_axes_real_time"]
-        checks.append(
-            (
-                f"{r['link']}: lock-step / ping-pong >= {LEAST_SHARE}: {share:.3g}",
-                share >= LEAST_SHARE,
-            )
+        requirement
+        for r in rates
+        for requirement in (
+            at_least(f"{r.link}: lock-step / ping-pong", r.share, SHARE_OF_RAW_MIN),
+            at_least(f"{r.link}: six axes / real time", r.six_axes_real_time, REAL_TIME_MIN),
         )
-        checks.append(
-            (f"{r['link']}: six axes / real time >= {LEAST_REAL_TIME}: {six:.3g}",
-             six >= LEAST_REAL_TIME)
-        )  # fmt: skip
-    return checks
+    ]
 
 
 if __name__ == "__main__":
     try:
-        print(json.dumps(measure("socketcan", int(sys.argv[1]))))
+        print(json.dumps(to_json(measure("socketcan", int(sys.argv[1])))))
     except link.LinkError as error:
         sys.exit(f"forceaxis: {error}")

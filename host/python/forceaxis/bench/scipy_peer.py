@@ -1,36 +1,66 @@
-"""The benchmark with SciPy: solve_ivp in each tick with terminal events and fixed regions between
-them.
+"""The benchmark with SciPy: solve_ivp in each tick, with terminal events at which the equations
+change.
 
-The equations are written again here, independent of the simulator; only for the cases A and B.
+The equations of the cases A and B are written again here, independent of the simulator.
 """
 
 import math
 import time
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-State = NDArray[np.float64]
-# A function of time and state with the attributes of an event of solve_ivp, and the region that is
-# entered at the event, as (element, region).
-Guard = tuple[Any, tuple[str, int | str]]
+from forceaxis._core import TICKS_PER_SECOND
 
-STEP_S = 1 / 1500
+State = NDArray[np.float64]
+
+STEP_S = 1 / TICKS_PER_SECOND
 TOLERANCE = 1e-4  # the tolerance of odeint; RK45 uses the same pair of formulas
-R = 0.004043
-K_S, B_S = 110100.0, 16.5
+R_M_PER_RAD = 0.004043  # travel per angle of the motor
+K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # force sensor: stiffness and damping
+
+
+class TimedRun(NamedTuple):
+    """One timed run of a benchmark case."""
+
+    force_N: NDArray[np.float64]  # contact force at each tick
+    codes: NDArray[np.signedinteger[Any]]  # ADC code of the contact force at each tick
+    seconds: float  # CPU time
+    events: int | None  # number of switching events; None: unknown
+
+
+@dataclass(frozen=True)
+class Guard:
+    """An event of solve_ivp: when the function falls through 0, `element` enters `region`."""
+
+    terminal: ClassVar = True
+    direction: ClassVar = -1
+    function: Callable[[State], float]
+    element: str
+    region: int | str
+
+    def __call__(self, _t: float, x: State) -> float:
+        return self.function(x)
 
 
 class _Plant:
-    """x = i, vf, xr, vr, xw, vw; regions: current feedback, amplifier, contact."""
+    """The plant of the cases A and B.
+
+    The state x is: motor current in A, filtered tachometer voltage in V, position and velocity of
+    the robot, position and velocity of the workpiece in m and m/s. Current feedback and amplifier
+    are in one of their linear regions, the contact is "apart", "pressed" or "overlap" (without
+    force).
+    """
 
     def __init__(self) -> None:
         self.volts = 0.0
         self.feedback, self.amplifier, self.contact = 0, 0, "apart"
 
     def push(self, x: State) -> float:
-        return K_S * (x[2] - x[4]) + B_S * (x[3] - x[5])
+        return K_S_N_PER_M * (x[2] - x[4]) + B_S_NS_PER_M * (x[3] - x[5])
 
     def force(self, x: State) -> float:
         return self.push(x) if self.contact == "pressed" else 0.0
@@ -44,10 +74,10 @@ class _Plant:
         vm = 15 * e if side == 0 else 30.0 * side if abs(side) == 2 else 7.5 * (e + 2 * side)
         f = self.force(x)
         return (
-            (vm - 4.5 * i - 0.5 / R * vr) / 0.0158,
-            942 * (4.2 * 0.039 / R * vr - vf),
+            (vm - 4.5 * i - 0.5 / R_M_PER_RAD * vr) / 0.0158,
+            942 * (4.2 * 0.039 / R_M_PER_RAD * vr - vf),
             vr,
-            (0.5 / R * i - 500 * vr - f) / 132.4,
+            (0.5 / R_M_PER_RAD * i - 500 * vr - f) / 132.4,
             vw,
             (f - 412700 * xw - 8.25 * vw) / 6.6,
         )
@@ -59,34 +89,32 @@ class _Plant:
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
 
     def guards(self) -> list[Guard]:
-        """[(function that falls through 0 at the end of the region, region that is entered
-        then)]."""
-        list_: list[Guard]
-        side, list_ = self.amplifier, []
+        """The events that end the present regions."""
+        guards = []
+        side = self.amplifier
         if side > -2:
             low = {-1: -6, 0: -2, 1: 2, 2: 6}[side]
-            list_.append((lambda t, x: self.error(x) - low, ("amplifier", side - 1)))
+            guards.append(Guard(lambda x: self.error(x) - low, "amplifier", side - 1))
         if side < 2:
             high = {-2: -6, -1: -2, 0: 2, 1: 6}[side]
-            list_.append((lambda t, x: high - self.error(x), ("amplifier", side + 1)))
+            guards.append(Guard(lambda x: high - self.error(x), "amplifier", side + 1))
         if self.feedback == 0:
-            list_.append((lambda t, x: 30 - x[0], ("feedback", 1)))
-            list_.append((lambda t, x: 30 + x[0], ("feedback", -1)))
+            guards.append(Guard(lambda x: 30 - x[0], "feedback", 1))
+            guards.append(Guard(lambda x: 30 + x[0], "feedback", -1))
         else:
             sign = self.feedback
-            list_.append((lambda t, x: sign * x[0] - 30, ("feedback", 0)))
+            guards.append(Guard(lambda x: sign * x[0] - 30, "feedback", 0))
         if self.contact == "pressed":
-            list_.append((lambda t, x: self.push(x), ("contact", "let go")))
+            guards.append(Guard(self.push, "contact", "let go"))
         else:
-            sign = 1 if self.contact == "overlap" else -1
-            list_.append((lambda t, x: sign * (x[2] - x[4]), ("contact", "met")))
+            out = 1 if self.contact == "overlap" else -1
+            guards.append(Guard(lambda x: out * (x[2] - x[4]), "contact", "met"))
             if self.contact == "overlap":
-                list_.append((lambda t, x: -self.push(x), ("contact", "pressed")))
-        for function, _ in list_:
-            function.terminal, function.direction = True, -1
-        return list_
+                guards.append(Guard(lambda x: -self.push(x), "contact", "pressed"))
+        return guards
 
     def cross(self, element: str, into: int | str, x: State) -> None:
+        """Updates the region of an element at an event with the state x."""
         if into == "let go":
             into = "overlap" if x[2] > x[4] else "apart"
         elif into == "met":
@@ -95,36 +123,35 @@ class _Plant:
         setattr(self, element, into)
 
 
-def run(
-    gain: int, setpoint_N: int, ticks: int
-) -> tuple[NDArray[np.float64], NDArray[np.integer[Any]], float, int]:
-    """One run: (force, ADC counts, CPU seconds, crossings) at ticks 0..ticks."""
+def run(gain: int, setpoint_N: int, ticks: int) -> TimedRun:
+    """One run from tick 0 to `ticks`. gain: DAC codes per ADC code."""
     from scipy.integrate import solve_ivp
 
     plant, x, crossings = _Plant(), np.array([0, 0, -0.005, 0, 0, 0]), 0
-    force, counts = [], []
+    force, codes = [], []
     start = time.thread_time()
     for k in range(ticks + 1):
         f = plant.force(x)
         n = min(max(math.floor(f / 2 + 0.5), -128), 127)
         force.append(f)
-        counts.append(n)
+        codes.append(n)
         if k == ticks:
             break
-        code = min(max((gain * (setpoint_N - 2 * n) + 1) >> 1, -2048), 2047)
-        plant.volts = code * (20 / 4096)
+        dac_code = min(max((gain * (setpoint_N - 2 * n) + 1) >> 1, -2048), 2047)
+        plant.volts = dac_code * (20 / 4096)
         plant.enter(x)
         remaining = STEP_S
         while remaining > 1e-15:
             guards = plant.guards()
             done = solve_ivp(
                 plant.rate, (0, remaining), x, method="RK45", rtol=TOLERANCE, atol=TOLERANCE,
-                first_step=remaining, events=[function for function, _ in guards],
+                first_step=remaining, events=guards,
             )  # fmt: skip
             x = done.y[:, -1]
             remaining -= done.t[-1]
-            for (_, (element, into)), times in zip(guards, done.t_events, strict=True):
+            for guard, times in zip(guards, done.t_events, strict=True):
                 if done.status == 1 and len(times):
-                    plant.cross(element, into, x)
+                    plant.cross(guard.element, guard.region, x)
                     crossings += 1
-    return np.array(force), np.array(counts), time.thread_time() - start, crossings
+    seconds = time.thread_time() - start
+    return TimedRun(np.array(force), np.array(codes), seconds, crossings)

@@ -2,10 +2,18 @@
 
 import json
 import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import click
 
 from forceaxis.cli.common import Verb, as_json
+from forceaxis.results import to_json
+
+if TYPE_CHECKING:
+    from forceaxis.bench.bench import BenchResult
+    from forceaxis.bench.link import LinkRates
+    from forceaxis.bench.requirement import Requirement
 
 
 @click.command(
@@ -62,32 +70,75 @@ def bench_(
     from forceaxis.bench import link as bench_link
 
     if links:
-        rows = bench_link.run(min(repeat, 10))
-        checks = bench_link.check(rows)
+        rates = bench_link.run(min(repeat, 10))
+        checks = bench_link.check(rates)
         if as_json:
-            found = [{"check": text, "held": held} for text, held in checks]
-            click.echo(json.dumps({"link": rows, "checks": found}))
+            click.echo(json.dumps({"link": to_json(rates), "checks": to_json(checks)}))
         else:
-            click.echo("\n".join(bench_link.describe(rows)))
-            for text, held in checks:
-                click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
-        sys.exit(not all(held for _, held in checks))
+            click.echo("\n".join([*map(rates_line, rates), *map(check_line, checks)]))
+        sys.exit(not all(c.held for c in checks))
     if check and (cases or tools):
         raise click.UsageError("expected --check without --case and --tool; it runs everything")
     result = bench.run(
         cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check, linear or check
     )
     if check:
-        checks = bench.check(result)
-        result["checks"] = [{"check": text, "held": held} for text, held in checks]
-    if as_json:
-        click.echo(json.dumps(result, allow_nan=False))
-    else:
-        click.echo(bench.describe(result))
-        for text, held in checks if check else ():
-            click.echo(f"{'held' if held else 'NOT HELD':12} {text}")
-    if check and not all(held for _, held in checks):
+        result = replace(result, checks=bench.check(result))
+    click.echo(json.dumps(to_json(result), allow_nan=False) if as_json else bench_text(result))
+    if not all(c.held for c in result.checks or ()):
         sys.exit(1)
+
+
+def check_line(requirement: "Requirement") -> str:
+    """A required figure as a line."""
+    return f"{'held' if requirement.held else 'NOT HELD':12} {requirement.check}"
+
+
+def rates_line(r: "LinkRates") -> str:
+    """The rates of one transport as a line."""
+    return (
+        f"{r.link:12} {r.ticks_per_s:,.0f} ticks/s ({r.real_time:.1f} x real time), "
+        f"{r.share:.0%} of a raw ping-pong's {r.raw_per_s:,.0f}/s; six axes "
+        f"{r.six_axes_ticks_per_s:,.0f} ticks/s ({r.six_axes_real_time:.1f} x); "
+        f"{r.repeated} records repeated"
+    )
+
+
+def bench_text(result: "BenchResult") -> str:
+    """The result of the benchmark as a table and lines."""
+    lines = ["case  tool                x real time   us/tick   spread   force error   events"]
+    for r in result.results:
+        error = "unknown" if r.force_error_N is None else f"{r.force_error_N:.1e} N"
+        events = "" if r.events is None else r.events
+        lines.append(
+            f"{r.case:4}  {r.tool:18} {r.real_time_factor:12,.0f} "
+            f"{r.tick_ns / 1e3:9.3f} {r.spread:8.0%}   {error:>11} {events:>8}"
+        )
+    for sweep in result.sweeps or ():
+        lines.append(
+            f"{sweep.sweep:12} {sweep.runs} runs: {sweep.runs_per_s_core:,.0f} runs/s per core, "
+            f"{sweep.runs_per_s_two_threads:,.0f} runs/s on two threads "
+            f"({sweep.two_thread_ratio:.2f} x one; CPU time {sweep.two_thread_cpu:.2f} x)"
+        )
+    if cost := result.scaling:
+        lines.append(
+            f"{'scaling':12} {cost.events_least} to {cost.events_most} events: "
+            f"{cost.run_us:.0f} us + {cost.event_us:.2f} us per event, R^2 {cost.r_squared:.4f}, "
+            f"worst {cost.worst_deviation:.0%} off the line"
+        )
+    for analysis in result.linear or ():
+        text = f"{analysis.work}: {1e3 * analysis.seconds:.3g} ms"
+        if analysis.control_seconds:
+            text += (
+                f", python-control {1e3 * analysis.control_seconds:.3g} ms, "
+                f"{analysis.control_seconds / analysis.seconds:.1f} times as long; they differ by "
+                f"{analysis.difference:.1e}"
+            )
+        lines.append(f"{'linear':12} {text}")
+    lines += [f"{'missing':12} {tool}: {why}" for tool, why in result.missing.items()]
+    if result.load > 0.5:
+        lines.append(f"{'load':12} {result.load:.1f}: the machine was not idle")
+    return "\n".join([*lines, *map(check_line, result.checks or ())])
 
 
 VERBS = (bench_,)

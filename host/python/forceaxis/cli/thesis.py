@@ -17,6 +17,7 @@ from forceaxis.thesis import tables
 
 if TYPE_CHECKING:
     from forceaxis.thesis import claims
+    from forceaxis.thesis.session import SessionResult
 
 
 @click.command(name="tables", cls=Verb, epilog="forceaxis tables --json")
@@ -42,15 +43,34 @@ def tables_(
     if fit and kind:
         raise click.UsageError("expected --fit without --link; a fit is thousands of runs")
     if fit:
-        click.echo(json.dumps(tables.fit(threads), indent=None if as_json else 2))
+        click.echo(json.dumps(to_json(tables.fit(threads)), indent=None if as_json else 2))
         return
     result = tables.run(threads, link_of(kind, lcm_url, link_can, inject))
     if as_json:
-        click.echo(json.dumps(result))
+        click.echo(json.dumps(to_json(result)))
     else:
-        click.echo(tables.describe(result))
-    if result["matched"] < tables.load().matched_at_least:
+        click.echo(tables_text(result))
+    if result.matched < tables.load().matched_at_least:
         sys.exit(1)
+
+
+def tables_text(result: tables.TablesResult) -> str:
+    """The cells with a difference, each with its reason, the fitted constants and the score."""
+    lines = []
+    for cell in result.cells:
+        if cell.agrees:
+            continue
+        count = cell.force_setpoint
+        newton = count and count * result.fitted["force_per_count"]
+        setpoint = f" counts of force ({newton:g} N)" if count else ""
+        lines.append(
+            f"differs      Fig {tables.key_of(cell)}{setpoint}: thesis {cell.thesis}, "
+            f"ours {cell.ours}; {cell.reason}"
+        )
+    constants = ", ".join(f"{name} = {value:g}" for name, value in result.fitted.items())
+    lines.append(f"fitted       {constants}")
+    lines.append(f"score        {result.matched} of {result.total} cells match the thesis")
+    return "\n".join(lines)
 
 
 @click.command(
@@ -82,17 +102,15 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
     summary = page.write(folder, out, threads)
     done_waiting()
     if as_json:
-        click.echo(json.dumps(summary))
+        click.echo(json.dumps(to_json(summary)))
     else:
         click.echo(f"report       {paths.quoted(out / 'index.html')}")
-        click.echo(f"experiments  {summary['experiments']} run")
-        if "total" in summary:
-            click.echo(
-                f"tables       {summary['matched']} of {summary['total']} cells match the thesis"
-            )
-    for error in summary["errors"]:
+        click.echo(f"experiments  {summary.experiments} run")
+        if summary.total is not None:
+            click.echo(f"tables       {summary.matched} of {summary.total} cells match the thesis")
+    for error in summary.errors:
         click.echo(f"forceaxis: {error}", err=True)
-    if summary["errors"]:
+    if summary.errors:
         sys.exit(1)
 
 
@@ -125,18 +143,40 @@ def session(out: Path, as_json: bool) -> None:
         if sys.stderr.isatty() and not as_json:
             click.echo(f"session      {step}", err=True)
 
-    found = thesis_session.whole(out, report)
-    found["folder"] = paths.display(out)
-    hashes = {*found["trace_hash"].values(), found["replayed_hash"]}
+    found = thesis_session.run_with_programs(out, report)
     if as_json:
-        click.echo(json.dumps(found, allow_nan=False))
+        click.echo(json.dumps(to_json(found), allow_nan=False))
     else:
-        click.echo(thesis_session.describe(found))
-    if len(hashes) != 1:
+        click.echo(session_text(found))
+    if {found.trace_hash.plant_node, found.trace_hash.axis_node} != {found.replayed_hash}:
         click.echo(
             "forceaxis: session: expected one trace hash of plant, firmware and replay", err=True
         )
         sys.exit(1)
+
+
+def session_text(found: "SessionResult") -> str:
+    """The observed values of a session, with their units."""
+    from forceaxis.thesis import session as thesis_session
+
+    scales = thesis_session.scales()
+
+    def force(count: float) -> str:
+        return f"{count * scales.N_per_count:.4g} N ({count:.2f} counts of force)"
+
+    travel = found.position_after_move_cnt
+    return "\n".join(
+        (
+            f"moved to     {travel * scales.mm_per_count:.5g} mm ({travel} encoder counts)",
+            f"contact      held {force(found.force_held_cnt)}",
+            f"strike       peak {force(found.peak_force_cnt)}, then {force(found.force_after_cnt)} "
+            "again",
+            f"recorded     {found.samples} samples, {found.samples_missing} missing",
+            f"watched      {found.states} states, {found.messages_lost} messages lost",
+            f"trace hash   {found.replayed_hash}, of plant, firmware and replay",
+            f"files        {found.folder}",
+        )
+    )
 
 
 @click.command(

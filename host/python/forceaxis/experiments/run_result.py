@@ -177,8 +177,8 @@ class LinkReport:
 
 
 @dataclass(frozen=True)
-class ReplayedJournal:
-    """The recorded journal of an axis_node that was replayed."""
+class JournalFacts:
+    """What the journal of an axis_node contains."""
 
     experiment: str
     overrides: list[str]
@@ -186,6 +186,12 @@ class ReplayedJournal:
     ticks: int | None  # number of ticks in the recorded run; None: the journal is incomplete
     trace_hash: str  # trace hash of the recorded run; empty: the journal is incomplete
     traced: bool  # False: the session is longer than ten minutes
+
+
+@dataclass(frozen=True)
+class ReplayedJournal(JournalFacts):
+    """A journal that was replayed."""
+
     same: bool  # whether the replay has the same trace hash
 
 

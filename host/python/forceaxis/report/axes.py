@@ -1,15 +1,16 @@
-"""Models of a folder for the report: description, limits, recommended P gain, and figures of the
-laws."""
+"""Models of a folder for the report: description, limits, recommended P gain, and worst figures of
+the designed banks."""
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 
 from forceaxis import _core, paths, toml
 from forceaxis.design import reduced, sets
+from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
 from forceaxis.experiments import sweep, sweep_plots
 from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
@@ -23,11 +24,43 @@ from forceaxis.words import plain
 
 Picture = tuple[str, Markup]  # caption, image
 
-FEW = 6  # number of experiments up to which pictures, map and margins are visible at once
+SHOWN_EXPERIMENTS_MAX = 6  # number of experiments up to which the page shows all pictures at once
 # For the map: factors of an experiment's gain and set-point; longest run in ticks.
-MAP_GAINS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
-MAP_FORCES = (0.3, 0.6, 1.0, 1.5, 2.2)
-MAP_TICKS = 12_000
+MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
+MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
+MAP_TICKS_MAX = 12_000
+
+
+@dataclass(frozen=True)
+class ExperimentBank:
+    """The designed bank of an experiment, with its worst figures over the set of plants."""
+
+    entry: Entry
+    bank: Bank
+    worst: WorstFigures
+
+
+@dataclass(frozen=True)
+class ModelLaws:
+    """The recommended P gain of a model and the banks of its experiments, over a set of plants."""
+
+    over: str  # the ranges of the parameters of the set
+    p: reduced.ShortDesign
+    banks: list[ExperimentBank]
+
+
+@dataclass(frozen=True)
+class ModelSection:
+    """The section of the page about one model."""
+
+    id: str  # name of the anchor
+    file: str
+    title: str
+    words: list[str]  # sentences about the model
+    limits: list[str] | None  # of force_gain; None: the model has no force loop
+    laws: ModelLaws | None
+    refused: str  # the reason why `laws` is None
+    pictures: list[Picture]
 
 
 def limits(model: Path) -> list[str] | None:
@@ -50,34 +83,48 @@ def limit_text(loop: stability.Loop) -> str:
     return f"none up to {stability.known_text(loop.firmware_gain(limit.known_to), '')}"
 
 
-def described(entries: Sequence[Entry]) -> list[dict[str, Any]]:
-    """One row for each model of the experiments: title, description, limits, P gain, laws (see
-    `laws`)."""
-    users: dict[Path, list[Entry]] = {}
+def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
+    """{file of a model: its experiments without error}."""
+    found: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:
-            users.setdefault(entry.done.model, []).append(entry)
-    rows = []
-    for model, used_by in users.items():
-        row = {
-            "id": "model_" + re.sub(r"\W", "_", paths.display(model)),
-            "file": paths.display(model),
-            "title": toml.read(model).get("title", model.stem),
-            "words": words(model),
-            "limits": limits(model),
-        }
-        row |= laws(model, used_by)
-        row["pictures"] = [*_margins(model, row), *_map(used_by)] if len(entries) <= FEW else []
-        rows.append(row)
-    return rows
+            found.setdefault(entry.done.model, []).append(entry)
+    return found
 
 
-def _margins(model: Path, row: dict[str, Any]) -> list[Picture]:
+def sections(entries: Sequence[Entry]) -> list[ModelSection]:
+    """One section for each model of the experiments."""
+    with_pictures = len(entries) <= SHOWN_EXPERIMENTS_MAX
+    return [_section(model, own, with_pictures) for model, own in by_model(entries).items()]
+
+
+def _section(model: Path, entries: Sequence[Entry], with_pictures: bool) -> ModelSection:
+    refused, found = "", None
+    try:
+        found = laws(model, entries)
+    except _core.InputError as error:
+        refused = str(error)
+    pictures_shown = []
+    if with_pictures:
+        pictures_shown = [*(_margins(model, found.p) if found else ()), *_map(entries)]
+    return ModelSection(
+        id="model_" + re.sub(r"\W", "_", paths.display(model)),
+        file=paths.display(model),
+        title=toml.read(model).get("title", model.stem),
+        words=words(model),
+        limits=limits(model),
+        laws=found,
+        refused=refused,
+        pictures=pictures_shown,
+    )
+
+
+def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
     """[(caption, picture)] of the loop gain at the recommended P gain around -1; [] if there is
     none."""
-    if not (row.get("p") and row["p"].worst):
+    if not recommended.worst:
         return []
-    gain = row["p"].bank.force_gain
+    gain = recommended.bank.force_gain
     try:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
@@ -99,17 +146,17 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
     experiment is short enough for a run at every point."""
     for entry in entries:
         given = _core.inputs(str(entry.file))["firmware"]
-        gain: Any
-        setpoint: Any
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
-        native = gain and setpoint and not given.get("force_bank") and "mode" in given
-        if not native or entry.done.result.ticks > MAP_TICKS:
+        result = entry.run.result
+        if not (gain and setpoint) or given.get("force_bank") or "mode" not in given:
             continue
-        if entry.done.result.criterion is None:
+        if result.ticks > MAP_TICKS_MAX or result.criterion is None:
             continue
         grid = {
-            "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAINS],
-            "firmware.force_setpoint": [round(256 * setpoint * f) / 256 for f in MAP_FORCES],
+            "firmware.force_gain": [round(256 * gain * f) / 256 for f in MAP_GAIN_FACTORS],
+            "firmware.force_setpoint": [
+                round(256 * setpoint * f) / 256 for f in MAP_SETPOINT_FACTORS
+            ],
         }
         done = sweep.sweep(sweep.SweepRequest(entry.file, grid=grid), threads=1)
         caption = (
@@ -147,17 +194,13 @@ def words(model: Path) -> list[str]:
     return lines
 
 
-def laws(model: Path, entries: Sequence[Entry]) -> dict[str, Any]:
-    """{"over", "p", "banks"}: the P gain that keeps the usual margins over the set of plants, and
-    the worst figures over this set for each bank of the experiments; or {"refused": reason}."""
-    try:
-        plants = sets.plant_set(str(model))
-        bits = linear.facts(model).required_reading.bits
-        problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
-        p = problem.worst(Bank(1.0))
-    except (_core.InputError, TypeError) as error:
-        reason = "no force sensor is read" if isinstance(error, TypeError) else str(error)
-        return {"refused": reason}
+def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
+    """The P gain that keeps the usual margins over the set of plants, and the worst figures over
+    this set for each bank of the experiments. Raises InputError, for example without a sensor."""
+    plants = sets.plant_set(str(model))
+    facts = linear.facts(model)
+    search = reduced.ShortSearch(plants, Goal(adc_bits=facts.required_reading.bits), random=0)
+    recommended = search.worst(Bank(1.0))
     banks = []
     for entry in entries:
         try:
@@ -165,10 +208,10 @@ def laws(model: Path, entries: Sequence[Entry]) -> dict[str, Any]:
         except _core.InputError:  # no force law
             continue
         if own.bank and own.law == "bank":
-            banks.append({"entry": entry, "bank": own.bank, "worst": problem.at(own.bank)})
-    units = {name: unit for name, (_, unit) in linear.facts(model).parameters.items()}
+            banks.append(ExperimentBank(entry, own.bank, search.at(own.bank)))
+    units = {name: parameter.unit for name, parameter in facts.parameters.items()}
     over = ", ".join(
         f"{name} {plain(low, 4)} to {plain(high, 4)} {units.get(name, '')}".rstrip()
         for name, (_, low, high) in plants.ranges.items()
     )
-    return {"over": over, "p": p, "banks": banks}
+    return ModelLaws(over, recommended, banks)

@@ -2,7 +2,7 @@
 designed over a set."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
@@ -19,33 +19,45 @@ PLANTS = (
 )
 
 
-def row(model: str, bits: int) -> dict[str, Any]:
-    """{"model", "bits", "over", "modes", "p", "design", "limited_by"} of one of PLANTS; p and
-    design in the form of reduced.ShortSearch."""
+@dataclass(frozen=True)
+class PlantDesign:
+    """The P gain and a designed bank for one of PLANTS."""
+
+    model: str
+    bits: int  # of the ADC
+    over: str  # names of the parameters with a tolerance
+    modes: int  # number of modes of operation in the set of plants
+    p: reduced.ShortDesign
+    design: reduced.ShapedDesign
+    limited_by: str  # a sentence about the bound that limits the bandwidth
+
+
+def plant_design(model: str, bits: int) -> PlantDesign:
+    """The designs for one of PLANTS."""
     plants = sets.plant_set(model)
     problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
     found = problem.designed()
-    return {
-        "model": model,
-        "bits": bits,
-        "over": ", ".join(plants.ranges),
-        "modes": len(plants.modes),
-        "p": problem.worst(Bank(1.0)),
-        "design": found,
-        "limited_by": problem.limited_by(found),
-    }
+    return PlantDesign(
+        model=model,
+        bits=bits,
+        over=", ".join(plants.ranges),
+        modes=len(plants.modes),
+        p=problem.worst(Bank(1.0)),
+        design=found,
+        limited_by=problem.limited_by(found),
+    )
 
 
-def figure(made: Sequence[dict[str, Any]]) -> Figure:
-    """Figure of the bandwidth over the set, for P and for the designed bank."""
-    drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(made)))
+def figure(rows: Sequence[PlantDesign]) -> Figure:
+    """Figure of the bandwidth over the set of plants, for P and for the designed bank."""
+    drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(rows)))
     drawing.style(ax)
-    for y, row in enumerate(made):
-        ends = [row[law].bandwidth_Hz for law in ("p", "design")]
+    for y, row in enumerate(rows):
+        ends = [row.p.bandwidth_Hz, row.design.bandwidth_Hz]
         ax.plot(ends, [y, y], color="#d8dee4", zorder=1)
         ax.plot(ends[0], y, "D", color=drawing.GOT, markersize=4, label="P" if y == 0 else None)
         ax.plot(ends[1], y, "o", color=drawing.INK, label="designed bank" if y == 0 else None)
-    ax.set_yticks(range(len(made)), [f"{r['model']}, {r['bits']} bits" for r in made], fontsize=7)
+    ax.set_yticks(range(len(rows)), [f"{r.model}, {r.bits} bits" for r in rows], fontsize=7)
     ax.invert_yaxis()
     ax.set_xlim(left=0)
     ax.set_xlabel("bandwidth fS over the set, Hz", fontsize=8)

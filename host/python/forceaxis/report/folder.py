@@ -6,14 +6,17 @@ from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from markupsafe import Markup
 
 from forceaxis import progress
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, regression, trace
+from forceaxis.experiments.run import Run
 from forceaxis.report import pictures
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -22,9 +25,15 @@ class Entry:
 
     file: Path
     name: str  # path below the folder, without suffix
-    done: Any = None  # a run.Run; None after an error
+    done: Run | None = None  # None after an error
     differs: tuple[str, ...] = ()  # differences from [expect], one line each
     error: str = ""
+
+    @property
+    def run(self) -> Run:
+        """The run of an experiment without error."""
+        assert self.done is not None
+        return self.done
 
     @property
     def id(self) -> str:
@@ -34,7 +43,7 @@ class Entry:
     @property
     def verdict(self) -> str:
         """One of the four verdicts, "none" or "error"."""
-        return "error" if self.error else self.done.result.verdict or "none"
+        return "error" if self.error else self.run.result.verdict or "none"
 
     @property
     def status(self) -> str:
@@ -44,6 +53,7 @@ class Entry:
 
     @property
     def title(self) -> str:
+        """The title of the experiment; its name after an error."""
         return self.done.title if self.done else self.name
 
     @property
@@ -59,11 +69,13 @@ class Entry:
 
     @cached_property
     def picture(self) -> Markup:
-        return pictures.figure(trace.figure(self.done))
+        """The figure of the traces as a data URI."""
+        return pictures.figure(trace.figure(self.run))
 
     @cached_property
     def thumbnail(self) -> Markup:
-        return pictures.thumbnail(self.done)
+        """The small picture of the main signal."""
+        return pictures.thumbnail(self.run)
 
 
 def figure_order(figure: str) -> tuple[int | str, ...]:
@@ -96,14 +108,19 @@ def files(folder: Path) -> list[Path]:
 
 
 def begin(pool: Pool, folder: Path) -> list[AsyncResult[Entry]]:
-    """Submits each experiment of a folder to `pool`, for `ended`."""
+    """Starts the run of each experiment of a folder in the processes of `pool`."""
     return [pool.apply_async(_drawn, (path, folder)) for path in files(folder)]
 
 
-def ended(begun: Sequence[AsyncResult[Entry]]) -> list[Entry]:
-    """All experiments as entries, in the order of their figures, then names."""
+def results(jobs: Sequence[AsyncResult[T]], what: str) -> list[T]:
+    """Waits for the results of all jobs. what: plural name of the jobs, for the progress."""
+    return [job.get() for job in progress.each(jobs, what)]
+
+
+def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
+    """Waits for all experiments; the entries are in the order of their figures, then names."""
     return sorted(
-        (one.get() for one in progress.each(begun, "experiments")),
+        results(jobs, "experiments"),
         key=lambda e: (figure_order(e.done.result.figure if e.done else ""), e.name),
     )
 

@@ -1,98 +1,99 @@
-"""Sections of the thesis's page only: its tables, fit, models by figure, frequency domain."""
+"""Sections that only the page of the thesis has: its tables, fit, models by figure, and frequency
+domain. The fields of a section are the names that the templates use."""
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from multiprocessing.pool import AsyncResult, Pool
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 
-from forceaxis import _core, paths, progress, toml
+from forceaxis import _core, paths, toml
 from forceaxis.design import advice_plot, advise
 from forceaxis.experiments import sweep as sweeps
 from forceaxis.experiments import sweep_plots
+from forceaxis.experiments.run_result import Criterion
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.report import designs, pictures, plots
-from forceaxis.report.axes import limits
+from forceaxis.report import axes, designs, folder, pictures, plots
 from forceaxis.report.folder import Entry, figure_order
-from forceaxis.results import to_json
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
-from forceaxis.thesis.tables import Cell
+from forceaxis.thesis.tables import CellResult
 
-Values = dict[str, Any]  # {name in a template: value}
 WIDE_IN = 6.0  # a wider figure has its own line
 
 
-def models(entries: Sequence[Entry]) -> list[Values]:
+@dataclass(frozen=True)
+class ModelRow:
+    """A model with its limits and its experiments."""
+
+    name: str
+    title: str
+    shows: str
+    limits: list[str] | None  # of force_gain; None: the model has no force loop
+    runs: list[Entry]
+
+
+def models(entries: Sequence[Entry]) -> list[ModelRow]:
     """Every model of the experiments, in the order of its figure."""
-    users: dict[Path, list[Entry]] = {}
-    for entry in entries:
-        users.setdefault(entry.done.model, []).append(entry)
-    rows = []
-    for path, used_by in users.items():
+    rows = {}
+    for path, runs in axes.by_model(entries).items():
         text = toml.read(path)
-        figure = re.search(r"Figs? (\S+)", text.get("title", ""))
-        row: Values = {
-            "name": path.stem,
-            "title": text.get("title", path.stem),
-            "shows": text.get("shows", ""),
-            "runs": used_by,
-        }
-        row["order"] = (figure_order(figure[1] if figure else ""), path.stem)
-        row["limits"] = limits(path)
-        rows.append(row)
-    return sorted(rows, key=lambda r: r["order"])
+        title = text.get("title", path.stem)
+        figure = re.search(r"Figs? (\S+)", title)
+        order = (figure_order(figure[1] if figure else ""), path.stem)
+        rows[order] = ModelRow(path.stem, title, text.get("shows", ""), axes.limits(path), runs)
+    return [rows[order] for order in sorted(rows)]
 
 
-def grid_3_15(cells: Sequence[Cell]) -> Values:
+@dataclass(frozen=True)
+class CellGrid:
+    """A stability table of the thesis: {title of a row: its cells}."""
+
+    title: str
+    columns: list[str]
+    rows: dict[str, list[CellResult]]
+
+
+def grid_3_15(cells: Sequence[CellResult]) -> CellGrid:
     """Fig 3.15: rows of gains, columns of set-points."""
-    cells = [c for c in cells if c["figure"] == "3.15"]
-    gains = sorted({c["force_gain"] for c in cells})
-    setpoints = sorted({c["force_setpoint"] for c in cells})
-    at = {(c["force_gain"], c["force_setpoint"]): c for c in cells}
-    return {
-        "title": "Figure 3.15: contact",
-        "columns": [f"set-point {s}" for s in setpoints],
-        "rows": [(f"gain {g}", [at[g, s] for s in setpoints]) for g in gains],
-    }
+    at = {(c.force_gain, c.force_setpoint): c for c in cells if c.figure == "3.15"}
+    gains = sorted({gain for gain, _ in at})
+    setpoints = sorted({setpoint for _, setpoint in at if setpoint is not None})
+    return CellGrid(
+        title="Figure 3.15: contact",
+        columns=[f"set-point {s}" for s in setpoints],
+        rows={f"gain {g}": [at[g, s] for s in setpoints] for g in gains},
+    )
 
 
-def grid_5_10(cells: Sequence[Cell]) -> Values:
-    """Fig 5.10 (its first and third columns are Fig 3.16): rows of gains."""
-    cells = [c for c in cells if c["figure"] == "5.10"]
-    columns = list(dict.fromkeys((c["test"], c["workpiece"]) for c in cells))
-    at = {(c["force_gain"], c["test"], c["workpiece"]): c for c in cells}
-    return {
-        "title": "Figures 3.16 and 5.10: contact and disturbance",
-        "columns": [f"{test}, {workpiece}" for test, workpiece in columns],
-        "rows": [
-            (f"gain {g}", [at[g, *column] for column in columns])
-            for g in sorted({c["force_gain"] for c in cells})
-        ],
-    }
+def grid_5_10(cells: Sequence[CellResult]) -> CellGrid:
+    """Fig 5.10, whose first and third columns are Fig 3.16: rows of gains."""
+    at = {(c.force_gain, c.test, c.workpiece): c for c in cells if c.figure == "5.10"}
+    columns = list(dict.fromkeys((test, workpiece) for _, test, workpiece in at))
+    return CellGrid(
+        title="Figures 3.16 and 5.10: contact and disturbance",
+        columns=[f"{test}, {workpiece}" for test, workpiece in columns],
+        rows={
+            f"gain {g}": [at[g, test, workpiece] for test, workpiece in columns]
+            for g in sorted({gain for gain, _, _ in at})
+        },
+    )
 
 
-def grid_rest(cells: Sequence[Cell]) -> Values:
+def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
     """Figs 5.2, 5.3, 5.8, 5.9: one cell each."""
-    cells = [c for c in cells if c["figure"] not in ("3.15", "5.10")]
-    rows = [
-        (
-            f"Fig {c['figure']}, {c['workpiece']}, {c['grip'].replace('_', ' ')}, "
-            f"gain {c['force_gain']}, set-point {c['force_setpoint']}",
-            [c],
-        )
+    rows = {
+        f"Fig {c.figure}, {c.workpiece}, {c.grip.replace('_', ' ')}, "
+        f"gain {c.force_gain}, set-point {c.force_setpoint}": [c]
         for c in cells
-    ]
-    return {
-        "title": "Figures 5.2, 5.3, 5.8, 5.9: single cells",
-        "columns": ["contact"],
-        "rows": rows,
+        if c.figure not in ("3.15", "5.10")
     }
+    return CellGrid("Figures 5.2, 5.3, 5.8, 5.9: single cells", ["contact"], rows)
 
 
 def mode_rows() -> list[tuple[str, str, list[str]]]:
@@ -116,55 +117,103 @@ def mode_rows() -> list[tuple[str, str, list[str]]]:
     return rows
 
 
-def begin(pool: Pool) -> dict[str, list[AsyncResult[Any]] | AsyncResult[Any]]:
-    """Submits the computations of the frequency domain to `pool`, for `ended`."""
-    measurements = sorted(
-        paths.MEASUREMENTS.glob("*.toml"), key=lambda p: figure_order(p.stem[3:].replace("_", "."))
-    )
-    figures = range(len(thesis_figures.thesis_figures()))
-    return {
-        "designs": [pool.apply_async(designs.row, plant) for plant in designs.PLANTS],
-        "advice": pool.apply_async(advised),
-        "claims": pool.apply_async(thesis.check),
-        "modes": pool.apply_async(mode_rows),
-        "measurements": [pool.apply_async(measured, [path]) for path in measurements],
-        "figures": [pool.apply_async(thesis_figure, [number]) for number in figures],
-    }
+@dataclass(frozen=True)
+class MeasuredFigure:
+    """A measurement of the thesis, repeated on the simulated plant."""
+
+    name: str
+    shows: str
+    summary: measure_result.MeasurementSummary
+    image: Markup
 
 
-def ended(begun: Mapping[str, list[AsyncResult[Any]] | AsyncResult[Any]]) -> Values:
-    """The values of the page frequency.html.jinja."""
-    found = {
-        name: [one.get() for one in progress.each(work, name)]
-        if isinstance(work, list)
-        else work.get()
-        for name, work in begun.items()
-    }
-    advice, advice_image = found.pop("advice")
-    return found | {
-        "value": thesis.value,
-        "beam": [e for e in beam.Beam(1.0, 1.0, 1.0).approximation_errors() if e.modes % 4 == 0],
-        "designs_image": pictures.figure(designs.figure(found["designs"])),
-        "advice": advice,
-        "advice_image": advice_image,
-    }
+@dataclass(frozen=True)
+class DrawnFigure:
+    """A figure of the thesis, drawn from its model."""
+
+    figure: str
+    see: str
+    wide: bool  # the figure has its own line
+    image: Markup
 
 
-def measured(path: Path) -> Values:
+@dataclass(frozen=True)
+class FrequencySection:
+    """The section of the page on the frequency domain."""
+
+    designs: list[designs.PlantDesign]
+    designs_image: Markup
+    advice: advise.Advice
+    advice_image: Markup
+    claims: thesis.CheckedClaims
+    value: Callable[[float | str, str], str]  # a value of a claim as text
+    modes: list[tuple[str, str, list[str]]]
+    measurements: list[MeasuredFigure]
+    figures: list[DrawnFigure]
+    beam: list[beam.ApproximationError]
+
+
+@dataclass(frozen=True)
+class FrequencyJobs:
+    """The computations of the frequency domain in the processes of a pool."""
+
+    designs: list[AsyncResult[designs.PlantDesign]]
+    advice: AsyncResult[tuple[advise.Advice, Markup]]
+    claims: AsyncResult[thesis.CheckedClaims]
+    modes: AsyncResult[list[tuple[str, str, list[str]]]]
+    measurements: list[AsyncResult[MeasuredFigure]]
+    figures: list[AsyncResult[DrawnFigure]]
+
+    @classmethod
+    def start(cls, pool: Pool) -> "FrequencyJobs":
+        """Starts all computations."""
+        measurements = sorted(
+            paths.MEASUREMENTS.glob("*.toml"),
+            key=lambda p: figure_order(p.stem[3:].replace("_", ".")),
+        )
+        figures = range(len(thesis_figures.thesis_figures()))
+        return cls(
+            designs=[pool.apply_async(designs.plant_design, plant) for plant in designs.PLANTS],
+            advice=pool.apply_async(advised),
+            claims=pool.apply_async(thesis.check),
+            modes=pool.apply_async(mode_rows),
+            measurements=[pool.apply_async(measured, [path]) for path in measurements],
+            figures=[pool.apply_async(thesis_figure, [number]) for number in figures],
+        )
+
+    def section(self) -> FrequencySection:
+        """Waits for all results."""
+        rows = folder.results(self.designs, "designs")
+        advice, advice_image = self.advice.get()
+        errors = beam.Beam(1.0, 1.0, 1.0).approximation_errors()
+        return FrequencySection(
+            designs=rows,
+            designs_image=pictures.figure(designs.figure(rows)),
+            advice=advice,
+            advice_image=advice_image,
+            claims=self.claims.get(),
+            value=thesis.value,
+            modes=self.modes.get(),
+            measurements=folder.results(self.measurements, "measurements"),
+            figures=folder.results(self.figures, "figures"),
+            beam=[e for e in errors if e.modes % 4 == 0],
+        )
+
+
+def measured(path: Path) -> MeasuredFigure:
     """Measures and draws a measurement of the thesis."""
-    done: Any = measure_result.run(path)
+    done = measure_result.run(path)
+    assert done.setup is not None
     image = pictures.figure(measure_result.figure(done))
-    summary = to_json(done.summary)
-    return {"name": path.stem, "shows": done.setup.shows, "summary": summary, "image": image}
+    return MeasuredFigure(path.stem, done.setup.shows, done.summary, image)
 
 
-def thesis_figure(number: int) -> Values:
+def thesis_figure(number: int) -> DrawnFigure:
     """Draws a figure of the thesis."""
-    drawn = thesis_figures.thesis_figures()[number]
-    picture = drawn.draw()
-    wide = picture.get_figwidth() > WIDE_IN
-    image = pictures.figure(picture)
-    return {"figure": drawn.figure, "see": drawn.see, "wide": wide, "image": image}
+    found = thesis_figures.thesis_figures()[number]
+    drawn = found.draw()
+    wide = drawn.get_figwidth() > WIDE_IN
+    return DrawnFigure(found.figure, found.see, wide, pictures.figure(drawn))
 
 
 def advised() -> tuple[advise.Advice, Markup]:
@@ -173,12 +222,7 @@ def advised() -> tuple[advise.Advice, Markup]:
     return advice, pictures.figure(advice_plot.figure(advice))
 
 
-def check() -> None:
-    """Raises InputError if the stored results of the fit cannot be read."""
-    tables.evidence()
-
-
-# For one axis: the fault and its remedy, as (experiment, heading, reason).
+# The story of one axis: (experiment, heading, reason).
 STORY = (
     ("contact_unstable", "1. Force gain 10: it bounces for ever",
      "The arm bends, the sensor rings, and the contact is lost again and again."),
@@ -189,27 +233,61 @@ STORY = (
 )  # fmt: skip
 
 
-def story(entries: Sequence[Entry]) -> list[tuple[Entry, str, str]]:
-    """[(Entry, heading, reason)] of STORY."""
-    by_name = {e.name: e for e in entries}
-    return [(by_name[name], what, why) for name, what, why in STORY]
+@dataclass(frozen=True)
+class ModelsSection:
+    """The sections of the page on one axis and on all models."""
+
+    story: list[tuple[Entry, str, str]]  # (experiment, heading, reason)
+    models: list[ModelRow]  # of the machines of the thesis
+    element_models: list[ModelRow]  # of single elements
 
 
-def by_model(entries: Sequence[Entry]) -> Values:
-    """The models of the experiments: those of the machines of the thesis, and those of single
-    elements."""
+def models_section(entries: Sequence[Entry]) -> ModelsSection:
+    """The models of the experiments."""
     done = [e for e in entries if e.done]
-    elements = [e for e in done if e.done.model.stem.startswith("nl_")]
-    return {
-        "story": story(done),
-        "models": models([e for e in done if e not in elements]),
-        "element_models": models(elements),
-    }
+    elements = [e for e in done if e.run.model.stem.startswith("nl_")]
+    by_name = {e.name: e for e in done}
+    return ModelsSection(
+        story=[(by_name[name], heading, reason) for name, heading, reason in STORY],
+        models=models([e for e in done if e not in elements]),
+        element_models=models(elements),
+    )
 
 
-def values(threads: int | None = None) -> Values:
-    """Run tables, maps and sweeps: the values of laboratory.html.jinja."""
-    found = tables.evidence()
+@dataclass(frozen=True)
+class FittedConstant:
+    """A fitted constant with the result of the fit."""
+
+    constant: tables.Constant
+    parameter: tables.SourcedParameter
+    found: float  # value of the stored fit
+    plateau: dict[float, int]  # ratio to the fitted value -> score
+
+
+@dataclass(frozen=True)
+class TablesSection:
+    """The sections of the page on the stability tables, their fit, contact and friction."""
+
+    result: tables.TablesResult
+    grids: list[CellGrid]
+    misses: list[tuple[str, CellResult]]  # cells with another verdict than the measured one
+    constants: list[FittedConstant]
+    assumed: list[tuple[str, tables.SourcedParameter]]
+    found: tables.FitRecord
+    predicted: list[tuple[str, int, int]]  # (figure, number of cells, of cells that agree)
+    plateau: Markup
+    criterion: Criterion
+    sensitivity: list[tables.Sensitivity]
+    declared: list[tables.Reading]
+    stability_map: Markup
+    maps: list[nonlinear.ContactMap]
+    maps_image: Markup
+    friction: list[tuple[float, float]]  # as of nonlinear.friction_limits
+
+
+def tables_section(threads: int | None = None) -> TablesSection:
+    """Runs the tables, the maps of contact and the sweep of the laboratory's axis."""
+    found, known = tables.evidence(), tables.load()
     result = tables.run(threads)
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)
     friction = nonlinear.friction_limits(threads or os.cpu_count() or 1)
@@ -217,44 +295,31 @@ def values(threads: int | None = None) -> Values:
     request = sweeps.SweepRequest(paths.EXPERIMENTS / "contact.toml", grid)
     stability_map = sweeps.sweep(request, threads=threads)
     parameters = tables.parameters()
-    constants = [
-        {
-            "name": c.name,
-            "value": parameters[c.name]["value"],
-            "unit": parameters[c.name]["unit"],
-            "how": c.how,
-            "groups": ", ".join(c.groups) or "all cells",
-            "grid": c.grid,
-            "found": found["fitted"][c.name],
-            "plateau": dict(found["plateau"][c.name]),
-        }
-        for c in tables.load().constants
-    ]
-    assumed = [
-        {"name": n, **v}
-        for n, v in parameters.items()
-        if not (v["source"].startswith("Fig") or n in result["fitted"])
-    ]
     predicted = []
-    for figure in dict.fromkeys(c["figure"] for c in result["cells"]):
-        own = [c for c in result["cells"] if c["figure"] == figure]
-        if not any(tables.load().group(c) in tables.load().fit_on for c in own):
-            predicted.append((figure, len(own), sum(c["ours"] == c["thesis"] for c in own)))
-    return dict(
+    for figure in dict.fromkeys(c.figure for c in result.cells):
+        own = [c for c in result.cells if c.figure == figure]
+        if not any(known.group(c) in known.fit_on for c in own):
+            predicted.append((figure, len(own), sum(c.agrees for c in own)))
+    score_curves = plots.plateau(found.plateau, result.matched, "cells matched")
+    return TablesSection(
         result=result,
-        grids=[grid_3_15(result["cells"]), grid_5_10(result["cells"]), grid_rest(result["cells"])],
-        misses=[(tables.key_of(c), c) for c in result["cells"] if c["ours"] != c["thesis"]],
-        constants=constants,
-        assumed=assumed,
+        grids=[grid_3_15(result.cells), grid_5_10(result.cells), grid_rest(result.cells)],
+        misses=[(tables.key_of(c), c) for c in result.cells if not c.agrees],
+        constants=[
+            FittedConstant(c, parameters[c.name], found.fitted[c.name], dict(found.plateau[c.name]))
+            for c in known.constants
+        ],
+        assumed=[
+            (name, p)
+            for name, p in parameters.items()
+            if not (p.source.startswith("Fig") or name in result.fitted)
+        ],
         found=found,
         predicted=predicted,
-        plateau=pictures.figure(
-            plots.plateau(found["plateau"], result["matched"], "cells matched")
-        ),
-        criterion=result["cells"][0]["criterion"],
-        sensitivity=tables.criterion_sensitivity(result["cells"], threads),
-        readings=found["readings"],
-        declared=tables.load().readings,
+        plateau=pictures.figure(score_curves),
+        criterion=result.cells[0].criterion,
+        sensitivity=tables.criterion_sensitivity(result.cells, threads),
+        declared=known.readings,
         stability_map=pictures.figure(sweep_plots.sweep(stability_map)),
         maps=maps,
         maps_image=pictures.figure(plots.contact_maps(maps, nonlinear.GAINS, nonlinear.GAPS)),

@@ -1,31 +1,34 @@
 """Figures that only the report uses."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import ticker
 from matplotlib.figure import Figure
 
-from forceaxis.drawing import INK, THIN, style
+from forceaxis.drawing import INK, style
 from forceaxis.thesis.nonlinear import ContactMap
 
 
-def plateau(curves: Mapping[str, Sequence[Sequence[float]]], wanted: float, label: str) -> Figure:
-    """Figure of the score over each constant, scaled to its fitted value.
+def plateau(
+    curves: Mapping[str, Sequence[tuple[float, float]]], score_of_fit: float, label: str
+) -> Figure:
+    """Figure of the score over each constant, as a share of its fitted value.
 
-    curves: {name: [[ratio, score], ...]}; wanted: the fitted score.
+    curves: {constant: [(ratio to the fitted value, score)]}. label: of the scores.
     """
-    ax: Any
     figure, ax = plt.subplots(figsize=(5.6, 2.8))
     style(ax)
     for name, pairs in curves.items():
         ratio, score = np.transpose(pairs)
-        ax.plot(ratio * 100, score, marker="o", markersize=3, label=name, **THIN)
-    ax.axhline(wanted, color="#999999", linewidth=0.6)
+        ax.plot(ratio * 100, score, linewidth=0.9, marker="o", markersize=3, label=name)
+    ax.axhline(score_of_fit, color="#999999", linewidth=0.6)
     ax.set_xlabel("constant, % of its fitted value")
     ax.set_ylabel(label)
-    ax.yaxis.get_major_locator().set_params(integer=True)
+    locator = ticker.AutoLocator()
+    locator.set_params(integer=True)
+    ax.yaxis.set_major_locator(locator)
     ax.legend(fontsize=7, frameon=False)
     figure.tight_layout()
     plt.close(figure)

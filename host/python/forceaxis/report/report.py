@@ -3,17 +3,20 @@
 import multiprocessing
 import os
 import signal
+from collections import Counter
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import resources
 from multiprocessing.pool import Pool
 from pathlib import Path
-from typing import Any
 
 import jinja2
 
 from forceaxis import _core, drawing, objects, paths, words
 from forceaxis.experiments import verdicts
 from forceaxis.report import axes, folder
+from forceaxis.results import json_field
+from forceaxis.thesis import tables
 
 # {status of an experiment: its name on the page}.
 WORDS = {
@@ -31,12 +34,16 @@ def template(name: str) -> str:
     return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def counts_by_status(entries: list[folder.Entry]) -> dict[str, int]:
-    """{status: number of experiments}."""
-    found: dict[str, int] = {}
-    for entry in entries:
-        found[entry.status] = found.get(entry.status, 0) + 1
-    return found
+@dataclass(frozen=True)
+class ReportSummary:
+    """What a page contains."""
+
+    report: str  # path of the page
+    experiments: int  # number of experiments
+    counts: dict[str, int]  # status of an experiment -> number of experiments
+    errors: list[str]  # of experiments that could not be run, one line each
+    matched: int | None = json_field(omit_none=True)  # cells of the thesis with its verdict
+    total: int | None = json_field(omit_none=True)  # cells of the thesis
 
 
 def workers(threads: int | None) -> Pool:
@@ -46,41 +53,41 @@ def workers(threads: int | None) -> Pool:
     )
 
 
-def write(source: Any = None, out: Any = None, threads: int | None = None) -> dict[str, Any]:
+def write(source: Path | None, out: Path, threads: int | None = None) -> ReportSummary:
     """Runs every experiment below `source` and writes out/index.html.
 
     source None: the folder of the thesis, whose page also has its tables and its frequency domain.
-    Returns {"report", "experiments", "counts", "errors"}, for the thesis also {"matched", "total"}.
     An experiment that cannot be run counts as an error and has its own entry. Raises InputError.
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
+    experiments = paths.EXPERIMENTS if source is None or own else source
+    # A missing fit, a folder without experiments and an impossible path are reported at once.
     if own:
-        from forceaxis.report import laboratory
-
-        laboratory.check()
-        source = paths.EXPERIMENTS
+        tables.evidence()
     else:
-        folder.files(source)
-    with paths.replacing(out, "index.html") as (file,):  # an impossible path is reported at once
-        page, summary = _made(source, out, threads, own)
+        folder.files(experiments)
+    with paths.replacing(out, "index.html") as (file,):
+        page, summary = _made(experiments, out, threads, own)
         file.write_text(page, encoding="utf-8")
     return summary
 
 
-def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, dict[str, Any]]:
+def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, ReportSummary]:
     """(page, summary)."""
-    if own:
-        from forceaxis.report import laboratory
+    tables_section = None
     with workers(threads) as pool:
         if own:
-            frequency = laboratory.begin(pool)
-        begun = folder.begin(pool, source)
-        values = laboratory.values(threads) if own else {}
-        entries = folder.ended(begun)
-        if own:
-            values |= laboratory.ended(frequency) | laboratory.by_model(entries)
+            from forceaxis.report import laboratory
+
+            frequency = laboratory.FrequencyJobs.start(pool)
+            jobs = folder.begin(pool, source)
+            tables_section = laboratory.tables_section(threads)
+            entries = folder.entries(jobs)
+            models_section = laboratory.models_section(entries)
+            names = vars(tables_section) | vars(frequency.section()) | vars(models_section)
         else:
-            values = {"models": axes.described(entries)}
+            entries = folder.entries(folder.begin(pool, source))
+            names = {"models": axes.sections(entries)}
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(template),
         autoescape=True,
@@ -88,24 +95,24 @@ def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str,
         lstrip_blocks=True,
     )
     environment.filters["plain"] = words.plain
-    summary = {
-        "report": paths.display(out / "index.html"),
-        "experiments": len(entries),
-        "counts": counts_by_status(entries),
-        "errors": [f"{paths.display(e.file)}: {e.error}" for e in entries if e.error],
-    }
+    summary = ReportSummary(
+        report=paths.display(out / "index.html"),
+        experiments=len(entries),
+        counts=dict(Counter(entry.status for entry in entries)),
+        errors=[f"{paths.display(e.file)}: {e.error}" for e in entries if e.error],
+        matched=tables_section.result.matched if tables_section else None,
+        total=tables_section.result.total if tables_section else None,
+    )
     page = environment.get_template("page.html.jinja").render(
         title="The laboratory's measurements, run again" if own else source.resolve().name,
         own=own,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         entries=entries,
-        few=not own and len(entries) <= axes.FEW,
-        counts=summary["counts"],
+        few=not own and len(entries) <= axes.SHOWN_EXPERIMENTS_MAX,
+        counts=summary.counts,
         words=WORDS,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
-        **values,
+        **names,
     )
-    if own:
-        summary |= {key: values["result"][key] for key in ("matched", "total")}
     return page, summary

@@ -1,16 +1,16 @@
-"""`forceaxis check-thesis`: the numbers that the thesis quotes, beside those of its models."""
+"""The numbers that the thesis quotes, beside those of its models, for `forceaxis check-thesis`."""
 
 import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import linear, paths, toml
 from forceaxis.linear import loops
+from forceaxis.linear.stability import Limit
 from forceaxis.thesis import tables
 
 Response = NDArray[np.complex128]
@@ -18,35 +18,35 @@ Response = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class CheckedClaim:
-    """A number or statement of the thesis beside ours."""
+    """A number or statement of the thesis beside the value of its model."""
 
     where: str
     what: str
     thesis: float | str
     ours: float | str
     unit: str
-    within: float | None  # fraction of the thesis's number; None for a statement
+    within: float | None  # tolerance as a fraction of the number of the thesis; None: a statement
     agrees: bool
-    why: str  # the reason of a difference
+    why: str  # the reason for a difference
 
 
 @dataclass(frozen=True)
 class CheckedClaims:
-    """Every claim, with the numbers of those that agree, differ, and differ without a reason."""
+    """All claims of the thesis beside the values of its models."""
 
     claims: list[CheckedClaim]
-    agree: int
-    differ: int
-    unexplained: int
+    agree: int  # number of claims that agree
+    differ: int  # number of claims that differ
+    unexplained: int  # number of claims that differ without a known reason
 
 
 @dataclass(frozen=True)
 class Claim:
     """One number or statement of the thesis.
 
-    `ours` computes it from the models. It agrees when it is the same text, or a number within the
-    fraction `within` of the thesis's (with `at_least`: or above it); otherwise `why` gives the
-    reason.
+    `ours` computes the value from the models. A text agrees if it is equal to that of the thesis. A
+    number agrees if it differs from that of the thesis by the fraction `within` at most; with
+    `at_least`, a larger number agrees too. `why` is the reason for a difference.
     """
 
     where: str
@@ -59,7 +59,7 @@ class Claim:
     at_least: bool = False
 
     def checked(self) -> CheckedClaim:
-        """The claim beside our value."""
+        """The claim beside the value of its model."""
         ours = self.ours()
         if isinstance(self.thesis, str) or isinstance(ours, str):
             agrees = ours == self.thesis
@@ -79,68 +79,91 @@ class Claim:
 
 
 @functools.cache
-def limit(model: str, timing: str = "continuous", **overrides: float) -> Any:
-    """The force loop's limit of a model."""
-    return loops.force_loop(model, timing=timing, overrides=overrides).limit()
+def limit(model: str, **overrides: float) -> Limit:
+    """The limit of a model's force loop in continuous time."""
+    return loops.force_loop(model, timing="continuous", overrides=overrides).limit()
 
 
 def stability(model: str, **overrides: float) -> str:
     """Stability of the linear model in continuous time at high gains, as a text."""
+    return STABLE if limit(model, **overrides).gain is None else UNSTABLE
+
+
+def critical_gain(model: str, **overrides: float) -> float:
+    """The critical gain of a model's force loop in continuous time; inf if there is none."""
     gain = limit(model, **overrides).gain
-    return "stable at any gain" if gain is None else "unstable at high gain"
+    return math.inf if gain is None else gain
 
 
-def crossing_hz(model: str, **overrides: float) -> float:
-    """Frequency at which the model's force loop becomes unstable in continuous time, Hz."""
-    return float(limit(model, **overrides).frequency_hz)
+def crossing_hz(model: str) -> float:
+    """Frequency in Hz at which the model's force loop becomes unstable in continuous time; inf if
+    it is stable at every gain."""
+    frequency_hz = limit(model).frequency_hz
+    return math.inf if frequency_hz is None else frequency_hz
 
 
-def raised(model: str, experiment: str, without: str) -> float:
-    """Critical gain with the workpiece of an experiment over that of a rigid workpiece."""
+def gain_ratio(model: str, experiment: str, without: str) -> float:
+    """Critical gain with the workpiece of an experiment, divided by that with a rigid workpiece."""
     settings = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
-    return float(limit(model, **settings).gain / limit(without).gain)
+    return critical_gain(model, **settings) / critical_gain(without)
 
 
-def pole(model: str, near_hz: float, **linearised: Any) -> tuple[float, float]:
+def pole(
+    model: str,
+    near_hz: float,
+    overrides: linear.Overrides | None = None,
+    free: bool = False,
+    drive: bool = True,
+) -> tuple[float, float]:
     """(natural frequency in Hz, damping ratio) of the pole nearest to a frequency."""
-    poles = linear.linearise(model, outputs=(), **linearised).poles()
+    poles = linear.linearise(model, outputs=(), overrides=overrides, free=free, drive=drive).poles()
     poles = poles[poles.imag > 0]
     found = poles[np.argmin(abs(abs(poles) / (2 * math.pi) - near_hz))]
     return abs(found) / (2 * math.pi), -found.real / abs(found)
 
 
-def response(model: str, output: str, frequency_hz: ArrayLike, **linearised: Any) -> Response:
-    """Response of one output to the drive's command."""
-    return linear.linearise(model, outputs=(output,), **linearised).response(frequency_hz)
+def response(
+    model: str,
+    output: str,
+    frequency_hz: ArrayLike,
+    overrides: linear.Overrides | None = None,
+    free: bool = False,
+) -> Response:
+    """Frequency response of one output to the drive's command."""
+    system = linear.linearise(model, outputs=(output,), overrides=overrides, free=free)
+    return system.response(frequency_hz)
 
 
 def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
-    """(gain at DC, frequency where it is down by 3 dB in Hz)."""
+    """(gain at 0.01 Hz, frequency in Hz at which the gain is smaller by 3 dB)."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]
 
 
 def loop_rolloff_hz(k_amp: float) -> float:
-    """-3 dB frequency of the current loop with the shaft locked, k_amp k_cur / (L s + R + ...)."""
-    v = {name: value for name, (value, _) in linear.facts("laboratory").parameters.items()}
-    return (v["R"] + k_amp * v["k_current"]) / v["L"] / (2 * math.pi)
+    """Frequency in Hz at which the gain of the current loop with the shaft locked,
+    k_amp k_current / (L s + R + k_amp k_current), is smaller by 3 dB."""
+    feedback = k_amp * parameter("laboratory", "k_current")
+    inductance = parameter("laboratory", "L")
+    return (parameter("laboratory", "R") + feedback) / inductance / (2 * math.pi)
 
 
 def current_loop_gain(k_amp: float) -> float:
-    """k_amp k_cur / (R + k_amp k_cur), current feedback over command at DC."""
-    v = {name: value for name, (value, _) in linear.facts("laboratory").parameters.items()}
-    return k_amp * v["k_current"] / (v["R"] + k_amp * v["k_current"])
+    """Current feedback divided by command at DC, k_amp k_current / (R + k_amp k_current)."""
+    feedback = k_amp * parameter("laboratory", "k_current")
+    return feedback / (parameter("laboratory", "R") + feedback)
 
 
 def flatness(output: str, frequency_hz: float) -> float:
-    """Gain of the command to an output of the laboratory's drive, over that at 0.01 Hz."""
+    """Gain from the command to an output of the laboratory's drive, divided by that at 0.01 Hz."""
     low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
     return float(high / low)
 
 
 def phase_crossing_hz(output: str) -> float | str:
-    """Where the phase of an acceleration per command falls through 0 degrees, out of contact."""
+    """Frequency in Hz at which the phase of an acceleration per command falls through 0 degrees,
+    out of contact; "none" if it does not."""
     f = np.linspace(5.0, 200.0, 39001)
     H = response("fig4_14", output, f, free=True)
     falls = (H.imag[:-1] > 0) & (H.imag[1:] <= 0) & (H.real[:-1] > 0)
@@ -148,7 +171,8 @@ def phase_crossing_hz(output: str) -> float | str:
 
 
 def base_dip() -> tuple[float, float]:
-    """(Hz, degrees) of the first minimum of the tip acceleration's phase, out of contact."""
+    """Frequency in Hz and phase in degrees at the first minimum of the phase of the tip
+    acceleration, out of contact."""
     f = np.linspace(5.0, 25.0, 8001)
     phase = np.degrees(np.unwrap(np.angle(response("fig4_14", "tip.acceleration", f, free=True))))
     least = np.flatnonzero((phase[1:-1] < phase[:-2]) & (phase[1:-1] <= phase[2:]))[0] + 1
@@ -164,31 +188,31 @@ def phase_dip_deg(**overrides: float) -> float:
 
 
 def parameter(model: str, name: str) -> float:
-    """A parameter's value."""
-    return linear.facts(model).parameters[name][0]
+    """The value of a parameter of a model."""
+    return linear.facts(model).parameters[name].value
 
 
 def workpiece_damping(b_w: float) -> float:
-    """Damping ratio of the workpiece by itself."""
+    """Damping ratio of the workpiece alone, with a damping of b_w in N s/m."""
     return pole("fig4_19", 39.8, overrides={"b_w": b_w}, free=True)[1]
 
 
 @functools.cache
-def cells() -> list[tables.Cell]:
-    """The stability tables, run."""
-    cells: list[tables.Cell] = tables.run()["cells"]
-    return cells
+def cells() -> list[tables.CellResult]:
+    """The cells of the stability tables with their simulated verdicts."""
+    return tables.run().cells
 
 
 def highest_stable(test: str, workpiece: str) -> float:
-    """Highest gain of Fig 5.10 that is stable in our run of it."""
-    gains = [
-        c["force_gain"]
-        for c in cells()
-        if c["figure"] == "5.10" and (c["test"], c["workpiece"]) == (test, workpiece)
-        if c["ours"] == "stable"
-    ]
-    return float(max(gains))
+    """Highest gain of Fig 5.10 whose simulated run is stable."""
+    return float(
+        max(
+            c.force_gain
+            for c in cells()
+            if c.figure == "5.10" and (c.test, c.workpiece) == (test, workpiece)
+            if c.ours == "stable"
+        )
+    )
 
 
 def higher_gains_percent(test: str) -> float:
@@ -197,11 +221,11 @@ def higher_gains_percent(test: str) -> float:
 
 
 def cell(figure: str) -> str:
-    """Our outcome of a figure that is one cell."""
-    return next(str(c["ours"]) for c in cells() if c["figure"] == figure)
+    """The simulated verdict of a figure that is one cell."""
+    return next(c.ours for c in cells() if c.figure == figure)
 
 
-ANY, HIGH = "stable at any gain", "unstable at high gain"
+STABLE, UNSTABLE = "stable at any gain", "unstable at high gain"
 OTHER_WORKPIECE = (
     "the roots cross at 46 Hz with the original, at 34 and 35 Hz with the stiffer and the softer "
     "one: a quarter less, where the thesis sees no significant change"
@@ -212,27 +236,36 @@ K_AMP = (
 )
 
 CLAIMS = [
-    Claim("2.2.2, Fig 2.5", "rigid robot, perfect actuator", ANY, "", lambda: stability("fig2_3")),
-    Claim("2.3.4, Fig 2.10", "rigid robot, simple actuator", HIGH, "", lambda: stability("fig2_8")),
-    Claim("2.4.2, Fig 2.13", "flexible robot", HIGH, "", lambda: stability("fig2_11")),
-    Claim("2.4.3, Fig 2.18", "base A", ANY, "", lambda: stability("fig2_16a")),
-    Claim("2.4.3, Fig 2.20", "base B", ANY, "", lambda: stability("fig2_16b")),
-    Claim("2.5.1, Fig 2.28", "dynamic workpiece", ANY, "", lambda: stability("fig2_26")),
     Claim(
-        "2.5.1", "dynamic workpiece, four times stiffer", ANY, "",
+        "2.2.2, Fig 2.5", "rigid robot, perfect actuator", STABLE, "",
+        lambda: stability("fig2_3"),
+    ),
+    Claim(
+        "2.3.4, Fig 2.10", "rigid robot, simple actuator", UNSTABLE, "",
+        lambda: stability("fig2_8"),
+    ),
+    Claim("2.4.2, Fig 2.13", "flexible robot", UNSTABLE, "", lambda: stability("fig2_11")),
+    Claim("2.4.3, Fig 2.18", "base A", STABLE, "", lambda: stability("fig2_16a")),
+    Claim("2.4.3, Fig 2.20", "base B", STABLE, "", lambda: stability("fig2_16b")),
+    Claim("2.5.1, Fig 2.28", "dynamic workpiece", STABLE, "", lambda: stability("fig2_26")),
+    Claim(
+        "2.5.1", "dynamic workpiece, four times stiffer", STABLE, "",
         lambda: stability("fig2_26", k_w=4 * parameter("fig2_26", "k_w")),
         why="with b_w as printed its damping ratio is .0012 and the roots are unstable between two "
         "gains; with b_w x 4, as in Fig 4.21, at none",
     ),
-    Claim("2.6, Fig 2.37", "grip, perfect actuator", ANY, "", lambda: stability("fig2_35")),
-    Claim("2.6, Fig 2.39", "grip, simple actuator", HIGH, "", lambda: stability("fig2_35_coupled")),
+    Claim("2.6, Fig 2.37", "grip, perfect actuator", STABLE, "", lambda: stability("fig2_35")),
+    Claim(
+        "2.6, Fig 2.39", "grip, simple actuator", UNSTABLE, "",
+        lambda: stability("fig2_35_coupled"),
+    ),
     Claim(
         "2.5.2, Fig 2.31", "workpiece in the flexible robot's crossing raises the limit", "yes", "",
-        lambda: "yes" if raised("fig2_29", "fig2_31", "fig2_11") > 1 else "no",
+        lambda: "yes" if gain_ratio("fig2_29", "fig2_31", "fig2_11") > 1 else "no",
     ),
     Claim(
         "2.5.3, Fig 2.34", "workpiece in the actuator's crossing raises the limit", "yes", "",
-        lambda: "yes" if raised("fig2_32", "fig2_34", "fig2_8") > 1 else "no",
+        lambda: "yes" if gain_ratio("fig2_32", "fig2_34", "fig2_8") > 1 else "no",
     ),
     Claim(
         "6.1.2", "poles more than zeros, rigid axis and actuator", 3, "",
@@ -360,7 +393,7 @@ CLAIMS = [
     ),
     Claim(
         "4.3.7, Fig 4.24", "stiff grip: limit over that without grip", 1, "",
-        lambda: limit("fig4_24").gain / limit("fig4_19").gain, 0.02,
+        lambda: critical_gain("fig4_24") / critical_gain("fig4_19"), 0.02,
     ),
     Claim(
         "4.3.7, Fig 4.25", "soft grip: crossover", 120, "Hz", lambda: crossing_hz("fig4_25"), 0.1,
@@ -422,14 +455,15 @@ CLAIMS = [
 
 
 def resonances_below(highest_hz: float) -> int:
-    """Lightly damped poles of the whole axis of Fig 4.14, free, below a frequency."""
+    """Number of pole pairs of the free axis of Fig 4.14 below a frequency with a damping ratio
+    below 0.3."""
     poles = linear.linearise("fig4_14", outputs=(), free=True).poles()
     light = (poles.imag > 0) & (-poles.real < 0.3 * abs(poles))
     return int(np.sum(light & (abs(poles) < 2 * math.pi * highest_hz)))
 
 
 def check() -> CheckedClaims:
-    """Every claim beside our value."""
+    """All claims of the thesis beside the values of its models."""
     claims = [claim.checked() for claim in CLAIMS]
     return CheckedClaims(
         claims=claims,
@@ -440,8 +474,7 @@ def check() -> CheckedClaims:
 
 
 def value(number: float | str, unit: str) -> str:
-    """A value as it is printed."""
-    text = (
-        number if isinstance(number, str) else f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
-    )
-    return f"{text} {unit}".strip()
+    """A number with 3 digits, or without decimals from 1000 on, and its unit; a text as it is."""
+    if not isinstance(number, str):
+        number = f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
+    return f"{number} {unit}".strip()

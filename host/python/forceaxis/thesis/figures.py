@@ -1,8 +1,7 @@
 """Every bode plot, root locus and pole-zero array that the thesis defines, one declarative list."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,9 +16,15 @@ from forceaxis.linear.system import System
 Response = NDArray[np.complex128]
 Settings = dict[str, float]  # model parameter -> value
 Run = tuple[str, str, Settings | None]  # model, label, settings
-Source = Callable[[], list[Any]]  # gives Curves, Loci or Arrays
+Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
+Source = Callable[[], Data]
+Options = Mapping[str, str | float | tuple[float, float]]  # keyword of a drawing -> its value
 
+# The force per force of a perfect actuator, without the drive.
+FORCE = curves.Channel(drive=False)
+TACH = curves.Channel(output="drive.tach")
 
+# {kind of a figure: function that draws its data}.
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "bode": plots.bode,
     "rlocus": plots.rlocus,
@@ -29,41 +34,31 @@ DRAWINGS: dict[str, Callable[..., Figure]] = {
 
 @dataclass(frozen=True)
 class ThesisFigure:
-    """A bode plot, root locus or pole-zero array of the thesis, with its own parameters.
+    """A Bode plot, root locus or pole-zero array of the thesis, drawn from its models."""
 
-    figure: its number. see: what it shows. source() gives the Curves, Loci or Arrays that draw()
-    shows.
-    """
-
-    figure: str
-    kind: str  # "bode", "rlocus" or "poles"
+    figure: str  # number of the figure
+    kind: str  # a key of DRAWINGS
     title: str
-    see: str
-    source: Source
-    options: tuple[tuple[str, Any], ...] = ()  # of the drawing, (name, value)
+    see: str  # what the figure shows
+    data: Source  # computes what draw() draws
+    options: Options = field(default_factory=dict)  # of the drawing
 
-    def data(self) -> list[Any]:
-        """A list of Curve, Locus or Array."""
-        return self.source()
-
-    def draw(self, data: list[Any] | None = None) -> Figure:
-        """The matplotlib figure."""
-        drawing = DRAWINGS[self.kind]
+    def draw(self, data: Data | None = None) -> Figure:
+        """The matplotlib figure. data: the result of data(), if it is known."""
         title = f"Fig {self.figure}: {self.title}"
-        return drawing(self.source() if data is None else data, title, **dict(self.options))
+        return DRAWINGS[self.kind](self.data() if data is None else data, title, **self.options)
 
 
-def _channel(overrides: Settings | None, common: dict[str, Any]) -> curves.Channel:
-    """The curves.Channel at these parameter values; common: its other fields."""
-    return curves.Channel(overrides=overrides or {}, **common)
-
-
-def responses(*runs: Run, span_hz: tuple[float, float] = (0.5, 200.0), **common: Any) -> Source:
-    """A source of Curves: (model, label, settings or None) each, `common` as for Channel."""
+def responses(
+    *runs: Run,
+    span_hz: tuple[float, float] = (0.5, 200.0),
+    channel: curves.Channel = curves.Channel(),  # noqa: B008  # the object is frozen
+) -> Source:
+    """Source of one frequency response for each run. channel: its input, output and drive."""
 
     def source() -> list[curves.Curve]:
         return [
-            curves.model_curve(m, label, _channel(settings, common), span_hz)
+            curves.model_curve(m, label, replace(channel, overrides=settings or {}), span_hz)
             for m, label, settings in runs
         ]
 
@@ -73,17 +68,13 @@ def responses(*runs: Run, span_hz: tuple[float, float] = (0.5, 200.0), **common:
 def outputs(
     model: str,
     names: dict[str, str],
-    span_hz: tuple[float, float] = (0.5, 200.0),
-    settings: Settings | None = None,
-    **common: Any,
+    channel: curves.Channel,
 ) -> Source:
-    """A source of Curves of one model to several outputs, {output: label}."""
+    """Source of the frequency responses of one model to several outputs, {output: label}."""
 
     def source() -> list[curves.Curve]:
         return [
-            curves.model_curve(
-                model, label, _channel(settings, common | {"output": output}), span_hz
-            )
+            curves.model_curve(model, label, replace(channel, output=output), (0.5, 200.0))
             for output, label in names.items()
         ]
 
@@ -91,7 +82,7 @@ def outputs(
 
 
 def loci(*runs: Run, span_hz: float | None = None) -> Source:
-    """A source of Loci of force loops in continuous time, (model, label, settings or None)."""
+    """Source of the root loci of force loops in continuous time, one for each run."""
 
     def source() -> list[locus.Locus]:
         found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
@@ -101,7 +92,7 @@ def loci(*runs: Run, span_hz: float | None = None) -> Source:
 
 
 def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
-    """Runs of one model under several values of a parameter."""
+    """Runs of one model, one for each value of a parameter in `unit`."""
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
 
@@ -135,7 +126,7 @@ def beam_arrays() -> list[locus.Array]:
 
 
 def arrays(system: System, names: dict[str, str], input: str | None = None) -> Source:
-    """A source of Arrays of one System to several outputs, {output: label}."""
+    """Source of the pole-zero arrays of one system to several outputs, {output: label}."""
 
     def source() -> list[locus.Array]:
         inputs = (input,) if input else None
@@ -145,9 +136,9 @@ def arrays(system: System, names: dict[str, str], input: str | None = None) -> S
 
 
 def measured(*runs: Run) -> Source:
-    """A source of Curves: the measurements of 3.2 as the models predict them.
+    """Source of the frequency responses of section 3.2 as the models predict them.
 
-    runs: (stem of a file of sim/measurements, label, model parameters or None).
+    runs: (stem of a file in sim/measurements, label, model parameters or None).
     """
 
     def source() -> list[curves.Curve]:
@@ -169,7 +160,8 @@ def measured(*runs: Run) -> Source:
 
 
 def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonance.Fit]:
-    """Frequencies, tip acceleration of Fig 4.14 apart, the rigid body's System, its fit (4.2)."""
+    """(frequencies in Hz, tip acceleration of Fig 4.14 out of contact, system of the rigid body,
+    fit of the resonances of section 4.2)."""
     frequency = np.geomspace(1, 200, 1500)
     tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
     rigid = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
@@ -200,29 +192,27 @@ def three_problems() -> list[curves.Curve]:
     """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
-        curves.model_curve("fig4_14", "with base and arm", _channel(hard, {}), (1, 100)),
+        curves.model_curve(
+            "fig4_14", "with base and arm", curves.Channel(overrides=hard), (1, 100)
+        ),
         curves.model_curve("fig4_11", "rigid axis and actuator", span_hz=(1, 100)),
     ]
 
 
 def thesis_figures() -> list[ThesisFigure]:
-    """Every bode plot, root locus and pole-zero array that the text defines: [ThesisFigure]."""
+    """All Bode plots, root loci and pole-zero arrays that the text of the thesis defines."""
     both = {"robot.position": "actuator x_r1", "tip.position": "endpoint x_r2"}
     base = (2000.0, 9500.0, 38000.0)
     work = (("fig2_26", "b_w = 8.25", None), ("fig2_26", "b_w = 363", {"b_w": 363.0}),
             ("fig2_26", "k_w x 4", {"k_w": 1650800.0}))  # fmt: skip
-    force: dict[str, Any] = {
-        "drive": False,
-        "output": "reading",
-    }  # a perfect actuator: force per force
     grips = (("fig2_35", "soft, 25 kN/m", None), ("fig2_35", "stiff, 10 MN/m", {"k_g": 1e7}))
     coupled = tuple(("fig2_35_coupled", label, settings) for _, label, settings in grips)
-    sensed = (("ylabel", "F_s / F_a"),)
-    volts = (("ylabel", "F_s / V_cmd"),)
-    phase = (("phase_only", True), ("size", (5.6, 2.8)))
+    sensed = {"ylabel": "F_s / F_a"}
+    volts = {"ylabel": "F_s / V_cmd"}
+    phase: Options = {"phase_only": True, "size": (5.6, 2.8)}
     return [
         ThesisFigure("2.4", "bode", "rigid robot", "1 at 0 Hz; amplitude and phase roll off",
-                     responses(("fig2_3", "F_s / F_a", None), **force), sensed),
+                     responses(("fig2_3", "F_s / F_a", None), channel=FORCE), sensed),
         ThesisFigure("2.5", "rlocus", "rigid robot", "straight up: stable at every gain",
                      loci(("fig2_3", "", None), span_hz=15)),
         ThesisFigure("2.9", "bode", "rigid robot, simple actuator", "the actuator's lag",
@@ -230,30 +220,30 @@ def thesis_figures() -> list[ThesisFigure]:
         ThesisFigure("2.10", "rlocus", "rigid robot, simple actuator", "now unstable at high gain",
                      loci(("fig2_8", "", None))),
         ThesisFigure("2.12", "bode", "link flexibility", "the phase drops below -180 degrees",
-                     responses(("fig2_11", "F_s / F_a", None), **force), sensed),
+                     responses(("fig2_11", "F_s / F_a", None), channel=FORCE), sensed),
         ThesisFigure("2.13", "rlocus", "link flexibility", "roots cross into the right half",
                      loci(("fig2_11", "", None))),
         ThesisFigure("2.14", "bode", "link flexibility, actuator and endpoint",
                      "above the arm's mode the two move opposite",
-                     outputs("fig2_11", both, drive=False), phase),
+                     outputs("fig2_11", both, FORCE), phase),
         ThesisFigure("2.17", "bode", "base A", "a sharp lag and lead; damping spreads it",
-                     responses(*damped("fig2_16a", "b_b", base, "N s/m"), **force), sensed),
+                     responses(*damped("fig2_16a", "b_b", base, "N s/m"), channel=FORCE), sensed),
         ThesisFigure("2.18", "rlocus", "base A",
                      "colocated: poles beside zeros; 2000: unstable between two gains",
                      loci(*damped("fig2_16a", "b_b", base, "N s/m"), span_hz=20)),
         ThesisFigure("2.19", "bode", "base B", "the workpiece on the base: less lag",
-                     responses(*damped("fig2_16b", "b_b", base, "N s/m"), **force), sensed),
+                     responses(*damped("fig2_16b", "b_b", base, "N s/m"), channel=FORCE), sensed),
         ThesisFigure("2.20", "rlocus", "base B", "poles beside zeros, colocated",
                      loci(*damped("fig2_16b", "b_b", base, "N s/m"), span_hz=20)),
         ThesisFigure("2.22", "bode", "distributed beam", "colocated: zeros between the poles",
-                     beam_curves, (("ylabel", "v / F_a"),)),
+                     beam_curves, {"ylabel": "v / F_a"}),
         ThesisFigure("2.23", "poles", "distributed beam through its fourth mode",
                      "colocated: alternating; tip: zeros in real +- pairs", beam_arrays),
         ThesisFigure("2.25", "poles", "lumped bending beam", "tip: one real +- pair of zeros",
                      arrays(LUMPED.system(), {"actuator": "actuator (colocated)",
                                               "tip": "tip (noncolocated)"})),
         ThesisFigure("2.27", "bode", "workpiece", "a dip of the phase, less with damping",
-                     responses(*work, **force), sensed),
+                     responses(*work, channel=FORCE), sensed),
         ThesisFigure("2.28", "rlocus", "workpiece",
                      "no gain limit; stiffer, hardly damped: unstable between two gains",
                      loci(*work, span_hz=100)),
@@ -270,7 +260,7 @@ def thesis_figures() -> list[ThesisFigure]:
                      "its zeros hold the roots back: a higher limit",
                      loci(("fig2_32", "b_w = 363", {"b_w": 363.0}))),
         ThesisFigure("2.36", "bode", "grip, perfect actuator", "a soft grip parts zeros and poles",
-                     responses(*grips, **force), sensed),
+                     responses(*grips, channel=FORCE), sensed),
         ThesisFigure("2.37", "rlocus", "grip, perfect actuator", "colocated: only huge gains cross",
                      loci(*grips, span_hz=200)),
         ThesisFigure("2.38", "bode", "grip, simple actuator", "the actuator's lag is added",
@@ -278,37 +268,37 @@ def thesis_figures() -> list[ThesisFigure]:
         ThesisFigure("2.39", "rlocus", "grip, simple actuator",
                      "soft: the limit moves to the sensor's mode", loci(*coupled, span_hz=200)),
         ThesisFigure("3.6", "bode", "preamplifier, command to current command (model)", "flat",
-                     measured(("fig3_6", "", None)), (("ylabel", "V_ic / V_cmd"),)),
+                     measured(("fig3_6", "", None)), {"ylabel": "V_ic / V_cmd"}),
         ThesisFigure("3.7", "bode", "preamplifier, tachometer to current command (model)",
                      "inverting, first order at 150 Hz", measured(("fig3_7", "", None)),
-                     (("ylabel", "V_ic / V_tach"),)),
+                     {"ylabel": "V_ic / V_tach"}),
         ThesisFigure("3.8", "bode", "current loop, shaft locked (model)",
                      "measured: 1 up to 2000 Hz, which wants k_amp = 582",
                      measured(("fig3_8", "k_amp = 582", None),
                               ("fig3_8", "k_amp = 15", {"k_amp": 15})),
-                     (("ylabel", "V_if / V_ic"),)),
+                     {"ylabel": "V_if / V_ic"}),
         ThesisFigure("3.9", "bode", "motor velocity, no load (model)",
                      "measured: .85 at DC, 46 Hz",
                      measured(("fig3_9", "k_amp = 582", None),
                               ("fig3_9", "k_amp = 15", {"k_amp": 15})),
-                     (("ylabel", "V_tach / V_cmd"),)),
+                     {"ylabel": "V_tach / V_cmd"}),
         ThesisFigure("3.10", "bode", "motor acceleration, apart (model)",
                      "colocated: each mode's zeros before its poles",
-                     measured(("fig3_10", "", None)), (("ylabel", "acceleration / V_cmd"),)),
+                     measured(("fig3_10", "", None)), {"ylabel": "acceleration / V_cmd"}),
         ThesisFigure("3.11", "bode", "tip acceleration, apart (model)",
                      "noncolocated: the phase falls by 180 degrees at the arm's mode",
                      measured(("fig3_11", "tip", None), ("fig3_10", "motor (Fig 3.10)", None)),
-                     (("ylabel", "acceleration / V_cmd"),)),
+                     {"ylabel": "acceleration / V_cmd"}),
         ThesisFigure("3.12", "bode", "contact force, clamped (model)", "poles moved by the contact",
                      measured(("fig3_12", "", None)), volts),
         ThesisFigure("4.6", "bode", "motor without load", "tachometer follows the command",
-                     responses(("fig4_5", "", None), output="drive.tach", span_hz=(0.5, 500)),
-                     (("ylabel", "V_tach / V_cmd"),)),
+                     responses(("fig4_5", "", None), channel=TACH, span_hz=(0.5, 500)),
+                     {"ylabel": "V_tach / V_cmd"}),
         ThesisFigure("4.8", "bode", "polynomial resonance model", "five steps fit the magnitude",
-                     resonance_curves, (("ylabel", "acceleration / V_cmd"),)),
+                     resonance_curves, {"ylabel": "acceleration / V_cmd"}),
         ThesisFigure("4.9", "poles", "polynomial resonance model",
                      "the rigid body's, and a pair of poles and of zeros for each resonance",
-                     resonance_array, (("span_hz", 60),)),
+                     resonance_array, {"span_hz": 60}),
         ThesisFigure("4.12", "bode", "motor and rigid robot", "-180 degrees at 34 Hz",
                      responses(("fig4_11", "", None)), volts),
         ThesisFigure("4.13", "rlocus", "motor and rigid robot", "the motor alone limits the gain",

@@ -1,20 +1,22 @@
-"""A whole session of the thesis through the gateway: boot, gains, a move of 36,000 counts (3.13),
-contact at k_f = 5 and f_d = 30 (3.14), a strike on the workpiece (3.16), recorder, plot.
+"""A complete session of the thesis through the gateway.
 
-`run` needs a running gateway; `whole` also starts plant, firmware and gateway.
+The session sets the gains of an axis, moves 36,000 counts (thesis section 3.13), makes contact at
+k_f = 5 and f_d = 30 (3.14), records an impact on the workpiece (3.16) and draws a plot.
+
+`run` needs a running gateway; `run_with_programs` also starts plant, firmware and gateway.
 """
 
 import contextlib
 import ctypes
 import functools
-import json
 import shutil
 import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
 from forceaxis import _core, paths
 from forceaxis.axis.axis import trigger_on
@@ -24,7 +26,8 @@ from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.messages import axis_state_t
 from forceaxis.experiments import link
 from forceaxis.experiments import run as runs
-from forceaxis.results import to_json
+from forceaxis.experiments.node_reports import read_axis_report, read_plant_report
+from forceaxis.experiments.run_result import JournalFacts, read_converters
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +36,7 @@ Report = Callable[[str], None]  # called with the name of each step
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL_COUNTS = 36_000  # of the encoder
-SETPOINT = 30.0  # counts of an 8-bit reading; the thesis's law settles some counts below it
+SETPOINT = 30.0  # 8-bit counts of force; the force of the thesis's P law settles some counts below
 RECORDED = ["force", "dac_code"]
 GAINS = {
     "position_gain": 4.0,
@@ -44,32 +47,77 @@ GAINS = {
 }
 
 
+@dataclass(frozen=True)
+class ObservedSession:
+    """What a client of the gateway observes in a session. Forces are in 8-bit counts."""
+
+    software: int  # object_table_hash of the axis
+    position_after_move_cnt: int  # encoder counts
+    force_held_cnt: float
+    position_in_contact_cnt: int  # encoder counts
+    force_after_cnt: float  # after the impact
+    samples: int  # of the recorder
+    samples_missing: int
+    peak_force_cnt: float  # of the recording
+    states: int  # number of received messages of the state
+    messages_lost: int
+
+
+@dataclass(frozen=True)
+class NodeHashes:
+    """The trace hash that each program of a session has computed."""
+
+    plant_node: str
+    axis_node: str
+
+
+@dataclass(frozen=True)
+class SessionResult(ObservedSession):
+    """The result of a session with its programs, and of the replay of its journal."""
+
+    gateway_status: int  # exit status
+    trace_hash: NodeHashes
+    replayed_hash: str
+    journal: JournalFacts
+    plant_overruns: int  # ticks that the plant computed too late for real time
+    fault: str
+    folder: str  # of the files
+
+
+@dataclass(frozen=True)
+class Scales:
+    """The factors from counts and codes to units in the model of the session."""
+
+    mm_per_count: float  # of the encoder
+    N_per_count: float  # of the measured force, at 8 bits
+    V_per_code: float  # of the DAC
+
+
 def run(
     url: str | None = None,
     axis: int = 1,
     strike_within_s: float = 20.0,
     report: Report = lambda step: None,
-) -> tuple[dict[str, Any], list[axis_state_t], Assembly]:
-    """Runs the session: ({name: observed value}, states, recording). report: called with the name
-    of each step as it begins."""
+) -> tuple[ObservedSession, list[axis_state_t], Assembly]:
+    """Runs the session and returns (observed values, states, recording). report: called with the
+    name of each step as it begins."""
     report("connecting")
     with Session(axis, url, wait_s=20) as session:
-        found = {"software": session.read("object_table_hash")}
+        software = int(session.read("object_table_hash"))
         session.write_all(GAINS)
         report("homing")
         session.home()
-        report(f"moving {TRAVEL_COUNTS * scales()['mm']:.4g} mm")
+        report(f"moving {TRAVEL_COUNTS * scales().mm_per_count:.4g} mm")
         session.enable("profile position", trajectory_velocity=60_000)
-        there = session.move(TRAVEL_COUNTS)
-        found["position_after_move_cnt"] = there.position_cnt
-        report(f"pressing with {SETPOINT * scales()['N']:.4g} N")
+        moved = session.move(TRAVEL_COUNTS)
+        report(f"pressing with {SETPOINT * scales().N_per_count:.4g} N")
         session.enable("force counts", force_setpoint=SETPOINT)
         session.wait_contact(SETPOINT)
-        found["force_held_cnt"] = session.read("force")
-        found["position_in_contact_cnt"] = session.read("position_actual")
+        force_held = float(session.read("force"))
+        position_in_contact = int(session.read("position_actual"))
         report("waiting for the strike")
-        # The strike is not synchronised: the recorder's trigger waits for it.
-        held = session.capture(
+        # The time of the impact is unknown, therefore the recorder waits for its trigger.
+        recording = session.capture(
             RECORDED,
             samples=1800,
             pretrigger=300,
@@ -77,60 +125,68 @@ def run(
             **trigger_on("force", SETPOINT + 1),
         )
         after = session.wait_contact(SETPOINT)
-        found["force_after_cnt"] = after.force_cnt_q8 / 256
         states = session.states
-        gaps = sum(g.lost for g in session.gaps.values())
-    found |= {
-        "samples": held.total,
-        "samples_missing": held.missing,
-        "peak_force_cnt": float(held.values("force").max()),
-        "states": len(states),
-        "messages_lost": gaps,
-    }
-    return found, states, held
+        lost = sum(g.lost for g in session.gaps.values())
+    observed = ObservedSession(
+        software=software,
+        position_after_move_cnt=moved.position_cnt,
+        force_held_cnt=force_held,
+        position_in_contact_cnt=position_in_contact,
+        force_after_cnt=after.force_cnt_q8 / 256,
+        samples=recording.total,
+        samples_missing=recording.missing,
+        peak_force_cnt=float(recording.values("force").max()),
+        states=len(states),
+        messages_lost=lost,
+    )
+    return observed, states, recording
 
 
 @functools.cache
-def scales() -> dict[str, float]:
-    """mm of an encoder count, N of a count of the force reading at 8 bits, V of a DAC code."""
-    known = _core.inputs(str(EXPERIMENT), [])["converters"]
-    reading = known["adc0"]
-    return {
-        "mm": known["encoder"]["per_code"] * 1e3,
-        "N": reading["per_code"] * 2 ** (reading["bits"] - 8),
-        "V": known["dac"]["per_code"],
-    }
+def scales() -> Scales:
+    """The scales of the model of the session."""
+    converters = read_converters(_core.inputs(str(EXPERIMENT))["converters"])
+    return Scales(
+        mm_per_count=converters["encoder"].per_code * 1e3,
+        N_per_count=converters["adc0"].per_8_bit_count,
+        V_per_code=converters["dac"].per_code,
+    )
 
 
-def figure(states: Sequence[axis_state_t], held: Assembly) -> "Figure":
-    """Move and contact as published, the strike as recorded."""
+def figure(states: Sequence[axis_state_t], recording: Assembly) -> "Figure":
+    """Figure of position and force in the received states, and of force and command in the
+    recording of the impact."""
     import matplotlib.pyplot as plt
     import numpy as np
 
     from forceaxis.drawing import INK, THIN, WANTED, finish, style
 
     states, times = seconds(states)
-    struck = [(tick - held.ticks()[held.trigger_sample]) / 1.5 for tick in held.ticks()]
-    position = [s.position_cnt for s in states]
-    force = [s.force_cnt_q8 / 256 for s in states]
+    ticks = recording.ticks()
+    ms_per_tick = 1e3 / _core.TICKS_PER_SECOND
+    struck = [(tick - ticks[recording.trigger_sample]) * ms_per_tick for tick in ticks]
+    position = np.array([s.position_cnt for s in states]) * scales().mm_per_count
+    force = np.array([s.force_cnt_q8 / 256 for s in states]) * scales().N_per_count
+    struck_force = np.asarray(recording.values("force")) * scales().N_per_count
+    command = np.asarray(recording.values("dac_code")) * scales().V_per_code
     session, strike = "time of the session, s", "time from the strike, recorded at 1500 Hz, ms"
     drawn, axes = plt.subplots(4, 1, figsize=(7.2, 7.6))
-    for ax, x, values, name, unit, below in zip(
+    for ax, x, values, label, below in zip(
         axes,
         (times, times, struck, struck),
-        (position, force, held.values("force"), held.values("dac_code")),
-        ("position", "force", "force", "command"),
-        ("mm", "N", "N", "V"),
-        (None, session, None, strike),
+        (position, force, struck_force, command),
+        ("position\nmm", "force\nN", "force\nN", "command\nV"),
+        ("", session, "", strike),
         strict=True,
     ):
         style(ax)
-        ax.plot(x, np.asarray(values) * scales()[unit], color=INK, **THIN)
-        if unit == "N":
-            ax.axhline(SETPOINT * scales()["N"], color=WANTED, linestyle="--", linewidth=0.8)
-        ax.set_ylabel(f"{name}\n{unit}")
-        ax.set_xlabel(below or "")
+        ax.plot(x, values, color=INK, **THIN)
+        ax.set_ylabel(label)
+        ax.set_xlabel(below)
         ax.margins(x=0)
+    for ax in axes[1:3]:
+        setpoint_N = SETPOINT * scales().N_per_count
+        ax.axhline(setpoint_N, color=WANTED, linestyle="--", linewidth=0.8)
     finish(drawn, axes[0], "Session through the gateway: a move, contact, a strike")
     return drawn
 
@@ -143,8 +199,11 @@ def machine(
     journal: Path | None = None,
     endless: bool = False,
 ) -> Iterator[dict[str, subprocess.Popen[str]]]:
-    """Plant, firmware and gateway on vcan0 and vcan1, in real time: {name: process}. The journal
-    is folder/axis.journal by default. endless: until they are ended."""
+    """Context of plant, firmware and gateway on vcan0 and vcan1 in real time: {name: process}.
+
+    journal: file of the journal, by default folder/axis.journal. endless: the programs run until
+    they are ended. Raises link.LinkError with the output of the programs after an error.
+    """
     common = [str(EXPERIMENT), "--link", "socketcan", "--start-timeout", "20"]
     if duration_s:
         common += ["--set", f"experiment.duration_s={duration_s}"]
@@ -159,7 +218,7 @@ def machine(
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # A guest on a busy machine stalls now and then: longer time-outs bridge that.
+        # The long time-out tolerates that a guest kernel on a busy machine sometimes pauses.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}
@@ -181,24 +240,22 @@ def machine(
                     raise link.LinkError(f"{name}: {_text(outputs[name]) or 'ended at once'}")
             yield running
         except (NoAnswer, Refused) as error:
-            # The programs' own output explains the failure.
             reports = [f"{name}: {_text(file)}" for name, file in outputs.items() if _text(file)]
             reports += [f"{n} ended with {p.returncode}" for n, p in running.items() if p.poll()]
             raise link.LinkError("; ".join([str(error), *reports])) from error
 
 
 def _end_with_us() -> None:
-    """In a child: requests SIGTERM when its parent ends in any way."""
+    """Called in a new process: the kernel sends it SIGTERM when its parent process ends."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
 
 
-def _report(name: str, process: subprocess.Popen[str]) -> dict[str, Any]:
-    """The report of a finished program. Raises link.LinkError unless its run succeeded."""
+def _output(name: str, process: subprocess.Popen[str]) -> str:
+    """The output of a finished program. Raises link.LinkError unless its run succeeded."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
         raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")
-    report: dict[str, Any] = json.loads(out.splitlines()[-1])
-    return report
+    return out
 
 
 def _text(file: IO[str]) -> str:
@@ -216,57 +273,37 @@ def _stop(process: subprocess.Popen[str]) -> None:
             process.wait()
 
 
-def whole(folder: Path | str, report: Report = lambda step: None) -> dict[str, Any]:
-    """The whole session, files below `folder`, all or none: {name: observed value}. report: as of
-    `run`."""
+def run_with_programs(folder: Path, report: Report = lambda step: None) -> SessionResult:
+    """Starts plant, firmware and gateway, runs the session and replays its journal. Writes either
+    all files below `folder` or none. report: as in `run`."""
     from forceaxis import drawing
 
-    folder = Path(folder)
     with tempfile.TemporaryDirectory() as scratch:
         journal = Path(scratch) / "axis.journal"
         report("starting plant, firmware and gateway")
         with machine(folder, journal=journal) as running:
-            found, states, held = run(report=report)
+            observed, states, recording = run(report=report)
             report("ending the programs")
             running["gateway"].terminate()
-            found["gateway_status"] = running["gateway"].wait(10)
-            reports = {n: _report(n, running[n]) for n in ("plant_node", "axis_node")}
+            gateway_status = running["gateway"].wait(10)
+            plant = read_plant_report(_output("plant_node", running["plant_node"]))
+            axis = read_axis_report(_output("axis_node", running["axis_node"]))
         names = ("axis.journal", "session.png", "session.svg")
         with paths.replacing(folder, *names) as (kept, png, svg):
             shutil.copyfile(journal, kept)
-            drawn = figure(states, held)
+            drawn = figure(states, recording)
             drawing.save(drawn, png, "png")
             drawing.save(drawn, svg, "svg")
     report("replaying the journal")
-    done = runs.replay(folder / "axis.journal")
-    replayed = to_json(done.result.replay)
-    del replayed["same"]
-    found |= {
-        "trace_hash": {n: r["axes"][0]["trace_hash"] for n, r in reports.items()},
-        "replayed_hash": done.result.trace_hash,
-        "journal": replayed,
-        "plant_overruns": reports["plant_node"]["overruns"],
-        "fault": reports["axis_node"]["axes"][0]["fault"],
-    }
-    return found
-
-
-def describe(found: dict[str, Any]) -> str:
-    """The observed values for a terminal."""
-
-    def force(name: str) -> str:
-        count = found[name]
-        return f"{count * scales()['N']:.4g} N ({count:.2f} counts of force)"
-
-    travel = found["position_after_move_cnt"]
-    return "\n".join(
-        (
-            f"moved to     {travel * scales()['mm']:.5g} mm ({travel} encoder counts)",
-            f"contact      held {force('force_held_cnt')}",
-            f"strike       peak {force('peak_force_cnt')}, then {force('force_after_cnt')} again",
-            f"recorded     {found['samples']} samples, {found['samples_missing']} missing",
-            f"watched      {found['states']} states, {found['messages_lost']} messages lost",
-            f"trace hash   {found['replayed_hash']}, of plant, firmware and replay",
-            f"files        {found['folder']}",
-        )
+    replayed = runs.replay(folder / "axis.journal").result
+    assert replayed.replay is not None
+    return SessionResult(
+        **vars(observed),
+        gateway_status=gateway_status,
+        trace_hash=NodeHashes(*plant.trace_hashes, *axis.trace_hashes),
+        replayed_hash=replayed.trace_hash,
+        journal=replayed.replay,
+        plant_overruns=plant.overruns,
+        fault=axis.faults[0],
+        folder=paths.display(folder),
     )

@@ -1,8 +1,9 @@
-"""The 55 measured cells: ours beside the thesis, the fit of the free constants and its sensitivity.
+"""The 55 measured cells of the thesis: simulated verdicts beside the measured verdicts, the fit of
+the free constants, and the sensitivity of the result.
 
-A cell is one experiment file with a gain, a set-point and a workpiece. What the thesis does not
-state (the fitted constants) stands in sim/models/thesis.toml like every other parameter;
-tables.toml names those constants and the grid on which they were found.
+A cell is a run of one experiment file with a gain, a set-point and a workpiece. The constants that
+the thesis does not state are fitted; sim/models/thesis.toml contains them like every other
+parameter, and tables.toml contains their names and the grid on which they were searched.
 """
 
 import functools
@@ -10,41 +11,101 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import Progress
 
-from forceaxis import _core, paths, toml
+from forceaxis import _core, paths, progress, toml
+from forceaxis._core import InputError
 from forceaxis.experiments import link
+from forceaxis.experiments.run_result import Criterion, Metrics, read_metrics
 from forceaxis.experiments.verdicts import stability
+from forceaxis.results import from_json, json_field, to_json
 
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-
-Cell = dict[str, Any]  # a cell of the file that tables.toml names
 Job = tuple[str, list[str]]  # experiment file, overrides
-Point = tuple[int, ...]  # a number in the grid of each constant
+Point = tuple[int, ...]  # a point of the grid: for each constant, the index of its value
+
+
+class StaleFit(Exception):
+    """The stored fit was made with other models, other experiments or another grid."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a stability table of the thesis: the settings of a run and the measured verdict."""
+
+    figure: str
+    test: str  # "contact" or "disturbance"
+    workpiece: str  # "original" or "damped"
+    grip: str  # "none", "hard_pad" or "soft_pad"
+    force_gain: int  # DAC codes per 8-bit count of force
+    force_setpoint: int | None  # 8-bit counts of force; None: the thesis does not state it
+    thesis: str  # the measured verdict: "stable" or "unstable"
+
+
+@dataclass(frozen=True)
+class CellRun:
+    """The simulated run of a cell."""
+
+    verdict: str
+    metrics: Metrics
+    criterion: Criterion
+    fault: str
+    trace_hash: str
+    overridden: list[str]  # names of the parameters that the run changed
+
+
+@dataclass(frozen=True)
+class CellResult(Cell):
+    """A cell with the verdict of its simulated run, and how the run gave this verdict."""
+
+    ours: str  # the simulated verdict: "stable" or "unstable"
+    metrics: Metrics
+    criterion: Criterion
+    fault: str
+    trace_hash: str
+    reason: str | None = json_field(omit_none=True)  # of a difference between both verdicts
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the simulated verdict is the measured verdict."""
+        return self.ours == self.thesis
+
+    @property
+    def ripple_limit_count(self) -> float:
+        """Largest force ripple of a stable run, in 8-bit counts. Raises InputError if the
+        experiment does not limit the ripple."""
+        limit_count = self.criterion.force_ripple_max_count
+        if limit_count is None:
+            raise InputError(f"Fig {key_of(self)}: expected force_ripple_max_count in [verdict]")
+        return limit_count
+
+
+@dataclass(frozen=True)
+class TablesResult:
+    """All cells with their simulated verdicts."""
+
+    cells: list[CellResult]
+    matched: int  # number of cells whose simulated verdict is the measured verdict
+    total: int
+    fitted: dict[str, float]  # fitted constant -> its value
+    overridden: list[str]  # printed parameters that a run changed
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What another value of a threshold of the verdict changes."""
+    """Effect of another value of a threshold of the verdict on the result of the tables."""
 
     threshold: str
     factor: float
     value: float
-    score: int
-    changed: list[str]  # key_of the cells
-
-
-class StaleFit(Exception):
-    """The fit on record does not belong to the present models, experiments or grid."""
+    score: int  # number of cells whose simulated verdict is the measured verdict
+    changed: list[str]  # key_of the cells whose simulated verdict changes
 
 
 @dataclass(frozen=True)
@@ -52,206 +113,230 @@ class Constant:
     """A fitted constant: its parameter, the cells that depend on it, and the grid of the search."""
 
     name: str
-    how: str
-    groups: tuple[str, ...]  # the groups of cells that depend on it; empty: all
+    how: str  # the measurement that determines the constant
     grid: tuple[float, ...]
+    groups: tuple[str, ...] = ()  # the groups of cells that depend on the constant; empty: all
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another interpretation of a sentence of the thesis, as overrides."""
+
+    what: str
+    set: list[str]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A choice that the thesis leaves open, with its reason and with the alternatives, whose scores
+    the report shows."""
+
+    name: str
+    taken: str
+    why: str
+    alternatives: list[Alternative]
+
+
+@dataclass(frozen=True)
+class SourcedParameter:
+    """A parameter of sim/models/thesis.toml, and where its value comes from."""
+
+    value: int | float
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True)
+class OmittedFigure:
+    """The fit without the cells of one figure, which are then predicted."""
+
+    figure: str
+    cells: int  # number of cells of the figure
+    fitted: dict[str, float]  # fitted constant -> its value
+    predicted_right: int  # number of cells of the figure with the measured verdict
+    score_on_all: int  # number of all cells with the measured verdict
+
+
+@dataclass(frozen=True)
+class FitRecord:
+    """The stored result of the fit of the constants."""
+
+    inputs_hash: str  # evidence_hash() of the files of the fit
+    grid: dict[str, list[float]]  # constant -> its searched values
+    points: int  # of the grid
+    points_with_strikes: int  # points at which the cells of test "disturbance" were run too
+    fitted: dict[str, float]  # constant -> its fitted value
+    score: int  # number of cells of the fit with the measured verdict
+    cells: int  # number of cells of the fit
+    points_at_best: int  # number of points with this score
+    left_out: list[OmittedFigure]
+    plateau: dict[str, list[tuple[float, int]]]  # constant -> [(ratio to its value, score)]
+    readings: list[tuple[str, str, int]]  # (reading, alternative, score)
 
 
 @dataclass(frozen=True)
 class Tables:
-    """tables.toml and the measured cells it names."""
+    """The content of tables.toml and of the file with the measured cells."""
 
     cells: list[Cell]
     experiments: dict[str, str]  # "test/grip" -> file
-    workpieces: dict[str, list[str]]  # name -> overrides
-    unstated_setpoint: str  # the parameter that replaces a set-point of null
-    constants: list[Constant]
-    fit_on: tuple[
-        str, ...
-    ]  # the groups that the constants are fitted to; all others are predictions
-    readings: list[
-        dict[str, Any]
-    ]  # declared choices, with the alternatives that are reported beside them
-    reasons: dict[str, str]  # key_of(cell) -> why this cell is not reproduced
+    workpieces: dict[str, dict[str, float]]  # name -> {parameter: value}
+    unstated_setpoint: str  # the parameter that replaces a set-point of None
+    fit_on: tuple[str, ...]  # the groups of cells of the fit; all other cells are predictions
     matched_at_least: int
+    constants: list[Constant] = json_field(key="constant")
+    readings: list[Reading] = json_field(key="reading", default_factory=list)
+    # key_of(cell) -> the reason why the simulated verdict differs
+    reasons: dict[str, str] = field(default_factory=dict)
 
     def group(self, cell: Cell) -> str:
-        """The cells that are omitted together: a figure, contact and disturbance separately.
+        """The name of the group of cells that are omitted together: a figure, with contact and
+        disturbance separately.
 
-        The original half of Fig 5.10 is Fig 3.16, so it goes by that name.
+        The original half of Fig 5.10 is Fig 3.16 and has this name.
         """
-        if cell["figure"] != "5.10":
-            return str(cell["figure"])
-        figure = "3.16" if cell["workpiece"] == "original" else "5.10"
-        return f"{figure} {cell['test']}"
+        if cell.figure != "5.10":
+            return cell.figure
+        figure = "3.16" if cell.workpiece == "original" else "5.10"
+        return f"{figure} {cell.test}"
 
     def groups(self) -> list[str]:
         """All groups, in the order of the cells."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
-    def job(self, cell: Cell, constants: dict[str, float] | None = None) -> Job:
+    def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
         """The (experiment, overrides) pair of a cell; constants: {parameter: value} to try."""
-        experiment = self.experiments[f"{cell['test']}/{cell['grip']}"]
-        setpoint = cell["force_setpoint"]
+        setpoint = self.unstated_setpoint if cell.force_setpoint is None else cell.force_setpoint
         sets = [
-            f"firmware.force_gain={cell['force_gain']}",
-            f"firmware.force_setpoint={self.unstated_setpoint if setpoint is None else setpoint}",
-            *self.workpieces[cell["workpiece"]],
+            f"firmware.force_gain={cell.force_gain}",
+            f"firmware.force_setpoint={setpoint}",
+            *sets_of(self.workpieces[cell.workpiece]),
             *sets_of(constants or {}),
         ]
-        return str(paths.EXPERIMENTS / experiment), latest(sets)
+        return str(paths.EXPERIMENTS / self.experiments[f"{cell.test}/{cell.grip}"]), latest(sets)
 
 
 @functools.cache
 def load() -> Tables:
-    """Read tables.toml."""
+    """The tables of tables.toml. Raises InputError."""
     data = toml.read(FILE)
     cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
-    return Tables(
-        cells=cells,
-        experiments=data["experiments"],
-        workpieces={
-            name: [f"{k}={v}" for k, v in values.items()]
-            for name, values in data["workpieces"].items()
-        },
-        unstated_setpoint=data["unstated_setpoint"],
-        constants=[
-            Constant(c["name"], c["how"], tuple(c.get("groups", ())), tuple(c["grid"]))
-            for c in data["constant"]
-        ],
-        fit_on=tuple(data["fit_on"]),
-        readings=data.get("reading", []),
-        reasons=data.get("reasons", {}),
-        matched_at_least=data["matched_at_least"],
-    )
+    return from_json(Tables, data | {"cells": cells}, paths.display(FILE))
 
 
-def parameters() -> dict[str, dict[str, Any]]:
-    """The shared parameter file: name -> {value, unit, source}."""
-    table: dict[str, dict[str, Any]] = toml.read(paths.MODELS / "thesis.toml")["parameters"]
-    return table
+def parameters() -> dict[str, SourcedParameter]:
+    """The parameters of sim/models/thesis.toml by name."""
+    file = paths.MODELS / "thesis.toml"
+    table = toml.read(file)["parameters"]
+    return {name: from_json(SourcedParameter, p, f"{file}: {name}") for name, p in table.items()}
 
 
 def fitted() -> dict[str, float]:
-    """The fitted constants' values as the parameter file has them."""
+    """The values of the fitted constants in the parameter file."""
     values = parameters()
-    return {c.name: values[c.name]["value"] for c in load().constants}
+    return {c.name: values[c.name].value for c in load().constants}
 
 
 def run_jobs(
     jobs: Sequence[Job], threads: int | None, title: str, over: link.LinkOptions | None = None
-) -> list[dict[str, Any]]:
-    """Run (experiment, overrides) pairs, with a progress bar when standard error is a terminal.
+) -> list[CellRun]:
+    """Runs (experiment, overrides) pairs and shows a progress bar on a terminal.
 
-    over: a link.LinkOptions; then the firmware is another process and the runs follow each other.
+    over: options of a run with the firmware in another process; the runs then follow each other.
     """
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(title, total=len(jobs))
-
-        def progress(done: int, _: int) -> None:
-            bar.update(task, completed=done)
-
+    with progress.bar(title, len(jobs)) as advance:
         if over and over.kind != "inproc":
-            return link.run_many(over, jobs, progress)
-        return _core.run_many(jobs, threads or os.cpu_count() or 1, progress)
+            outcomes = link.run_many(over, jobs, advance)
+        else:
+            outcomes = _core.run_many(jobs, threads or os.cpu_count() or 1, advance)
+    return [
+        CellRun(
+            verdict=outcome["verdict"],
+            metrics=read_metrics(outcome["metrics"]),
+            criterion=Criterion(**outcome["criterion"]),
+            fault=outcome["fault"],
+            trace_hash=outcome["trace_hash"],
+            overridden=outcome["overridden"],
+        )
+        for outcome in outcomes
+    ]
 
 
 def key_of(cell: Cell) -> str:
-    """A cell in words, also the key of `reasons`."""
-    setpoint = cell["force_setpoint"]
-    words = [cell["figure"], cell["test"], cell["workpiece"], cell["grip"].replace("_", " ")]
-    return f"{', '.join(words)}, gain {cell['force_gain']}, set-point {setpoint or 'not stated'}"
+    """A cell as a text, which is also its key in `reasons`."""
+    words = [cell.figure, cell.test, cell.workpiece, cell.grip.replace("_", " ")]
+    setpoint = cell.force_setpoint or "not stated"
+    return f"{', '.join(words)}, gain {cell.force_gain}, set-point {setpoint}"
 
 
-def run(threads: int | None = None, over: link.LinkOptions | None = None) -> dict[str, Any]:
-    """Run the cells with the parameter file's constants, over a link.LinkOptions if one is given.
-
-    Returns {"cells": [the measured cell with "ours", "metrics", "fault", "trace_hash"], "matched",
-    "total", "fitted": {constant: value}, "overridden": [printed parameters that were changed]}.
-    """
+def run(threads: int | None = None, over: link.LinkOptions | None = None) -> TablesResult:
+    """Runs all cells with the constants of the parameter file. over: as in run_jobs."""
     tables = load()
-    outcomes = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
+    runs = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
     cells = []
-    for cell, outcome in zip(tables.cells, outcomes, strict=True):
-        keep = ("metrics", "criterion", "fault", "trace_hash")
-        ours = stability(outcome["verdict"])  # the thesis knows two words
-        cells.append(cell | {"ours": ours} | {k: outcome[k] for k in keep})
-        if cell["thesis"] != ours:
-            cells[-1]["reason"] = tables.reasons.get(key_of(cell), "not explained")
-    # What a cell may set without moving a printed value: the damper and the pad that it names.
-    named = {"b_w", "k_g"}
-    overridden = {name for o in outcomes for name in o["overridden"]} - named
-    return {
-        "cells": cells,
-        "matched": sum(c["ours"] == c["thesis"] for c in cells),
-        "total": len(cells),
-        "fitted": fitted(),
-        "overridden": sorted(overridden),
-    }
-
-
-def describe(result: dict[str, Any]) -> str:
-    """The result for a terminal: one line a row of cells, misses spelled out."""
-    lines = []
-    for cell in result["cells"]:
-        if cell["ours"] == cell["thesis"]:
-            continue
-        count = cell["force_setpoint"]
-        newton = count and count * result["fitted"]["force_per_count"]
-        setpoint = f" counts of force ({newton:g} N)" if count else ""
-        lines.append(
-            f"differs      Fig {key_of(cell)}{setpoint}: thesis {cell['thesis']}, "
-            f"ours {cell['ours']}; {cell['reason']}"
+    for cell, done in zip(tables.cells, runs, strict=True):
+        ours = stability(done.verdict)  # the thesis has two verdicts only
+        reason = tables.reasons.get(key_of(cell), "not explained") if ours != cell.thesis else None
+        cells.append(
+            CellResult(
+                **vars(cell),
+                ours=ours,
+                metrics=done.metrics,
+                criterion=done.criterion,
+                fault=done.fault,
+                trace_hash=done.trace_hash,
+                reason=reason,
+            )
         )
-    constants = ", ".join(f"{k} = {v:g}" for k, v in result["fitted"].items())
-    lines.append(f"fitted       {constants}")
-    lines.append(f"score        {result['matched']} of {result['total']} cells match the thesis")
-    return "\n".join(lines)
+    # Parameters that a cell names itself: its damper and its pad.
+    named = {"b_w", "k_g"}
+    return TablesResult(
+        cells=cells,
+        matched=sum(c.agrees for c in cells),
+        total=len(cells),
+        fitted=fitted(),
+        overridden=sorted({name for r in runs for name in r.overridden} - named),
+    )
 
 
-def matches(cells: Sequence[Cell], outcomes: Sequence[dict[str, Any]]) -> NDArray[np.bool_]:
-    """Per cell: 1 where ours is the thesis's verdict."""
-    pairs = zip(cells, outcomes, strict=True)
-    return np.array([stability(o["verdict"]) == c["thesis"] for c, o in pairs])
+def matches(cells: Sequence[Cell], runs: Sequence[CellRun]) -> NDArray[np.bool_]:
+    """For each cell, whether the verdict of its run is the measured verdict."""
+    pairs = zip(cells, runs, strict=True)
+    return np.array([stability(r.verdict) == c.thesis for c, r in pairs])
 
 
 def score_with(variants: Sequence[Sequence[str]], threads: int | None, title: str) -> list[int]:
-    """Score of the tables under each list of extra overrides; one pool of jobs for all."""
+    """For each list of further overrides, the number of cells with the measured verdict. All runs
+    share one pool of threads."""
     tables = load()
     jobs = [
         (path, latest([*sets, *extra]))
         for extra in variants
         for path, sets in (tables.job(c) for c in tables.cells)
     ]
-    outcomes = run_jobs(jobs, threads, title)
+    runs = run_jobs(jobs, threads, title)
     n = len(tables.cells)
     return [
-        int(matches(tables.cells, outcomes[i * n : (i + 1) * n]).sum())
-        for i in range(len(variants))
+        int(matches(tables.cells, runs[i * n : (i + 1) * n]).sum()) for i in range(len(variants))
     ]
 
 
 def plateau(
-    values: dict[str, float],
+    values: Mapping[str, float],
     threads: int | None = None,
     steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
-) -> dict[str, list[list[float]]]:
-    """{constant: [[ratio to its value, score], ...]}: one constant moved at a time."""
-    pairs = [(name, ratio) for name in values for ratio in steps]
-    variants = [sets_of(values | {name: values[name] * ratio}) for name, ratio in pairs]
-    scores = score_with(variants, threads, "plateau")
-    return {
-        name: [[r, s] for (n, r), s in zip(pairs, scores, strict=True) if n == name]
-        for name in values
-    }
+) -> dict[str, list[tuple[float, int]]]:
+    """{constant: [(ratio to its value, score)]}; one constant differs from its value at a time."""
+    variants = [sets_of({**values, n: value * r}) for n, value in values.items() for r in steps]
+    scores = iter(score_with(variants, threads, "plateau"))
+    return {name: [(ratio, next(scores)) for ratio in steps] for name in values}
 
 
-def readings(values: dict[str, float], threads: int | None = None) -> list[list[Any]]:
-    """The declared readings' alternatives, each alone: [[reading, alternative, score], ...]."""
-    rows = [(r["name"], a["what"], a["set"]) for r in load().readings for a in r["alternatives"]]
-    scores = score_with([sets_of(values) + sets for _, _, sets in rows], threads, "readings")
-    return [[name, what, s] for (name, what, _), s in zip(rows, scores, strict=True)]
+def readings(values: Mapping[str, float], threads: int | None = None) -> list[tuple[str, str, int]]:
+    """The score of each alternative of a declared reading alone: (reading, alternative, score)."""
+    rows = [(r.name, a) for r in load().readings for a in r.alternatives]
+    scores = score_with([sets_of(values) + a.set for _, a in rows], threads, "readings")
+    return [(name, a.what, score) for (name, a), score in zip(rows, scores, strict=True)]
 
 
 def latest(sets: Sequence[str]) -> list[str]:
@@ -259,96 +344,96 @@ def latest(sets: Sequence[str]) -> list[str]:
     return list({text.partition("=")[0]: text for text in sets}.values())
 
 
-def sets_of(values: dict[str, float]) -> list[str]:
+def sets_of(values: Mapping[str, float]) -> list[str]:
     """{parameter: value} as overrides."""
     return [f"{k}={v!r}" for k, v in values.items()]
 
 
-def criterion_sensitivity(cells: Sequence[Cell], threads: int | None = None) -> list[Sensitivity]:
-    """The effect of +-20 % on each threshold: [(threshold, factor, value, score, cells changed)].
+def criterion_sensitivity(
+    cells: Sequence[CellResult], threads: int | None = None
+) -> list[Sensitivity]:
+    """The effect of +-20 % on each threshold of the verdict. cells: those of run().
 
-    cells: those of run(). The window is varied by running again; ripple thresholds only re-judge.
+    For another window the cells are run again; for another limit of the ripple, verdicts follow
+    from the metrics of the runs.
     """
-    rows = []
-    base = [c["ours"] for c in cells]
-    for factor in (0.8, 1.2):
-        verdicts = []
-        for c in cells:
-            varied = dict(c["criterion"])
-            varied["force_ripple_max_count"] *= factor
-            verdict, _ = _core.judge(varied, c["metrics"], c["fault"])
-            verdicts.append(stability(verdict))
-        value = cells[0]["criterion"]["force_ripple_max_count"] * factor
-        rows.append(_sensitivity("force_ripple_max_count", factor, value, cells, base, verdicts))
-    window = cells[0]["criterion"]["window_s"]
     tables = load()
+
+    def sensitivity(
+        threshold: str, factor: float, value: float, verdicts: Iterable[str]
+    ) -> Sensitivity:
+        pairs = [(c, stability(v)) for c, v in zip(cells, verdicts, strict=True)]
+        score = sum(ours == c.thesis for c, ours in pairs)
+        changed = [key_of(c) for c, ours in pairs if ours != c.ours]
+        return Sensitivity(threshold, factor, value, score, changed)
+
+    def verdict_with(cell: CellResult, ripple_limit_count: float) -> str:
+        criterion = replace(cell.criterion, force_ripple_max_count=ripple_limit_count)
+        return _core.judge(to_json(criterion), to_json(cell.metrics), cell.fault)[0]
+
+    rows = []
     for factor in (0.8, 1.2):
-        extra = [f"verdict.window_s={window * factor!r}"]
-        jobs = [(p, s + extra) for p, s in (tables.job(c) for c in tables.cells)]
-        verdicts = [stability(o["verdict"]) for o in run_jobs(jobs, threads, "criterion")]
-        rows.append(_sensitivity("window_s", factor, window * factor, cells, base, verdicts))
+        verdicts = [verdict_with(c, factor * c.ripple_limit_count) for c in cells]
+        value = cells[0].ripple_limit_count * factor
+        rows.append(sensitivity("force_ripple_max_count", factor, value, verdicts))
+    for factor in (0.8, 1.2):
+        window_s = cells[0].criterion.window_s * factor
+        jobs = [tables.job(c, {"verdict.window_s": window_s}) for c in tables.cells]
+        verdicts = [r.verdict for r in run_jobs(jobs, threads, "criterion")]
+        rows.append(sensitivity("window_s", factor, window_s, verdicts))
     return rows
-
-
-def _sensitivity(
-    name: str,
-    factor: float,
-    value: float,
-    cells: Sequence[Cell],
-    base: Sequence[str],
-    verdicts: Sequence[str],
-) -> Sensitivity:
-    score = sum(v == c["thesis"] for v, c in zip(verdicts, cells, strict=True))
-    changed = [key_of(c) for c, a, b in zip(cells, base, verdicts, strict=True) if a != b]
-    return Sensitivity(name, factor, value, score, changed)
 
 
 def evidence_hash() -> str:
     """Hash of the inputs of the fit: grid, cells, models, experiments; no fitted value."""
     tables = load()
     free = {c.name for c in tables.constants}
-    fixed = {k: v["value"] for k, v in parameters().items() if k not in free}
+    fixed = {name: p.value for name, p in parameters().items() if name not in free}
     grid = [(c.name, c.groups, c.grid) for c in tables.constants]
+    workpieces = {name: sets_of(values) for name, values in tables.workpieces.items()}
     digest = hashlib.sha256()
-    asked = (tables.fit_on, grid, tables.cells, tables.workpieces, tables.readings, fixed)
-    digest.update(repr(asked).encode())
+    cells, choices = to_json(tables.cells), to_json(tables.readings)
+    digest.update(repr((tables.fit_on, grid, cells, workpieces, choices, fixed)).encode())
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        for table in (experiment, model):  # descriptions do not count
+        for table in (experiment, model):  # without descriptions
             texts = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
     return digest.hexdigest()
 
 
-def fit(threads: int | None = None) -> dict[str, Any]:
-    """Search the grid of tables.toml on the cells of `fit_on` and write tables_fit.json beside it.
+def fit(threads: int | None = None) -> FitRecord:
+    """Searches the grid of tables.toml for the constants with which most cells of `fit_on` have the
+    measured verdict, and writes tables_fit.json beside tables.toml.
 
-    Contact cells run on every grid point that they depend on; strikes run where the contact cells,
-    all or without one figure, are at their best. Then each figure is omitted in turn, the others
-    are fitted again and predict it. Returns the evidence.
+    Cells of test "contact" are run on every grid point on which they depend. Cells of test
+    "disturbance" are run only at the points at which the contact cells have their best score, all
+    of them or all without one figure. Then each figure is omitted in turn: the constants are fitted
+    to the other figures and predict its cells.
     """
     tables = load()
     grids = [c.grid for c in tables.constants]
-    names = [c.name for c in tables.constants]
     members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
-    feels = {
+    # For each group, the indices of the constants on which its cells depend.
+    needed = {
         group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
         for group in tables.fit_on
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """{grid coordinates that the group depends on: matches of its cells} for those points."""
-        wanted = sorted({tuple(p[i] for i in feels[group]) for p in points})
+        """For the needed coordinates of these points: the score of the group's cells."""
+        wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
+        own = [tables.constants[i] for i in needed[group]]
         jobs = [
-            tables.job(cell, {names[i]: grids[i][j] for i, j in zip(feels[group], at, strict=True)})
+            tables.job(cell, {c.name: c.grid[j] for c, j in zip(own, at, strict=True)})
             for at in wanted
             for cell in members[group]
         ]
-        outcomes = run_jobs(jobs, threads, f"fit on Fig {group}")
+        runs = run_jobs(jobs, threads, f"fit on Fig {group}")
         n = len(members[group])
         return {
-            at: int(matches(members[group], outcomes[k * n : (k + 1) * n]).sum())
+            at: int(matches(members[group], runs[k * n : (k + 1) * n]).sum())
             for k, at in enumerate(wanted)
         }
 
@@ -357,7 +442,7 @@ def fit(threads: int | None = None) -> dict[str, Any]:
     scores = {g: evaluate(g, everywhere) for g in tables.fit_on if g not in late}
 
     def total(point: Point, groups: Iterable[str]) -> int:
-        return sum(scores[g][tuple(point[i] for i in feels[g])] for g in groups)
+        return sum(scores[g][tuple(point[i] for i in needed[g])] for g in groups)
 
     figures = list(dict.fromkeys(g.split()[0] for g in tables.fit_on))
 
@@ -374,7 +459,8 @@ def fit(threads: int | None = None) -> dict[str, Any]:
         scores[group] = evaluate(group, points)
 
     def choose(groups: Sequence[str]) -> Point:
-        """The centre of the best plateau: highest score, then highest mean over its neighbours."""
+        """The point with the highest score; among several, the one with the highest mean score of
+        its neighbours."""
         score = {p: total(p, groups) for p in points}
         best = max(score.values())
 
@@ -385,7 +471,7 @@ def fit(threads: int | None = None) -> dict[str, Any]:
         return max((p for p in points if score[p] == best), key=lambda p: (around(p), p))
 
     def values(point: Point) -> dict[str, float]:
-        return {n: grids[i][j] for i, (n, j) in enumerate(zip(names, point, strict=True))}
+        return {c.name: c.grid[j] for c, j in zip(tables.constants, point, strict=True)}
 
     chosen = choose(tables.fit_on)
     omitted = []
@@ -395,30 +481,30 @@ def fit(threads: int | None = None) -> dict[str, Any]:
         right = matches(tables.cells, run_jobs(jobs, threads, f"without Fig {figure}"))
         own = [g for g in tables.fit_on if g.split()[0] == figure]
         omitted.append(
-            {
-                "figure": figure,
-                "cells": sum(len(members[g]) for g in own),
-                "fitted": values(point),
-                "predicted_right": total(point, own),
-                "score_on_all": int(right.sum()),
-            }
+            OmittedFigure(
+                figure=figure,
+                cells=sum(len(members[g]) for g in own),
+                fitted=values(point),
+                predicted_right=total(point, own),
+                score_on_all=int(right.sum()),
+            )
         )
     best = total(chosen, tables.fit_on)
-    evidence = {
-        "inputs_hash": evidence_hash(),
-        "grid": {c.name: list(c.grid) for c in tables.constants},
-        "points": len(everywhere),
-        "points_with_strikes": len(points),
-        "fitted": values(chosen),
-        "score": best,
-        "cells": sum(len(members[g]) for g in tables.fit_on),
-        "points_at_best": sum(total(p, tables.fit_on) == best for p in points),
-        "left_out": omitted,
-        "plateau": plateau(values(chosen), threads),
-        "readings": readings(values(chosen), threads),
-    }
-    EVIDENCE.write_text(json.dumps(evidence, indent=1) + "\n")
-    return evidence
+    record = FitRecord(
+        inputs_hash=evidence_hash(),
+        grid={c.name: list(c.grid) for c in tables.constants},
+        points=len(everywhere),
+        points_with_strikes=len(points),
+        fitted=values(chosen),
+        score=best,
+        cells=sum(len(members[g]) for g in tables.fit_on),
+        points_at_best=sum(total(p, tables.fit_on) == best for p in points),
+        left_out=omitted,
+        plateau=plateau(values(chosen), threads),
+        readings=readings(values(chosen), threads),
+    )
+    EVIDENCE.write_text(json.dumps(to_json(record), indent=1) + "\n")
+    return record
 
 
 def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
@@ -429,15 +515,15 @@ def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
     ]
 
 
-def evidence() -> dict[str, Any]:
-    """The fit on record. Raises StaleFit where it does not belong to the present files."""
-    again = "run `forceaxis tables --fit`, some minutes, and commit what it writes"
+def evidence() -> FitRecord:
+    """The stored fit. Raises StaleFit if there is none, or if it was made with other files."""
+    again = "repeat the fit of `forceaxis tables`, which takes some minutes, and commit the file"
     if not EVIDENCE.exists():
         raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
-    found: dict[str, Any] = json.loads(EVIDENCE.read_text())
-    if found["inputs_hash"] != evidence_hash():
+    record = json.loads(EVIDENCE.read_text())
+    if record["inputs_hash"] != evidence_hash():
         raise StaleFit(
-            f"{paths.display(EVIDENCE)}: expected a fit of the present models, experiments and "
-            f"grid, this one is stale; {again}"
+            f"{paths.display(EVIDENCE)}: expected a fit with the present models, experiments and "
+            f"grid, the stored fit is stale; {again}"
         )
-    return found
+    return from_json(FitRecord, record, paths.display(EVIDENCE))

@@ -1,0 +1,39 @@
+"""Reports that the programs plant_node and axis_node print at the end of a run."""
+
+import json
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PlantReport:
+    """The report of plant_node."""
+
+    trace_hashes: list[str]  # one for each axis
+    ticks_per_s: float
+    overruns: int  # number of ticks that were computed too late for real time
+    repeated: int  # number of records that were sent again
+
+
+@dataclass(frozen=True)
+class AxisReport:
+    """The report of axis_node. Each list has one entry for each axis."""
+
+    trace_hashes: list[str]
+    faults: list[str]  # names of the latched faults; "none"
+
+
+def read_plant_report(output: str) -> PlantReport:
+    """The report in the last line of the output of plant_node."""
+    report = json.loads(output.splitlines()[-1])
+    return PlantReport(
+        trace_hashes=[axis["trace_hash"] for axis in report["axes"]],
+        ticks_per_s=report["ticks_per_s"],
+        overruns=report["overruns"],
+        repeated=report["statistics"]["repeated"],
+    )
+
+
+def read_axis_report(output: str) -> AxisReport:
+    """The report in the last line of the output of axis_node."""
+    axes = json.loads(output.splitlines()[-1])["axes"]
+    return AxisReport([axis["trace_hash"] for axis in axes], [axis["fault"] for axis in axes])
