@@ -69,7 +69,7 @@ def test_nine_kills_have_left_nothing_of_the_tool_but_the_law(found):
 
 
 def test_a_run_after_a_kill_resets_its_own_fault_and_says_so(found):
-    says = "the run before was killed: its fault heartbeat_lost is reset"
+    says = "the previous run was killed: the fault heartbeat_lost that it left is reset"
     for step, after in zip(STEPS, (*STEPS[1:], None), strict=True):
         run = found["killed"][after] if after else {"tries": 1, "lines": found["lines"]}
         if run["tries"] == 1:  # the one right after that kill

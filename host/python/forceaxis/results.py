@@ -18,7 +18,7 @@ not read a result with such a field.
 """
 
 import dataclasses
-from collections.abc import Mapping
+import json
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin
@@ -31,6 +31,10 @@ from forceaxis._core import InputError
 
 T = TypeVar("T")
 KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
+TYPE_WORDS: dict[type, str] = {
+    float: "a number", int: "an integer", str: "a text", bool: "true or false", NoneType: "null",
+}  # fmt: skip
+SHOWN_CHARACTERS = 40  # of an unexpected value in a message
 
 
 def json_field(
@@ -49,11 +53,38 @@ def json_key(field: "dataclasses.Field[Any]") -> str:
     return field.metadata.get(KEY) or field.name
 
 
+class _UnexpectedValue(ValueError):
+    """A value of JSON does not have the type of its field. The text states both."""
+
+
 def _is_scalar_union(kind: Any) -> bool:
     """Whether a type is a union of texts, numbers and bools, whose values JSON can distinguish."""
     kinds = set(get_args(kind)) - {NoneType}
     is_union = get_origin(kind) in (Union, UnionType)
     return is_union and len(kinds) > 1 and kinds <= {bool, int, float, str}
+
+
+def _read_scalar(value: Any, kind: Any) -> bool | int | float | str | None:
+    """`value`, if its type is `kind` or in the union `kind`. An integer is also a number."""
+    kinds = get_args(kind) or (kind,)
+    if type(value) in kinds or (type(value) is int and float in kinds):
+        return float(value) if kind is float else value
+    text = json.dumps(value)
+    if len(text) > SHOWN_CHARACTERS:
+        text = f"{text[:SHOWN_CHARACTERS]}..."
+    words = " or ".join(TYPE_WORDS[one] for one in kinds)
+    raise _UnexpectedValue(f"expected {words}, got {text}")
+
+
+def _reason(error: BaseException, _: type | None) -> str:
+    """The text for an error of cattrs at one key of JSON."""
+    if isinstance(error, _UnexpectedValue):
+        return str(error)
+    if isinstance(error, KeyError):
+        return "expected that key, it is missing"
+    if isinstance(error, cattrs.ForbiddenExtraKeysError):
+        return f"expected no key {', '.join(sorted(error.extra_fields))}"
+    return "expected a JSON value of another form"
 
 
 def _overrides(kind: type) -> dict[str, Any]:
@@ -98,7 +129,9 @@ _converter.register_unstructure_hook_func(
     lambda kind: getattr(kind, "__origin__", kind) is tuple,
     lambda values: [_converter.unstructure(value) for value in values],
 )
-_converter.register_structure_hook_func(_is_scalar_union, lambda value, _: value)
+_converter.register_structure_hook_func(_is_scalar_union, _read_scalar)
+for scalar in (bool, int, float, str):
+    _converter.register_structure_hook(scalar, _read_scalar)
 _converter.register_structure_hook(Path, lambda value, _: Path(value))
 
 
@@ -107,11 +140,12 @@ def to_json(result: Any) -> Any:
     return _converter.unstructure(result)
 
 
-def from_json(kind: type[T], table: Mapping[str, Any], where: str = "") -> T:
+def from_json(kind: type[T], table: Any, where: str = "") -> T:
     """The result of type `kind` from a `table` that to_json made. Raises InputError, whose text
-    begins with `where`, for missing or unknown keys and for values of another type."""
+    begins with `where`, for a missing or unknown key and for a value of another type."""
     try:
         return _converter.structure(table, kind)
-    except (cattrs.BaseValidationError, ValueError, TypeError) as error:
-        told = "; ".join(cattrs.transform_error(error))
-        raise InputError(f"{where or kind.__name__}: {told}") from None
+    except (cattrs.BaseValidationError, ValueError, TypeError, AttributeError) as error:
+        reason, _, key = cattrs.transform_error(error, "", _reason)[0].rpartition(" @ ")
+        place = [where or kind.__name__, key.removeprefix(".")]
+        raise InputError(": ".join([part for part in place if part] + [reason])) from None

@@ -156,10 +156,10 @@ def test_a_run_after_a_kill_puts_back_what_was_changed(axis_file, tmp_path, monk
     assert done.returncode == 0, done.stderr
     warning, *said = done.stderr.splitlines()[:3]
     assert "force_scale (2.5 N/count) was never set" in warning
-    assert said[0] == "the run before was killed: its fault source_lost is reset"
-    assert said[1].endswith("objects are as they were before it")
+    assert said[0] == "the previous run was killed: the fault source_lost that it left is reset"
+    assert said[1].endswith("objects have their earlier values again")
     assert axis.get(*names) == before
-    assert not (out / as_found.FILE).exists()
+    assert not (out / as_found.FOUND.name).exists()
 
 
 def test_a_strike_ends_the_excitation_in_its_tick_and_half_the_amplitude_is_taken(axis_file):

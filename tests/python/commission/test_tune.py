@@ -7,7 +7,7 @@ import re
 import shutil
 import signal
 from dataclasses import replace
-from typing import NamedTuple, get_type_hints
+from typing import NamedTuple, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -24,17 +24,16 @@ from forceaxis.commission import (
     margins,
     tune,
     tune_fit,
+    tune_folder,
     tune_page,
-    tune_results,
-    tune_steps,
 )
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
 from forceaxis.design.banks import bank_figures
 from forceaxis.design.cases import GainCut
-from forceaxis.design.certificate import NoPFigures
+from forceaxis.design.certificate import NoPFigures, WorstFigures
 from forceaxis.design.changes import Design
-from forceaxis.design.search import Goal
+from forceaxis.design.search import Goal, StructureDesign
 from forceaxis.linear import over, plant_set
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
@@ -131,7 +130,7 @@ def tuned(plants, folder, **changed):
 
 @pytest.fixture
 def short(monkeypatch):
-    monkeypatch.setattr(tune_steps.for_set, "design", quick)
+    monkeypatch.setattr(tune.for_set, "design", quick)
 
 
 @pytest.fixture(autouse=True)
@@ -152,7 +151,7 @@ def done(plants, tmp_path_factory):
     """A folder in which everything up to the simulation is done."""
     folder = tmp_path_factory.mktemp("tuned") / "out"
     patch = pytest.MonkeyPatch()
-    patch.setattr(tune_steps.for_set, "design", quick)
+    patch.setattr(tune.for_set, "design", quick)
     with Axis(link(plants)) as axis:
         truth = axis.link.axis
         tuning = tune.Tuning(axis, order(plants), folder)
@@ -170,7 +169,7 @@ def designed(done, tmp_path):
 
 def simulated_cases_are_on_the_page(page, tuning):
     """A line for each case: the most losses, the largest peak, the longest saturation."""
-    rows = [results.to_json(row) for row in tuning.result("simulate").contacts]
+    rows = [results.to_json(row) for row in tune.SIMULATE.result(tuning).contacts]
     (table,) = re.findall("<tr><th>simulated</th>.*?</table>", page)
     head, *lines = [re.findall("<t[hd][^>]*>(.*?)</t[hd]>", part)
                     for part in table.split("<tr>")[1:]]  # fmt: skip
@@ -187,7 +186,7 @@ def simulated_cases_are_on_the_page(page, tuning):
 
 
 def test_the_page_says_what_was_cut_and_why(plants, designed):
-    """As a design that is simulated stores it; rows of an earlier version have no saturation."""
+    """As a design that is simulated stores it."""
     step = json.loads((designed / "design.json").read_text())
     cut = {"force_gain": 4.2, "failed": 3, "simulated": 40, "case": "contact 94 N at 20 mm/s",
            "why": "peak force 140 N of 122 N"}  # fmt: skip
@@ -195,9 +194,7 @@ def test_the_page_says_what_was_cut_and_why(plants, designed):
            "verdict": "stable", "fault": "none", "static_error_percent": 0.1, "missed": [],
            "peak_N": 97.6, "losses": 2, "saturated_ms": 1.3, "settle_ms": 90.0,
            "overshoot_percent": 3.0}  # fmt: skip
-    old = {key: row[key] for key in row.keys() - {"losses", "saturated_ms"}}
-    old["case"] = "of before"
-    step["result"] |= {"gain_cuts": [cut], "simulated": [row, row | {"law": "p"}, old]}
+    step["result"] |= {"gain_cuts": [cut], "simulated": [row, row | {"law": "p"}]}
     (designed / "design.json").write_text(json.dumps(step))
     with Axis(link(plants)) as axis:
         tuning = tune.Tuning(axis, order(plants), designed)
@@ -208,7 +205,6 @@ def test_the_page_says_what_was_cut_and_why(plants, designed):
     )
     cells = ("contact 94 N at 20 mm/s", "1 of 1", "0.1", "97.6", "2", "90", "3", "97.6", "1.3")
     assert re.search("<tr>" + "".join(f"<td[^>]*>{re.escape(c)}</td>" for c in cells), page)
-    assert "of before" not in page
 
 
 def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_path):
@@ -283,7 +279,7 @@ def test_what_was_set_before_stays_and_only_the_law_is_new(plants, short, tmp_pa
         tuning = tune.Tuning(axis, order(plants), tmp_path / "out")
         tuning.run()
     after = everything(axis.link)
-    written = tuning.result("design").objects
+    written = tune.DESIGN.result(tuning).objects
     assert written.keys().isdisjoint(own)
     changed = {name for name, raw in after.items() if raw != before[name]} - {"command_source"}
     assert {"force_bank", "bank_crc_1"} <= changed <= written.keys()
@@ -317,7 +313,7 @@ def wide(folder):
 
 def pressing(folder):
     """A law without an integral that goes on at full speed after a strike."""
-    loss = {"contact_loss_cap": 2048, "contact_loss_dwell": 10_000}
+    loss = vars(outcome.ContactLoss(2048, 10_000, 0.1, 0.1, 0.2))
     altered(folder, "design", lambda result: result.update(contact_loss=loss))
     law(force_gain=16.0, integral_rad_per_s=0, sections=[])(folder)
 
@@ -474,7 +470,7 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
     now = Axis(axis).get("drive_state", "command_source")
     assert now["drive_state"] in ("switch_on_disabled", "ready_to_switch_on", "fault")
     assert now["command_source"] == "canopen"
-    assert not (folder / as_found.FILE).exists()
+    assert not (folder / as_found.FOUND.name).exists()
 
 
 def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_path):
@@ -483,8 +479,8 @@ def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_pa
     with pytest.raises(Refusal) as refused, Axis(link) as axis:
         tune.Tuning(axis, order(plants), tmp_path, said.append).run()
     assert refused.value.name == "no_answer"
-    assert (tmp_path / as_found.FILE).exists()
-    assert said[-1].startswith("the axis does not answer: the next run puts back")
+    assert (tmp_path / as_found.FOUND.name).exists()
+    assert said[-1].startswith("the axis does not answer: the next run restores")
     link.back = True
     while Axis(link).read("fault") == "none":
         link.axis.step(15)
@@ -493,12 +489,12 @@ def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_pa
     said.clear()
     with Axis(link) as axis:
         tune.Tuning(axis, order(plants), tmp_path, said.append).run("check")
-    assert said[0] == "the run before was killed: its fault source_lost is reset"
+    assert said[0] == "the previous run was killed: the fault source_lost that it left is reset"
     assert everything(link) == before
 
 
 def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
-    file = tmp_path / as_found.FILE
+    file = tmp_path / as_found.FOUND.name
     with Axis(link(plants)) as axis:
         with as_found.kept(as_found.AxisFolder(axis, tmp_path)):
             held = json.loads(file.read_text())
@@ -506,7 +502,7 @@ def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
         held["values"]["rated_force"] += 1
         file.write_text(json.dumps(held))
         before = everything(axis.link)
-        with pytest.raises(InputError, match=r"it is of .*'node_id': 7"):
+        with pytest.raises(InputError, match=r"they are of the axis .*'node_id': 7"):
             tune.Tuning(axis, order(plants), tmp_path).run("check")
         assert everything(axis.link) == before
     assert json.loads(file.read_text()) == held
@@ -517,9 +513,9 @@ def test_an_axis_that_another_client_owns_is_left_to_it(plants, tmp_path):
     with pytest.raises(Refusal) as refused, Axis(link) as axis:
         tune.Tuning(axis, order(plants), tmp_path, said.append).run()
     assert refused.value.name == "ownership"
-    assert "is owned by lcm: the next run puts back" in said[-1]
+    assert "is owned by lcm: the next run restores" in said[-1]
     assert link.read(["command_source"]) == {"command_source": LCM}
-    assert (tmp_path / as_found.FILE).exists()
+    assert (tmp_path / as_found.FOUND.name).exists()
 
 
 def test_an_axis_that_still_touches_is_measured_at_the_next_force(tmp_path):
@@ -540,7 +536,7 @@ def test_an_axis_that_still_touches_is_measured_at_the_next_force(tmp_path):
         tuning = tune.Tuning(axis, asked, tmp_path / "out")
         for step in ("check", "free", "measure"):
             tuning.run(step)
-    measured = tuning.result("measure")
+    measured = tune.MEASURE.result(tuning)
     assert [round(level.bias_N / force, 1) for level, force in
             zip(measured.levels.values(), FORCES, strict=True)] == [1.0, 1.0]  # fmt: skip
 
@@ -557,7 +553,7 @@ def test_an_interrupted_tuning_leaves_the_axis_as_it_was(plants, tmp_path):
         tune.Tuning(axis, order(plants), tmp_path, say).run()
     assert everything(link) == before
     assert Axis(link).read("drive_state") != "operation_enabled"
-    assert not (tmp_path / as_found.FILE).exists()
+    assert not (tmp_path / as_found.FOUND.name).exists()
 
 
 @pytest.mark.parametrize(
@@ -600,19 +596,17 @@ def test_the_mode_is_that_of_fit_design_and_margins(plants, done, tmp_path, monk
         tuning = tune.Tuning(axis, one, tmp_path / "out")
         monkeypatch.setattr(tune_fit.joint_fit, "joint", ask)
         with pytest.raises(Asked):
-            tune_fit.fit(tuning, tuning.result("free"), tuning.result("measure"))
+            tune_fit.fit(tuning, tune.FREE.result(tuning), tune.MEASURE.result(tuning))
         assert asked[-1]["states"] == states
-        monkeypatch.setattr(
-            tune_steps.for_set, "design", lambda order, *_: ask(states=order.states)
-        )
+        monkeypatch.setattr(tune.for_set, "design", lambda order, *_: ask(states=order.states))
         for step in ("check", "fit"):
             shutil.copy(done / f"{step}.json", tmp_path / "out")
         with pytest.raises(Asked):
-            tune_steps.design(tuning, tuning.result("fit"), tuning.result("check"))
+            tune.design(tuning, tune.FIT.result(tuning), tune.CHECK.result(tuning))
         assert asked[-1]["states"] == states
         monkeypatch.setattr(LoopSpec, "around", lambda *given, **_: ask(states=given[3]))
         with pytest.raises(Asked):
-            margins.on_fitted(tuning, tuning.result("fit"), {"P": Bank(1.0)}, 0)
+            margins.on_fitted(tuning, tune.FIT.result(tuning), {"P": Bank(1.0)}, 0)
         assert asked[-1]["states"] == states
 
 
@@ -637,44 +631,43 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
     model.write_text(model.read_text() + "# another line\n")
     said = []
     with Axis(link(plants)) as axis:
-        before = json.loads((designed / tune.FILE).read_text())
+        before = json.loads((designed / tune_folder.TUNE.name).read_text())
         tune.Tuning(axis, order(plants, model=str(model)), designed, said.append)
         assert said == ["changed since: the model; kept: free, measure; the rest is done again"]
-        (designed / tune.FILE).write_text(json.dumps(before | {"serial_number": 99}))
+        (designed / tune_folder.TUNE.name).write_text(json.dumps(before | {"serial_number": 99}))
         with pytest.raises(InputError, match="the same axis, got another serial_number"):
             tune.Tuning(axis, order(plants), designed)
 
 
 def test_what_a_simulation_took_of_the_gain_is_said_with_why():
-    figures = tune_results.SetFigures(fS_Hz=9.0, fT_Hz=20.0, Ms=1.5)
-    designed = tune_results.Designed(
-        bank=tune_results.LawFigures(1.0, 0.0, (), 0.0), worst=figures,
-        p=tune_results.NoProportional(), objects={}, contact_loss=None, on_fitted={}, modes=(),
-        adc_bits=12, cut="", times_p=None, gain_reductions=1, chosen="P",
-        structures=(
-            tune_results.StructureFigures("P", worst=replace(figures, fS_Hz=10.0, Ms=1.6)),
-        ),
-        gain_cuts=(GainCut(4.2, 3, 40, "contact 30 N at 20 mm/s", "losses 3 of 1"),),
+    figures = WorstFigures(9.0, 20.0, 1.5, 1.6, 2.5, 40.0, 0.0, {})
+    bank = bank_figures(Bank(1.0))
+    designed = outcome.DesignResult(
+        model="m", over={}, together=[], modes=[], friction_N={}, adc_bits=12, bank=bank,
+        worst=figures, p=NoPFigures(), simulated=[], chosen="P", limited_by="", contact_loss=None,
+        structures=[StructureDesign("P", bank, replace(figures, fS_Hz=10.0, Ms=1.6))],
+        gain_reductions=1, passed_over={}, approach_slowed=None, out=None, files=[],
+        gain_cuts=[GainCut(4.2, 3, 40, "contact 30 N at 20 mm/s", "losses 3 of 1")],
     )  # fmt: skip
-    text = tune_steps._cut(designed)
+    text = tune._cut(designed)
     assert text.startswith("P x 0.9: ")
     for part in ("contact 30 N", "losses 3 of 1", "fS 10 Hz", "left are 9 Hz"):
         assert part in text
-    assert tune_steps._cut(replace(designed, gain_reductions=0)) == ""
+    assert tune._cut(replace(designed, gain_reductions=0)) == ""
 
 
 @pytest.mark.parametrize("step", tune.STEP_TABLE.values(), ids=tune.STEPS)
 def test_each_step_takes_the_results_of_the_steps_before_it(step):
     """By the types: a parameter for the folder and for each result that the table names."""
-    results_of = {name: row.result for name, row in tune.STEP_TABLE.items()}
-    hints = get_type_hints(step.function)
-    assert hints.pop("return") is step.result
+    results_of = {name: get_args(row.file.kind)[0] for name, row in tune.STEP_TABLE.items()}
+    hints, result = get_type_hints(step.function), results_of[step.name]
+    assert hints.pop("return") is result
     assert [*hints.values()][1:] == [results_of[name] for name in step.takes]
     assert issubclass(tune.Tuning, next(iter(hints.values())))
     before = tune.STEPS[: tune.STEPS.index(step.name)]
     assert set(step.takes) <= set(before)
     said = get_type_hints(step.line)
-    assert said.pop("return") is str and step.result in said.values()
+    assert said.pop("return") is str and result in said.values()
 
 
 # Keys of the files as the program wrote them before its results had types; a level, a contact.
@@ -702,7 +695,7 @@ def test_the_files_of_the_steps_keep_their_keys(plants, done, tmp_path):
         tuning = tune.Tuning(axis, order(plants), folder)
     for step, keys in KEYS.items():
         held = json.loads((folder / f"{step}.json").read_text())["result"]
-        found = tuning.result(step)
+        found = tune.STEP_TABLE[step].result(tuning)
         assert results.to_json(found.levels if step == "measure" else found) == held
         if step in ("measure", "simulate"):
             held = held["30N"] if step == "measure" else held["contacts"][0]
@@ -765,7 +758,7 @@ def test_a_damaged_file_of_a_folder_is_one_line(plants, tmp_path):
         def refused(file, damage):
             try:
                 file.write_bytes(damage) if damage is not None else file.unlink()
-                held = everything(axis.link) if file.name == as_found.FILE else None
+                held = everything(axis.link) if file.name == as_found.FOUND.name else None
                 with pytest.raises(InputError) as error:
                     tune.Tuning(axis, order(plants), folder)
                 assert all(f.read_bytes() == t for f, t in whole.items() if f != file)
@@ -853,7 +846,7 @@ def test_what_is_known_better_is_weighed_as_such(plants, done, tmp_path, prior, 
     """The hidden axis has a k_w of 4e5 and an m_w of 6; a prior that is far off is refused."""
     folder = shutil.copytree(done, tmp_path / "out")
     (folder / "fit.json").unlink()
-    (folder / tune.FILE).unlink()  # of the order without a prior
+    (folder / tune_folder.TUNE.name).unlink()  # of the order without a prior
     before = json.loads((done / "fit.json").read_text())["result"]["parameters"]["m_w"]
     run = tuned(plants, folder, **{"--prior": prior, "--only": "fit"})
     if fits:

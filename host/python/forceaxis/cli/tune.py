@@ -100,7 +100,7 @@ def tune(
     """
     from forceaxis.commission import tune as tuning
     from forceaxis.commission import tune_page
-    from forceaxis.commission.tune_files import TuningOrder
+    from forceaxis.commission.tune_folder import TuningOrder
 
     if only is not None and only not in tuning.STEPS:
         raise click.UsageError(f"--only: expected one of {', '.join(tuning.STEPS)}, got {only}")

@@ -8,24 +8,25 @@ the axis.
 """
 
 import contextlib
+import json
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Generic, NoReturn, TypeVar
 
+from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.axis import actions, parameter_set
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.bus.state_names import BY_NAME, enum
-from forceaxis.commission import tune_files
 from forceaxis.commission.refusal import ORPHANED
-from forceaxis.commission.tune_files import AxisState
+from forceaxis.results import from_json, to_json
 
 T = TypeVar("T")
 RawValues = dict[str, int]  # {object: raw value}
 Say = Callable[[str], None]  # receives a line of text about an action on the axis
 
-FILE = tune_files.FOUND
 # value of command_source while the axis has no owner
 NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
@@ -44,6 +45,71 @@ SET_UP = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class FolderFile(Generic[T]):
+    """A JSON file of a folder: its name, the type of its content, and what a user has to do if the
+    file is damaged or missing."""
+
+    name: str
+    kind: type[T]
+    remedy: str = "delete that file, the step is done again"
+
+    def read(self, folder: Path) -> T | None:
+        """The content of the file; None if the file does not exist or contains null. Raises
+        InputError for a damaged file."""
+        file = folder / self.name
+        if not file.exists():
+            return None
+        try:
+            table = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        except (ValueError, RecursionError):
+            raise InputError(
+                f"{file}: expected JSON as a tuning writes it; {self.remedy}"
+            ) from None
+        try:
+            return None if table is None else from_json(self.kind, table, str(file))
+        except InputError as error:
+            raise InputError(f"{error}; {self.remedy}") from None
+
+    def required(self, folder: Path) -> T:
+        """The content of a file that has to exist. Raises InputError."""
+        content = self.read(folder)
+        if content is None:
+            raise InputError(
+                f"{folder / self.name}: expected that file, it is missing; {self.remedy}"
+            )
+        return content
+
+    def write(self, folder: Path, content: T) -> None:
+        """Replaces the complete file."""
+        text = json.dumps(to_json(content), indent=2, allow_nan=False)
+        with paths.replacing(folder, self.name) as (file,):
+            file.write_text(text + "\n", encoding="utf-8")
+
+
+def _refuse_constant(text: str) -> NoReturn:
+    """Raises ValueError for NaN and Infinity, which are not JSON."""
+    raise ValueError(text)
+
+
+@dataclass(frozen=True)
+class AxisState:
+    """State of an axis before a run. axis: raw identity; values: raw values of the objects."""
+
+    axis: RawValues
+    values: RawValues
+
+
+FOUND = FolderFile(
+    "found.json", AxisState,
+    "switch the axis off and on, which restores the values that a killed run had changed, then "
+    "delete that file",
+)  # fmt: skip
+
+
+LEFT_TO_NEXT_RUN = f"the next run restores the previous values of the axis from {FOUND.name}"
+
+
 def say_nothing(text: str) -> None:
     """Discards the line of text."""
 
@@ -56,22 +122,6 @@ class AxisFolder:
     def __init__(self, axis: Axis, folder: str | Path, say: Say = say_nothing) -> None:
         self.axis, self.folder, self.say = axis, Path(folder), say
         self.coasted = False
-
-    def read(self, name: str, kind: type[T]) -> T | None:
-        """Reads a file as an instance of `kind`; returns None if the file does not exist. Raises
-        InputError for a damaged file."""
-        return tune_files.read(self.folder / name, kind)
-
-    def write(self, name: str, value: Any) -> None:
-        """Replaces a complete file. value: a result or a value that JSON can represent."""
-        tune_files.write(self.folder, name, value)
-
-    def found(self) -> AxisState:
-        """The values that the block restores at its end. Raises InputError."""
-        held = self.read(FILE, AxisState)
-        if held is None:
-            raise InputError(f"{self.folder / FILE}: expected that file during a run, it is gone")
-        return held
 
 
 def read(axis: Axis) -> RawValues:
@@ -90,32 +140,32 @@ def kept(folder: AxisFolder) -> Iterator[None]:
     axis."""
     _recover(folder)
     new = not folder.folder.exists()
-    folder.write(FILE, AxisState(_identity(folder.axis), read(folder.axis)))
+    FOUND.write(folder.folder, AxisState(_identity(folder.axis), read(folder.axis)))
     try:
         yield
     finally:
         try:
             put_back(folder)
         except NoAnswer:
-            folder.say(f"the axis does not answer: the next run puts back what it had ({FILE})")
+            folder.say(f"the axis does not answer: {LEFT_TO_NEXT_RUN}")
         except Refused as error:
-            folder.say(f"{error}: the next run puts back what it had ({FILE})")
+            folder.say(f"{error}: {LEFT_TO_NEXT_RUN}")
         else:
-            (folder.folder / FILE).unlink()
+            (folder.folder / FOUND.name).unlink()
             if new and not any(folder.folder.iterdir()):
                 folder.folder.rmdir()
 
 
 def expect(folder: AxisFolder, values: RawValues) -> None:
     """Replaces raw values that the block restores at its end."""
-    held = folder.found()
-    folder.write(FILE, AxisState(held.axis, held.values | values))
+    held = FOUND.required(folder.folder)
+    FOUND.write(folder.folder, AxisState(held.axis, held.values | values))
 
 
 def put_back(folder: AxisFolder) -> int:
     """Disables the axis and writes every object whose value differs from the file; returns the
     number of written objects. Raises Refused, NoAnswer."""
-    axis, held = folder.axis, folder.found().values
+    axis, held = folder.axis, FOUND.required(folder.folder).values
     (source,) = axis.link.read(["command_source"]).values()
     if source not in (axis.link.source, NO_OWNER):
         raise Refused(f"{axis.link.where} is owned by {enum('command_source', source)}")
@@ -137,24 +187,24 @@ def _identity(axis: Axis) -> RawValues:
 
 def _recover(folder: AxisFolder) -> None:
     """Restores the values of an axis if an earlier run in this folder was killed."""
-    held, axis = folder.read(FILE, AxisState), folder.axis
+    held, axis = FOUND.read(folder.folder), folder.axis
     if held is None:
         return
     known = _identity(axis)
     if any(held.axis.get(name, value) != value for name, value in known.items()):
         raise InputError(
-            f"{folder.folder / FILE}: expected what this axis had, {known}, it is of "
-            f"{held.axis}, on which a run was killed; give another folder"
+            f"{folder.folder / FOUND.name}: expected values of the axis {known}, they are of the "
+            f"axis {held.axis}, whose run was killed; give another folder"
         )
     (raw,) = axis.link.read(["fault"]).values()
     fault = enum("fault", raw)
     if fault in ORPHANED:
         axis.reset_fault()
         axis.link.wait(0.05)
-        folder.say(f"the run before was killed: its fault {fault} is reset")
+        folder.say(f"the previous run was killed: the fault {fault} that it left is reset")
         # the fault has disabled the axis, but the axis may still coast
         actions.wait_to_stand(axis)
         folder.coasted = True
     count = put_back(folder)
     if count:
-        folder.say(f"the run before was killed: {count} objects are as they were before it")
+        folder.say(f"the previous run was killed: {count} objects have their earlier values again")

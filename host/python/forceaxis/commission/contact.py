@@ -8,7 +8,7 @@ fitted plant.
 
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import tomlkit
@@ -20,18 +20,16 @@ from forceaxis.axis.sim import SimLink
 from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import MeasuringOrder, Samples
 from forceaxis.commission.refusal import Refusal
-from forceaxis.commission.tune_files import TOUCH_DOWN_COLUMNS
-from forceaxis.commission.tune_folder import TuningFolder
+from forceaxis.commission.tune_folder import TOUCH_DOWN_COLUMNS, TuningFolder
 from forceaxis.commission.tune_results import (
     Checked,
-    ContactRow,
+    ContactOfKind,
     Designed,
     Fitted,
     Settings,
     TouchDownPeaks,
     Values,
 )
-from forceaxis.design import experiment_file
 from forceaxis.design import simulate as simulation
 from forceaxis.design.cases import ContactCase, simulated_contact, why
 from forceaxis.design.changes import Design
@@ -39,7 +37,6 @@ from forceaxis.design.grid import hf_most
 from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
-from forceaxis.results import from_json, to_json
 
 MEMBER_COUNT, MEMBER_SEED = 6, 1988  # number and seed of the random members of the set of plants
 BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording before and after a first contact
@@ -67,7 +64,7 @@ class FittedAxis:
         """The set of plants of the design, about the fitted values."""
         model, fitted = self.tuning.model, self.fitted
         ranges = plant_set.ranges_of(model, fitted.over, fitted.values)
-        modes, together = self.designed.modes or ({},), fitted.together or ({},)
+        modes, together = tuple(self.designed.modes) or ({},), fitted.together or ({},)
         return PlantSet(str(model), fitted.values, ranges, modes, together)
 
     def plant(self) -> Design:
@@ -93,12 +90,12 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
     return {name: held[name] for name in simulation.KEPT if name in held}
 
 
-def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
+def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
     """Simulates contacts: one at each force, impacts at all forces but the largest, and contacts of
     random members of the set. Each row has its kind. Raises Refusal hf_gain or simulated_KIND."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
-    bank, given = designed.bank.bank, designed.contact_loss or {}
-    loss = {name: int(given[name]) for name in experiment_file.LOSS if name in given}
+    bank = designed.bank.bank
+    loss = designed.contact_loss.objects if designed.contact_loss else {}
     if bank.hf_gain() > (most := hf_most(designed.adc_bits)):
         raise Refusal(
             "hf_gain", f"expected at most {most:g} DAC codes per 8-bit count at high frequency, "
@@ -124,7 +121,7 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactRow, ...]:
     for (kind, case, member), one in zip(cases, done, strict=True):
         losses_max = bench.losses_permitted(case)
         row = simulated_contact("design", case.name, member, 0, one, losses_max)
-        found.append(replace(from_json(ContactRow, to_json(row)), kind=kind))
+        found.append(ContactOfKind(**vars(row), kind=kind))
         if not row.is_stable:
             where = "".join(f", {name} = {value:.4g}" for name, value in member.items())
             raise Refusal(
@@ -202,7 +199,8 @@ def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
         header = ",".join(TOUCH_DOWN_COLUMNS)
         np.savetxt(file, columns, "%.6g", ",", header=header, comments="")
     peak = float(expected.max())
-    return TouchDownPeaks(float(touch.force_N.max()), peak if math.isfinite(peak) else None)
+    predicted_N = peak if math.isfinite(peak) else None
+    return TouchDownPeaks(peak_N=float(touch.force_N.max()), peak_predicted_N=predicted_N)
 
 
 def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:

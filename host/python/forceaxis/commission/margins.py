@@ -8,7 +8,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.commission.contact import FittedAxis
 from forceaxis.commission.level import Level
 from forceaxis.commission.tune_folder import TuningFolder
-from forceaxis.commission.tune_results import Fitted, FittedLoop, LawKeys, LoopPeak
+from forceaxis.commission.tune_results import Fitted, FittedLoop, LoopPeak
 from forceaxis.linear import loops, over
 from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
@@ -43,7 +43,7 @@ def on_fitted(
         found[name] = None
         if bank.force_gain:
             figures = over.figures(*_loop(tuning, fitted, bank, late, tuning.states))
-            found[name] = FittedLoop(**vars(figures), law=LawKeys.of(bank))
+            found[name] = FittedLoop(**vars(figures), law=bank.keys())
     return found
 
 

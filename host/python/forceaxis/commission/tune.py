@@ -4,73 +4,587 @@ it.
 `Tuning(axis, order, folder).run()` runs the steps of STEP_TABLE in order. Each step is a function
 whose arguments are the folder and the results of earlier steps. It returns its own result or raises
 a Refusal. The result is written to a JSON file of the folder. A step with such a file is not run
-again, so an interrupted tuning continues with the next step.
+again, so an interrupted tuning continues with the next step. The steps `free` and `measure` are in
+tune_measure, the step `fit` is in tune_fit.
 """
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
+import numpy as np
+
+from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
+from forceaxis.axis import bounds, parameter_set, quantity
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
-from forceaxis.commission import as_found, tune_files, tune_fit, tune_measure, tune_steps
-from forceaxis.commission.refusal import Refusal, of_link
-from forceaxis.commission.sine_test import SineTestResult
-from forceaxis.commission.tune_files import StepFile, StepTimes, TuningIdentity, TuningOrder
-from forceaxis.commission.tune_folder import TuningFolder
+from forceaxis.axis.link import REASONS, SCALE_WITHIN, TICKS_PER_S, NoAnswer, Refused
+from forceaxis.commission import (
+    analyzer,
+    as_found,
+    contact,
+    known,
+    margins,
+    tune_fit,
+    tune_measure,
+)
+from forceaxis.commission.as_found import FolderFile
+from forceaxis.commission.level import Level, Rest
+from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal, of_link
+from forceaxis.commission.tune_folder import (
+    BEFORE,
+    MEASURED,
+    TUNE,
+    StepFile,
+    TuningFolder,
+    TuningIdentity,
+    TuningOrder,
+    read_touch_down,
+    small_of,
+)
+from forceaxis.commission.tune_measure import (
+    analyzer_of,
+    measuring_order,
+    next_amplitude,
+    objects_of,
+    off,
+    reach,
+    take_response,
+)
 from forceaxis.commission.tune_results import (
     Checked,
     Designed,
     Fitted,
     FreeResponse,
     MeasuredResponses,
-    PressedResponse,
+    Settings,
     Simulated,
-    SlowChange,
     StepRefusal,
     Stored,
     TuningSummary,
     Verified,
+    VerifiedResponse,
     Written,
 )
+from forceaxis.design import experiment_file, for_set, outcome
+from forceaxis.design import simulate as simulation
+from forceaxis.design.certificate import NoPFigures, PFigures
+from forceaxis.design.changes import Design
+from forceaxis.design.grid import HF_DEFAULT, hf_most
+from forceaxis.design.outcome import DesignResult
+from forceaxis.linear import PlantFacts, loops, plant_set, working
+from forceaxis.linear.bank import Bank
 from forceaxis.results import from_json, to_json
+
+R = TypeVar("R")  # result of a step
+
+LIMIT_FACTOR = 1 / 6  # share of the linear limit that gives the gain for the measurement
+SPREAD_FACTORS = (0.3, 1.0, 3.0)  # factors of the stiffnesses and masses in the set for that limit
+# integral rates among which the law for the measurement is chosen
+RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
+CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set, with which a force settles within seconds
+MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over its prediction
+AVERAGES_FACTOR = 4  # factor of the averages if no line is certain
+# Highest frequency of the responses, relative to the limiting frequency; that of the verified |S|,
+# relative to fT; largest value of both.
+BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
+# The contact threshold is at least this multiple of the noise and at least this number of force
+# counts.
+CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
+IMPACT_PEAK_N = 10.0  # peak force of a first contact from the momentum of the axis alone
+# if the bandwidth is below this multiple of that of P, the text names the limiting bound
+BANDWIDTH_FACTOR = 1.7
+NO_MEMORY = -10  # of REASONS
 
 
 @dataclass(frozen=True)
-class TuningStep:
-    """One step of a tuning. function(folder, *results of the steps in `takes`) returns an instance
-    of `result`; line(folder, result): the text that reports the result."""
+class AxisSettings:
+    """Objects of an axis, in engineering values, that `check` compares with the model."""
+
+    adc_bits: int
+    force_zero_code: int
+    force_scale: float
+    calibration_date: int
+    position_gain: float
+    velocity_gain: float
+    fault: str
+    latency_ticks: int
+    force_sign: int
+    approach_velocity_max: float
+    contact_force: float
+
+
+def check(tuning: TuningFolder) -> Checked:
+    """Checks that the axis is at rest and that its converters agree with the model."""
+    axis, model = tuning.axis, tuning.model
+    held = axis.record(AxisSettings)
+    facts = linear.facts(model)
+    _expect_axis_of_model(tuning, held, facts)
+    settings = _sensor_settings(held, facts) | _position_settings(tuning, held, facts)
+    settings |= _approach_settings(tuning, held, facts)
+    rest = analyzer_of(tuning).rest()
+    _expect_noise(rest)
+    settings |= _contact_settings(held, rest)
+    if text := working.working(model, None, tuning.states).text:
+        tuning.say(f"mode         {text}")
+    bank, highest = measuring_law(tuning)
+    low, high = tuning.order.band_hz
+    high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
+    return Checked(
+        rest, settings, bank.keys(), (low, high), margins.law_in_force(axis).keys(),
+        held.latency_ticks,
+    )  # fmt: skip
+
+
+def check_line(tuning: TuningFolder, done: Checked) -> str:
+    """The text that reports the result of `check`."""
+    rest, law = done.rest, done.law.bank
+    noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
+    text = (
+        f"at rest, reading {rest.reading:.2g} force counts{noise}; to be measured with gain "
+        f"{law.force_gain:.3g} and integral {law.integral_rad_per_s:.3g} 1/s"
+    )
+    return text + (f"; as of the model: {', '.join(done.settings)}" if done.settings else "")
+
+
+def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> None:
+    """Raises Refusal for a fault, for an ADC that differs from the model, or for forces beyond the
+    limits of the axis."""
+    if held.fault != "none":
+        left = f"; {LEFT}" if held.fault in ORPHANED else ""
+        raise Refusal(
+            "fault", f"expected an axis without a fault, got {held.fault}; "
+            f"`forceaxis axis reset` resets it{left}"
+        )  # fmt: skip
+    if facts.reading is None or facts.encoder is None or not facts.contacts:
+        raise InputError(f"{tuning.model}: expected a force reading, an encoder and a contact")
+    if held.adc_bits != facts.reading.bits:
+        raise Refusal(
+            "adc", f"expected an ADC of {facts.reading.bits} bits as the model's, the axis "
+            f"has {held.adc_bits}: set adc_bits or the model"
+        )  # fmt: skip
+    largest_N = max(tuning.order.forces)
+    most_N = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
+    if largest_N >= most_N:
+        raise Refusal(
+            "force", f"expected forces below {most_N:.4g} N, whose swing stays below force_max, "
+            f"got {largest_N:g} N"
+        )  # fmt: skip
+    bounds.expect_readable(
+        tuning.axis, largest_N, analyzer.SWING, abs(facts.required_reading.per_count)
+    )
+
+
+def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
+    """The model's force_scale for an axis without calibration. Raises Refusal if a calibrated scale
+    differs from the model."""
+    scale = 1e6 * abs(facts.required_reading.per_count)
+    if abs(held.force_scale / scale - 1) <= SCALE_WITHIN:
+        return {}
+    if not quantity.never_set(held.force_scale, held.calibration_date):
+        raise Refusal(
+            "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
+            f"{held.force_scale:g}: calibrate it, or set the model"
+        )  # fmt: skip
+    return {"force_scale": max(1, round(scale))}
+
+
+def _position_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
+    """A position_gain from the limit of the model, for an axis without one."""
+    if held.position_gain:
+        return {}
+    moves = known.states_apart(str(tuning.model), tuning.states)
+    loop = loops.force_loop(str(tuning.model), modes=moves, output="encoder", free=True)
+    gain = loop.limit().stable_to
+    highest = 256.0 if gain is None else gain / facts.volts_per_code
+    return {"position_gain": max(1, math.floor(LIMIT_FACTOR * min(highest, 256.0) * 256)) / 256}
+
+
+def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> Settings:
+    """An approach_velocity_max from the model, for an axis with the default value or with too much
+    momentum."""
+    slow, own = _approach_velocity(tuning.model, facts), held.approach_velocity_max
+    delivered = objects.default("approach_velocity_max")
+    if own <= slow and own != delivered:
+        return {}
+    if own != delivered:
+        tuning.say(
+            f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
+            f"of the axis its momentum alone would strike with more than {IMPACT_PEAK_N:g} N"
+        )
+    return {"approach_velocity_max": slow}
+
+
+def _expect_noise(rest: Rest) -> None:
+    """Raises Refusal if the measured force has so little noise that its rounding hides the
+    response."""
+    if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
+        raise Refusal(
+            "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
+            f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
+            "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
+            "[[adc]] (sensor_noise_n of its data sheet)"
+        )  # fmt: skip
+
+
+def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
+    """The lowest contact_force that the noise permits, if the object has its default value. With a
+    higher threshold, the force of a weak law may stay below the threshold, where the integral
+    action waits."""
+    if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
+        return {}
+    counts = CONTACT_NOISE_FACTOR * rest.noise_lsb * 2.0 ** (8 - held.adc_bits)
+    counts = max(counts, 2 * abs(rest.reading), CONTACT_COUNTS_MIN)
+    return {"contact_force": min(round(256 * counts) / 256, held.contact_force)}
+
+
+def _approach_velocity(model: Path, facts: PlantFacts) -> int:
+    """Approach speed in counts/s whose momentum causes the peak force IMPACT_PEAK_N in the
+    contact's spring."""
+    with Design(str(model)) as plant:
+        contact = plant.tables.contact
+        stiffness = plant.value(contact.stiffness) if contact else None
+    if not stiffness or contact is None:
+        raise InputError(f"{model}: contact: expected one, with a stiffness")
+    far = contact.between[1]
+    mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
+    speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * mass))
+    return max(1, round(speed * abs(facts.required_encoder.scale)))
+
+
+def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
+    """(bank that is stable with a margin on all plants of the prior knowledge; highest frequency in
+    Hz at which it may become unstable). Its integral action brings the force to the set-point."""
+    model = str(tuning.model)
+    values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
+    factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
+    members = [{n: f * values[n] for n, f in zip(values, row, strict=True)} for row in factors]
+    best: tuple[float, Bank, float] | None = None
+    for rate in RATES_RAD_PER_S:
+        bank, gains, highest, slowest = Bank(1.0, rate), [256.0], 0.0, math.inf
+        spec = loops.LoopSpec("bank", "zoh+1", bank=bank)
+        for changed in members:
+            loop = spec.around(model, changed, tuning.states)
+            limit = loop.limit()
+            if limit.stable_to is not None:
+                gains.append(loop.firmware_gain(limit.stable_to))
+                highest = max(highest, limit.frequency_hz or 0.0)
+            plant = linear.linearise(
+                model, outputs=("adc0",), overrides=changed, modes=tuning.states
+            )
+            static = abs(plant.at(0.0).item()) * linear.facts(model).volts_per_code
+            slowest = min(slowest, rate * static)
+        gain = max(1, math.floor(LIMIT_FACTOR * min(gains) * 256)) / 256
+        if best is None or gain * slowest > best[0]:
+            best = gain * slowest, replace(bank, force_gain=gain), highest
+        if best[0] > CROSSOVER_RAD_PER_S:
+            break
+    assert best is not None  # RATES_RAD_PER_S is not empty
+    return best[1].quantised(), best[2]
+
+
+def design(tuning: TuningFolder, fitted: Fitted, checked: Checked) -> Designed:
+    """Designs a bank for the set of plants about the fitted values."""
+    order = tuning.order
+    asked = outcome.DesignOrder(
+        str(tuning.model), over=fitted.over, overrides=fitted.values,
+        together=fitted.together or ({},), ms=order.ms,
+        ms_late=1.1 * order.ms, hf_gain=_hf_gain(tuning, checked), ramp_s=simulation.RAMP_S,
+        firmware=contact.firmware_of(tuning, checked), states=tuning.states, forces_N=order.forces,
+    )  # fmt: skip
+    try:
+        found = for_set.design(asked, None, tuning.say)
+    except (InputError, _core.SimulationError) as error:
+        raise Refusal("design", str(error)) from None
+    laws = {"before": checked.before.bank, "designed": found.bank}
+    ms = found.worst.largest_ms
+    result = found.result()
+    done = Designed(
+        **vars(result), cut=_cut(result), times_p=_times_p(result),
+        on_fitted=margins.on_fitted(tuning, fitted, laws, checked.latency_ticks),
+        objects=objects_of(tuning, checked, found.bank, found.loss_objects, ms, found.plants),
+    )  # fmt: skip
+    if done.cut:
+        tuning.say(done.cut)
+    p = done.p
+    if done.times_p is not None and done.times_p < BANDWIDTH_FACTOR and isinstance(p, PFigures):
+        limited_by = (
+            f"P alone has {p.fS_Hz:.3g} Hz at the same margins, the bank {done.times_p:.3g} "
+            f"times that. {done.limited_by}"
+        )
+        tuning.say(limited_by)
+        done = replace(done, limited_by=limited_by)
+    return done
+
+
+def design_line(tuning: TuningFolder, done: Designed) -> str:
+    """The text that reports the result of `design`."""
+    line = f"{done.chosen}, fS {done.worst.fS_Hz:.3g} Hz, Ms {done.worst.Ms:.3g}"
+    times = done.times_p
+    return line + ("" if times is None else f", {times:.3g} times P's bandwidth")
+
+
+def _cut(designed: DesignResult) -> str:
+    """Text about the gain reduction by simulated contacts and its reason; "" without a
+    reduction."""
+    times, chosen = designed.gain_reductions, designed.chosen
+    if not times:
+        return ""
+    left = designed.worst
+    searched = next((s.worst for s in designed.structures if s.name == chosen), None)
+    why = [f": {cut.case}, {cut.why}" for cut in designed.gain_cuts][:1]
+    return (
+        f"{chosen} x {simulation.BACKOFF**times:.3g}: contacts simulated with the fitted plant did "
+        f"not settle at the designed gain{''.join(why)}"
+        + (f"; the search had reached fS {searched.fS_Hz:.3g} Hz and Ms {searched.Ms:.3g}, "
+           f"left are {left.fS_Hz:.3g} Hz and {left.Ms:.3g}"
+           if searched and searched.fS_Hz and left.fS_Hz else "")
+    )  # fmt: skip
+
+
+def _times_p(designed: DesignResult) -> float | None:
+    """Bandwidth of the bank divided by that of the P law; None if P keeps the margins at no
+    gain."""
+    p, bank = designed.p, designed.worst.fS_Hz
+    if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
+        return None
+    return bank / p.fS_Hz
+
+
+def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
+    """Largest gain at high frequency in codes per 8-bit count. The firmware's bound assumes a noise
+    of one code. In addition, the output noise of the law has to keep the drive linear."""
+    noise = checked.rest.noise_lsb
+    if noise is None:
+        return None
+    bits = linear.facts(tuning.model).required_reading.bits
+    most = hf_most(bits)
+    linear_codes = known.linear_codes(tuning.model)
+    linear_gain = math.inf
+    # rms limit of a uniform noise whose amplitude keeps the drive linear
+    if linear_codes is not None:
+        linear_gain = known.PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
+    return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
+
+
+def simulate(
+    tuning: TuningFolder, designed: Designed, checked: Checked, fitted: Fitted
+) -> Simulated:
+    """Simulates contacts, impacts and random members of the set, with the fitted plant and the
+    firmware."""
+    return Simulated(contact.simulated(contact.FittedAxis(tuning, checked, fitted, designed)))
+
+
+def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
+    """The text that reports the result of `simulate`."""
+    kinds = [row.kind for row in done.contacts]
+    errors = ", ".join(
+        f"{row.static_error_percent:.2g} %" for row in done.contacts if row.kind == "contact"
+    )
+    text = f"{kinds.count('contact')} contacts, {kinds.count('strike')} strikes and "
+    return text + f"{kinds.count('set')} of the set settle, static error {errors}"
+
+
+def write(tuning: TuningFolder, designed: Designed) -> Written:
+    """Writes the bank to the axis, after its previous values have been written to a file."""
+    axis, values = tuning.axis, designed.objects
+    off(axis)
+    if BEFORE.read(tuning.folder) is None:
+        names = [n for n in values if n != "force_bank"] + ["force_bank"]
+        BEFORE.write(tuning.folder, axis.link.read(names))
+    try:
+        axis.set(force_bank=0)
+        axis.set(**values)
+    except Refused as error:
+        state = axis.read(f"bank_state_{experiment_file.BANK}")
+        put_back(tuning)
+        raise Refusal(
+            "bank" if state == "valid" else state, f"expected it to be taken, {error}"
+        ) from None
+    certificate = axis.read(f"certificate_state_{experiment_file.BANK}")
+    if certificate != "fits":
+        put_back(tuning)
+        raise Refusal("certificate", f"expected one that fits, it is {certificate}")
+    as_found.expect(tuning, axis.link.read(list(values)))
+    return Written(certificate, len(values))
+
+
+def write_line(tuning: TuningFolder, done: Written) -> str:
+    """The text that reports the result of `write`."""
+    return f"{done.objects} objects, certificate {done.certificate_state}"
+
+
+def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
+    """Writes the bank again if the axis has lost it in a power cut or a reset."""
+    names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
+    if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
+        tuning.say("the axis has lost the bank since; it is written again")
+        write(tuning, designed)
+
+
+def put_back(tuning: TuningFolder) -> None:
+    """Restores the objects to their values before write(); the step is then no longer done."""
+    as_found.expect(tuning, BEFORE.required(tuning.folder))
+    as_found.put_back(tuning)
+    for name in (
+        WRITE.file.name,
+        BEFORE.name,
+    ):  # a repeated write() may find a different previous law
+        (tuning.folder / name).unlink(missing_ok=True)
+
+
+def verify(
+    tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
+    checked: Checked, fitted: Fitted,
+) -> Verified:  # fmt: skip
+    """Measures the responses again with the active bank, and Ms of its loop."""
+    _ensure_written(tuning, designed)
+    fT_Hz = designed.worst.fT_Hz
+    high = HIGHEST_HZ if fT_Hz is None else min(BAND_OF_FT * fT_Hz, HIGHEST_HZ)
+    low, own = tuning.order.band_hz
+    order = replace(
+        tuning.order, band_hz=(low, max(high, own)), averages=max(5, tuning.order.averages // 2)
+    )
+    fitted_axis = contact.FittedAxis(tuning, checked, fitted, designed)
+    levels: dict[str, VerifiedResponse] = {}
+    first = max(1, measured.levels[f"{order.forces[0]:g}N"].amplitude // 4)
+    try:
+        for force in order.forces:
+            about, order = _verified(fitted_axis, force, first, order)
+            first = next_amplitude(about.amplitude, force, order.forces)
+            levels[f"verified-{force:g}N"] = about
+            if about.Ms - 2 * about.Ms_error > about.Ms_predicted + MS_TOLERANCE:
+                raise Refusal(
+                    "verify", f"expected Ms {about.Ms_predicted:.3g} with {force:g} N, at most "
+                    f"{MS_TOLERANCE:g} more, got {about.Ms:.3g} +-{2 * about.Ms_error:.2g}"
+                )  # fmt: skip
+    except Refusal as refusal:
+        put_back(tuning)
+        raise Refusal(refusal.name, f"{refusal.text}; the law before is in force again") from None
+    return Verified(levels)
+
+
+def _verified(
+    fitted_axis: contact.FittedAxis, force: float, first: int, order: TuningOrder
+) -> tuple[VerifiedResponse, TuningOrder]:
+    """(the response at a force with its Ms, the order with the number of averages that was
+    used)."""
+    tuning = fitted_axis.tuning
+    touched: list[contact.TouchDown] = []
+
+    def take(measures: contact.Touching) -> Level:
+        level = measures.contact(force, True)
+        touched.append(measures.touch)
+        return level
+
+    rubs = bool(fitted_axis.fitted.friction)
+    for factor in (1, AVERAGES_FACTOR):  # small amplitudes need more averages
+        used = replace(order, averages=factor * order.averages)
+        asked = measuring_order(tuning, used, first=first, rubs=rubs)
+        level, figures = take_response(
+            tuning, f"verified-{force:g}N", reach(tuning), asked, contact.Touching, take
+        )
+        peak = margins.peaks(fitted_axis, level)
+        if peak:
+            peaks = contact.write(fitted_axis, touched[-1])
+            row = VerifiedResponse(**(vars(figures) | vars(peak) | vars(peaks)))
+            return row, used
+        tuning.say("no line is sure yet: more averages")
+    raise Refusal("verify", "expected lines at which the loop's response is sure, got none")
+
+
+def verify_line(tuning: TuningFolder, done: Verified) -> str:
+    """The text that reports the result of `verify`."""
+    pairs = zip(tuning.order.forces, done.levels.values(), strict=True)
+    return "; ".join(
+        f"{force:g} N Ms {level.Ms:.3g}, predicted {level.Ms_predicted:.3g}"
+        for force, level in pairs
+    )
+
+
+def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Stored:
+    """Stores the parameters and the certificate in the memory that survives a power cut."""
+    _ensure_written(tuning, designed)
+    axis = tuning.axis
+    off(axis)
+    try:
+        parameter_set.store(axis)
+    except Refused as error:
+        if REASONS[NO_MEMORY] in str(error):
+            return Stored(False, str(error))
+        put_back(tuning)
+        raise Refusal(
+            "store", f"expected it to keep the law, {error}; the law before is in force again"
+        ) from None
+    return Stored(True)
+
+
+def store_line(tuning: TuningFolder, done: Stored) -> str:
+    """The text that reports the result of `store`."""
+    return "parameters and certificate are stored" if done.stored else f"not stored: {done.why}"
+
+
+@dataclass(frozen=True)
+class TuningStep(Generic[R]):
+    """One step of a tuning. function(folder, *results of the steps in `takes`) returns the result,
+    which is written to `file`; line(folder, result): the text that reports the result."""
 
     name: str
-    function: Callable[..., Any]
-    result: type
+    function: Callable[..., R]
+    file: FolderFile[StepFile[R]]
     takes: tuple[str, ...]
-    line: Callable[[TuningFolder, Any], str]
+    line: Callable[[TuningFolder, R], str]
+
+    def done(self, tuning: TuningFolder) -> R | None:
+        """The result of the step; None if the step is not done."""
+        held = self.file.read(tuning.folder)
+        return None if held is None else held.result
+
+    def result(self, tuning: TuningFolder) -> R:
+        """The result of the step. Raises Refusal if the step is not done."""
+        done = self.done(tuning)
+        if done is None:
+            raise Refusal(self.name, "expected that step to be done before; do it alone first")
+        return done
 
 
-STEP_TABLE = {
-    step.name: step
-    for step in (
-        TuningStep("check", tune_steps.check, Checked, (), tune_steps.check_line),
-        TuningStep("free", tune_measure.free, FreeResponse, ("check",), tune_measure.free_line),
-        TuningStep("measure", tune_measure.measure, MeasuredResponses, ("check", "free"),
-             tune_measure.measure_line),
-        TuningStep("fit", tune_fit.fit, Fitted, ("free", "measure"), tune_fit.fit_line),
-        TuningStep("design", tune_steps.design, Designed, ("fit", "check"), tune_steps.design_line),
-        TuningStep("simulate", tune_steps.simulate, Simulated, ("design", "check", "fit"),
-             tune_steps.simulate_line),
-        TuningStep("write", tune_steps.write, Written, ("design",), tune_steps.write_line),
-        TuningStep("verify", tune_steps.verify, Verified,
-             ("write", "design", "measure", "check", "fit"), tune_steps.verify_line),
-        TuningStep("store", tune_steps.store, Stored, ("verify", "design"), tune_steps.store_line),
-    )
-}  # fmt: skip
+CHECK = TuningStep("check", check, FolderFile("check.json", StepFile[Checked]), (), check_line)
+FREE = TuningStep(
+    "free", tune_measure.free, FolderFile("free.json", StepFile[FreeResponse]), ("check",),
+    tune_measure.free_line,
+)  # fmt: skip
+MEASURE = TuningStep(
+    "measure", tune_measure.measure, MEASURED, ("check", "free"), tune_measure.measure_line
+)
+FIT = TuningStep(
+    "fit", tune_fit.fit, FolderFile("fit.json", StepFile[Fitted]), ("free", "measure"),
+    tune_fit.fit_line,
+)  # fmt: skip
+DESIGN = TuningStep(
+    "design", design, FolderFile("design.json", StepFile[Designed]), ("fit", "check"), design_line
+)
+SIMULATE = TuningStep(
+    "simulate", simulate, FolderFile("simulate.json", StepFile[Simulated]),
+    ("design", "check", "fit"), simulate_line,
+)  # fmt: skip
+WRITE = TuningStep(
+    "write", write, FolderFile("write.json", StepFile[Written]), ("design",), write_line
+)
+VERIFY = TuningStep(
+    "verify", verify, FolderFile("verify.json", StepFile[Verified]),
+    ("write", "design", "measure", "check", "fit"), verify_line,
+)  # fmt: skip
+STORE = TuningStep(
+    "store", store, FolderFile("store.json", StepFile[Stored]), ("verify", "design"), store_line
+)
+STEP_TABLE: dict[str, TuningStep[Any]] = {
+    step.name: step for step in (CHECK, FREE, MEASURE, FIT, DESIGN, SIMULATE, WRITE, VERIFY, STORE)
+}
 STEPS = tuple(STEP_TABLE)
-FILE = tune_files.TUNE
 # {field of the order: first step that has to run again after a change}. The step `check` always
 # runs.
 AGAIN_FROM = {
@@ -79,23 +593,17 @@ AGAIN_FROM = {
     "force_max_N": "simulate", "band_hz": "free", "averages": "free", "travel_mm": "free",
     "seed": "free",
 }  # fmt: skip
-# {step: type of its result}; the step `measure` has two more files.
-FILE_TYPES: dict[str, Any] = {name: step.result for name, step in STEP_TABLE.items()}
-FILE_TYPES["measure"] = dict[str, PressedResponse]
-
-
-def _text(value: Any) -> str:
-    """A field of an order as text."""
-    return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+AXIS_KEYS = ("object_table_hash", "serial_number")  # of a TuningIdentity
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
     """{field: its old and new value as text} of all changed fields except `model`."""
-    pairs = {f.name: (getattr(before, f.name), getattr(after, f.name)) for f in fields(after)}
-    return {
-        name: f"{name} {_text(old)} to {_text(new)}"
-        for name, (old, new) in pairs.items() if name != "model" and old != new
-    }  # fmt: skip
+    changes = {}
+    for (name, old), new in zip(vars(before).items(), vars(after).values(), strict=True):
+        if name != "model" and old != new:
+            texts = [", ".join(map(str, v)) if isinstance(v, tuple) else str(v) for v in (old, new)]
+            changes[name] = f"{name} {' to '.join(texts)}"
+    return changes
 
 
 class Tuning(TuningFolder):
@@ -116,27 +624,48 @@ class Tuning(TuningFolder):
         # Steps that are done and remain valid when an earlier step runs again.
         self.kept: frozenset[str] = frozenset()
         self.refused: StepRefusal | None = None
-        self.check_files(FILE_TYPES)
+        self._check_files()
         self._claim()
+
+    def _check_files(self) -> None:
+        """Reads all files that later steps need. Raises InputError for the first damaged or missing
+        file."""
+        free, measured, verified = FREE.done(self), MEASURE.done(self), VERIFY.done(self)
+        for step in (CHECK, FIT, DESIGN, SIMULATE, STORE):
+            step.file.read(self.folder)
+        if WRITE.done(self):
+            BEFORE.required(self.folder)
+        as_found.FOUND.read(self.folder)
+        TUNE.read(self.folder)
+        if free:
+            self.check_response("free", "free")
+        for name, level in (measured.levels if measured else {}).items():
+            self.check_response(name, "measure")
+            if level.small:
+                self.check_response(small_of(name), "measure")
+        for name in verified.levels if verified else ():
+            self.check_response(name, "verify")
+        for file in sorted(self.folder.glob("touch-down-*.csv")):
+            read_touch_down(file)
 
     def _claim(self) -> None:
         """Writes the order into the folder and keeps the steps that the change of order does not
         affect. Raises InputError for a folder of another axis."""
-        known = self.axis.get("object_table_hash", "serial_number")
         # The order as it reads from the file: 30 becomes 30.0 and a list becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
-        identity = TuningIdentity(order, digest, **known)
-        held = self.read(FILE, TuningIdentity)
+        identity = TuningIdentity(order, digest, **self.axis.get(*AXIS_KEYS))
+        held = TUNE.read(self.folder)
         if held is not None and held != identity:
-            other = [key for key in known if getattr(held, key) != known[key]]
+            before, now = vars(held), vars(identity)
+            other = [key for key in AXIS_KEYS if before[key] != now[key]]
             if other:
                 raise InputError(
                     f"{self.folder}: expected a tuning of the same axis, got another "
                     f"{', '.join(other)}; give another folder"
                 )
             self._renew(held, identity)
-        self.write(FILE, identity)
+        TUNE.write(self.folder, identity)
 
     def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
         """Deletes the results of the steps that depend on a change of order or model, and reports
@@ -161,36 +690,7 @@ class Tuning(TuningFolder):
             )
 
     def _file(self, step: str) -> Path:
-        return self.folder / f"{step}.json"
-
-    def done(self, step: str) -> StepFile | None:
-        """The file of a step, with its result; None if the step is not done."""
-        held = tune_files.read_step(self._file(step), FILE_TYPES[step])
-        if held is None or step != "measure":
-            return held
-        between = self.read(tune_files.BETWEEN, SlowChange)
-        if between is None:
-            raise InputError(f"{self.folder / tune_files.BETWEEN}: expected that file")
-        shaken = self.read(tune_files.SHAKEN, SineTestResult)
-        return held._replace(result=MeasuredResponses(held.result, between, shaken))
-
-    def result(self, step: str) -> Any:
-        """The result of a step that is done. Raises Refusal if the step is not done."""
-        held = self.done(step)
-        if held is None:
-            raise Refusal(step, "expected that step to be done before; do it alone first")
-        return held.result
-
-    def _keep(self, step: str, done: StepFile) -> None:
-        """Writes the files of a step; the file that marks the step as done is written last."""
-        if isinstance(done.result, MeasuredResponses):
-            self.write(tune_files.BETWEEN, done.result.between)
-            if done.result.between.friction_N > 0:
-                self.write(tune_files.SHAKEN, done.result.shaken)
-            else:  # the file belongs to a measurement that is replaced
-                (self.folder / tune_files.SHAKEN).unlink(missing_ok=True)
-            done = done._replace(result=done.result.levels)
-        tune_files.write_step(self.folder, step, done)
+        return self.folder / STEP_TABLE[step].file.name
 
     def run(self, only: str | None = None) -> TuningSummary:
         """Runs the steps that are not done, or only the step `only`, done or not; returns the
@@ -215,10 +715,10 @@ class Tuning(TuningFolder):
             raise refusal from None
         return self.summary()
 
-    def _do(self, step: TuningStep, again: bool) -> None:
+    def _do(self, step: TuningStep[R], again: bool) -> None:
         index = STEPS.index(step.name)
         place = f"{index + 1}/{len(STEPS)} {step.name}"
-        if not again and self.done(step.name) is not None:
+        if not again and step.done(self) is not None:
             self.say(f"{place}: done before")
             return
         for later in STEPS[index:]:  # later steps depend on the replaced result
@@ -226,56 +726,55 @@ class Tuning(TuningFolder):
                 self._file(later).unlink(missing_ok=True)
         began, tick = time.monotonic(), self.axis.read("tick_count")
         try:
-            result = step.function(self, *map(self.result, step.takes))
+            result = step.function(self, *(STEP_TABLE[name].result(self) for name in step.takes))
         except (Refusal, Refused, NoAnswer) as error:
             if step.name == STEPS[0] and isinstance(error, Refusal):  # as the axis was found
                 raise
             raise of_link(self.axis, error) from None
         took = time.monotonic() - began
         ticks = (self.axis.read("tick_count") - tick) % 2**32
-        times = StepTimes(round(took, 3), round(ticks / TICKS_PER_S, 3))
-        self._keep(step.name, StepFile(times, result))
+        step.file.write(
+            self.folder, StepFile(round(took, 3), round(ticks / TICKS_PER_S, 3), result)
+        )
         self.say(f"{place}: {step.line(self, result)} ({took:.1f} s)")
 
     def summary(self) -> TuningSummary:
         """The results that are known so far."""
-        files = {step: held for step in STEPS if (held := self.done(step)) is not None}
-        known = TuningSummary(
+        files = {
+            name: held for name, step in STEP_TABLE.items()
+            if (held := step.file.read(self.folder)) is not None
+        }  # fmt: skip
+        summary = TuningSummary(
             axis=self.axis.link.where,
             folder=str(self.folder),
-            seconds={step: held.times.seconds for step, held in files.items()},
-            axis_seconds={step: held.times.axis_seconds for step, held in files.items()},
+            seconds={name: held.seconds for name, held in files.items()},
+            axis_seconds={name: held.axis_seconds for name, held in files.items()},
             refused=self.refused,
         )
-        for held in files.values():
-            known = self._with(known, held.result)
-        fitted = files["fit"].result if "fit" in files else None
-        if "measure" in files:
-            known = replace(known, holds=tuple(tune_fit.holds(files["measure"].result, fitted)))
-        return known
-
-    def _with(self, known: TuningSummary, result: Any) -> TuningSummary:
-        """A summary to which the result of one more step is added."""
-        if isinstance(result, Fitted):
-            return replace(
-                known, parameters=result.parameters, friction=result.friction,
-                friction_lines=result.lines,
+        fitted = FIT.done(self)
+        if measured := MEASURE.done(self):
+            summary = replace(summary, holds=tuple(tune_fit.holds(measured, fitted)))
+        if fitted:
+            summary = replace(
+                summary, parameters=fitted.parameters, friction=fitted.friction,
+                friction_lines=fitted.lines,
             )  # fmt: skip
-        if isinstance(result, Designed):
-            return replace(
-                known, bank=result.bank, worst=result.worst, p=result.p,
-                on_fitted=result.on_fitted, limited_by=result.limited_by, cut=result.cut or None,
-                cuts=tuple(cut.text for cut in result.gain_cuts), times_p=result.times_p,
-                simulated=tuple(row for row in result.simulated if row.law == "design"),
-                Ms_predicted=result.worst.Ms,
+        if designed := DESIGN.done(self):
+            summary = replace(
+                summary, bank=designed.bank, worst=designed.worst, p=designed.p,
+                on_fitted=designed.on_fitted, limited_by=designed.limited_by,
+                cut=designed.cut or None, cuts=tuple(cut.text for cut in designed.gain_cuts),
+                times_p=designed.times_p,
+                simulated=tuple(row for row in designed.simulated if row.law == "design"),
+                Ms_predicted=designed.worst.Ms,
             )  # fmt: skip
-        if isinstance(result, Simulated):
-            return replace(known, simulated=known.simulated + result.contacts)
-        if isinstance(result, Written):
-            return replace(known, certificate_state=result.certificate_state)
-        if isinstance(result, Verified):
-            largest = max((level.Ms for level in result.levels.values()), default=None)
-            return replace(known, levels=result.levels or None, Ms_verified=largest)
-        if isinstance(result, Stored):
-            return replace(known, stored=result.stored)
-        return known
+        if simulated := SIMULATE.done(self):
+            summary = replace(summary, simulated=summary.simulated + simulated.contacts)
+        if written := WRITE.done(self):
+            summary = replace(summary, certificate_state=written.certificate_state)
+        if verified := VERIFY.done(self):
+            largest = max((level.Ms for level in verified.levels.values()), default=None)
+            summary = replace(summary, levels=verified.levels or None, Ms_verified=largest)
+        if stored := STORE.done(self):
+            summary = replace(summary, stored=stored.stored)
+        return summary

@@ -1,7 +1,7 @@
 """The step `fit` of a tuning: parameters of the model and dry friction."""
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,16 @@ from forceaxis.commission import (
     sine_test,
     tune_measure,
 )
+from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.known import Prior
 from forceaxis.commission.refusal import Refusal
-from forceaxis.commission.tune_files import small_of
-from forceaxis.commission.tune_folder import FITTED_MODEL, RESPONSES_MODEL, TuningFolder
+from forceaxis.commission.tune_folder import (
+    FITTED_MODEL,
+    LEVELS,
+    RESPONSES_MODEL,
+    TuningFolder,
+    small_of,
+)
 from forceaxis.commission.tune_results import (
     Fitted,
     FreeResponse,
@@ -51,6 +57,8 @@ REFIT_CHANGE = 0.02  # relative change of the values from sines after which the 
 # dampings; factor for the mass of a workpiece that does not slide, up and down.
 RELIED, UNWEIGHED = 1.0, 3.0
 DIFFER = 1e-4  # probability below which the responses of two amplitudes count as different
+
+TRIED = FolderFile("residual.json", list[missing_parts.Tried])
 
 
 def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Fitted:
@@ -118,7 +126,7 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
         return found.text, ""
     tuning.say("the model does not explain the responses: trying what it may lack")
     tried = missing_parts.of(found)
-    tuning.write("residual.json", [asdict(one) for one in tried])
+    TRIED.write(tuning.folder, tried)
     if not tried:
         return found.text, ""
     names = " or ".join(one.text for one in tried[: missing_parts.SHOWN])
@@ -336,7 +344,8 @@ def _differing(
             levels[name] = replace(levels[name], differs=True)
             found.append(small)
     if found:
-        tuning.replace_levels(levels)
+        held = LEVELS.required(tuning.folder)
+        LEVELS.write(tuning.folder, replace(held, result=levels))
     return found
 
 

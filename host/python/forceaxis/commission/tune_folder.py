@@ -1,20 +1,148 @@
-"""The folder of a tuning with its order and its axis: the common argument of all steps."""
+"""The folder of a tuning: its order, its axis and its JSON files.
 
+A dataclass defines the content of each file. A file that is damaged or missing is reported in one
+line that says what to do.
+"""
+
+import math
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
 
 from forceaxis import linear
+from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
-from forceaxis.commission import as_found, known, tune_files
-from forceaxis.commission.tune_files import TuningOrder
-from forceaxis.commission.tune_results import PressedResponse
+from forceaxis.commission import as_found, known
+from forceaxis.commission.as_found import FolderFile
+from forceaxis.commission.level import Samples
+from forceaxis.commission.sine_test import SineTestResult
+from forceaxis.commission.tune_results import MeasuredResponses, PressedResponse, SlowChange
 from forceaxis.design import sets
 from forceaxis.identify.fit import read_response
 
+R = TypeVar("R")
+
 RESPONSES_MODEL, FITTED_MODEL = "responses.toml", "model.toml"  # files of the folder
+TOUCH_DOWN_COLUMNS = ("time_s", "force_N", "predicted_N")
+NEW_FOLDER = "delete the folder or give another one"
+
+
+@dataclass(frozen=True)
+class StepFile(Generic[R]):
+    """The file of a step that is done: duration of the step in s, as wall time and as time of the
+    axis, and the result of the step."""
+
+    seconds: float
+    axis_seconds: float
+    result: R
+
+
+@dataclass(frozen=True)
+class TuningOrder:
+    """The options of `tune`. model: path or stem of the axis' model, which gives the prior values;
+    forces: N; over: texts NAME=PERCENT% or NAME=LOW..HIGH; priors: NAME=VALUE or
+    NAME=VALUE+-PERCENT%, which replace prior values of the model; states: ELEMENT=STATE, in which
+    the model is linearised; ms: largest permitted Ms; averages: number per response; travel_mm:
+    limit of the motion by the excitation; seed: of the noise."""
+
+    model: str
+    forces: tuple[float, ...]
+    over: tuple[str, ...]
+    priors: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+    ms: float = 2.0
+    force_max_N: float = math.inf
+    band_hz: tuple[float, float] = (1.0, 100.0)
+    averages: int = 8
+    travel_mm: float = 1.0
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class TuningIdentity:
+    """Identity of the tuning in a folder: the order, the content of the model, the axis."""
+
+    order: TuningOrder
+    model_sha256: str
+    object_table_hash: int | None = None
+    serial_number: int | None = None
+
+
+TUNE = FolderFile("tune.json", TuningIdentity, NEW_FOLDER)
+BEFORE = FolderFile(
+    "before.json", as_found.RawValues, f"switch the axis off and on, then {NEW_FOLDER}"
+)
+BETWEEN = FolderFile("between.json", SlowChange, "delete measure.json, the step is done again")
+SHAKEN = FolderFile(
+    "shaken.json", SineTestResult, "delete that file and measure.json, the step is done again"
+)
+LEVELS = FolderFile("measure.json", StepFile[dict[str, PressedResponse]])
+
+
+@dataclass(frozen=True)
+class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
+    """The three files of the step `measure`. The file of the responses is written last, because it
+    marks the step as done."""
+
+    def read(self, folder: Path) -> StepFile[MeasuredResponses] | None:
+        """The result of the step; None if the step is not done. Raises InputError."""
+        levels = LEVELS.read(folder)
+        if levels is None:
+            return None
+        result = MeasuredResponses(levels.result, BETWEEN.required(folder), SHAKEN.read(folder))
+        return StepFile(levels.seconds, levels.axis_seconds, result)
+
+    def write(self, folder: Path, content: StepFile[MeasuredResponses]) -> None:
+        """Replaces the three files."""
+        result = content.result
+        BETWEEN.write(folder, result.between)
+        if result.shaken is None:  # the file belongs to a measurement that is replaced
+            (folder / SHAKEN.name).unlink(missing_ok=True)
+        else:
+            SHAKEN.write(folder, result.shaken)
+        LEVELS.write(folder, StepFile(content.seconds, content.axis_seconds, result.levels))
+
+
+MEASURED = MeasuredFile(LEVELS.name, StepFile[MeasuredResponses])
+
+
+def small_of(name: str) -> str:
+    """Folder of the response with the smaller amplitude that belongs to the response `name`."""
+    return f"{name}-small"
+
+
+@dataclass(frozen=True)
+class TouchDownRecord:
+    """The file of a first contact: times in s, 0 at the contact; recorded and predicted force in
+    N."""
+
+    time_s: Samples
+    force_N: Samples
+    predicted_N: Samples
+
+
+def read_touch_down(file: Path) -> TouchDownRecord:
+    """Reads the file of a first contact. Raises InputError for a damaged file."""
+    try:
+        table = np.genfromtxt(file, delimiter=",", names=True)
+        good = table.dtype.names == TOUCH_DOWN_COLUMNS and table.ndim == 1 and len(table) > 1
+        record = TouchDownRecord(*(table[name] for name in TOUCH_DOWN_COLUMNS))
+        good = good and bool(np.isfinite(record.time_s).all())
+    except (ValueError, UnicodeDecodeError, IndexError, TypeError):
+        good = False
+    if not good:
+        raise InputError(
+            f"{file}: expected numbers below {', '.join(TOUCH_DOWN_COLUMNS)} as a tuning writes "
+            "them; delete that file and verify.json, the step is done again"
+        )
+    return record
 
 
 class TuningFolder(as_found.AxisFolder):
-    """An Axis that is owned and disabled, an order, and `folder`, which may be new.
+    """An Axis that is owned and disabled, an order, and `folder`, which may be new. It is the first
+    argument of each step.
 
     say(text): reports each step and its actions. Raises InputError if the order names something
     that the model lacks.
@@ -41,12 +169,9 @@ class TuningFolder(as_found.AxisFolder):
         own = self.folder / FITTED_MODEL
         return own if own.exists() else self.given
 
-    def replace_levels(self, levels: dict[str, PressedResponse]) -> None:
-        """Replaces the levels in the result of `measure`, which has to be done."""
-        held = tune_files.read_step(self.folder / "measure.json", dict[str, PressedResponse])
-        if held is not None:
-            tune_files.write_step(self.folder, "measure", held._replace(result=levels))
-
-    def check_files(self, results: dict[str, object]) -> None:
-        """Raises InputError for a damaged file. results: {step: type of its result}."""
-        tune_files.check(self.folder, results, lambda path: read_response(path, self.given))
+    def check_response(self, name: str, step: str) -> None:
+        """Raises InputError if the folder of a response, measured by `step`, is damaged."""
+        try:
+            read_response(self.folder / name, self.given)
+        except InputError as error:
+            raise InputError(f"{error}; delete {step}.json, the step is done again") from None

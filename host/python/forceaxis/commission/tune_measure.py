@@ -4,19 +4,19 @@ import contextlib
 import datetime
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.commission import analyzer, friction, known, measuring, sine_test
+from forceaxis.commission import friction, known, measuring, sine_test
+from forceaxis.commission.analyzer import SWING, Analyzer, Ended
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
-from forceaxis.commission.tune_files import TuningOrder, small_of
-from forceaxis.commission.tune_folder import TuningFolder
+from forceaxis.commission.tune_folder import TuningFolder, TuningOrder, small_of
 from forceaxis.commission.tune_results import (
     Checked,
     FreeResponse,
@@ -34,6 +34,8 @@ from forceaxis.identify import result as results
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
+A = TypeVar("A", bound=Analyzer)
+
 AVERAGES_MIN = 5
 SMALLER_FACTOR = 3  # ratio of the first to the second amplitude of the excitation
 # the slow change of the force begins at this share of the smallest force
@@ -49,13 +51,12 @@ def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
         measures.rest()
         if tuning.coasted:
             _back_to_start(tuning, measures, checked.rest.position)
-        newton = newton_per_code(tuning)
+        newton = known.newton_per_code(tuning.model)
         newton = newton if math.isfinite(newton) else 0.0
         found = friction.glide(measures, measures.order.most, tuning.say, newton=newton)
-    first = max(4, found.noise_codes)
-    taking = Taking("free", lambda a: a.free(), settings, first=first, rubs=found.rubs)
-    _, figures = taking.run(tuning)
-    return FreeResponse(**vars(figures), glide=GlideFigures.of(found))
+    asked = measuring_order(tuning, first=max(4, found.noise_codes), rubs=found.rubs)
+    _, figures = take_response(tuning, "free", settings, asked, Analyzer, Analyzer.free)
+    return FreeResponse(**vars(figures), glide=GlideFigures(**vars(found), rubs=found.rubs))
 
 
 def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
@@ -69,7 +70,7 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
     return line
 
 
-def _back_to_start(tuning: TuningFolder, measures: analyzer.Analyzer, start: int) -> None:
+def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
     """Moves an axis back to its position at `check` (counts) after a killed run has left it moving,
     and disables it. If the distance exceeds COASTED_TRAVELS, the axis is not moved. The encoder has
     counted all the time, because the fault of the killed run was still latched."""
@@ -82,12 +83,7 @@ def _back_to_start(tuning: TuningFolder, measures: analyzer.Analyzer, start: int
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
     """Dry friction of the moving parts in N, by the model; 0 without friction."""
-    return free.glide.dead_zone * newton_per_code(tuning) if free.glide.rubs else 0.0
-
-
-def newton_per_code(tuning: TuningFolder) -> float:
-    """N per code of the model's drive at standstill; inf if the drive integrates."""
-    return known.newton_per_code(tuning.model)
+    return free.glide.dead_zone * known.newton_per_code(tuning.model) if free.glide.rubs else 0.0
 
 
 def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> MeasuredResponses:
@@ -106,7 +102,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     for force in tuning.order.forces:
         name = f"{force:g}N"
 
-        def take(measures: analyzer.Analyzer, force: float = force) -> Level:
+        def take(measures: Analyzer, force: float = force) -> Level:
             level = measures.contact(force)
             law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
             return level
@@ -114,13 +110,13 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
         if rubs:
             # up to the largest code for the drive, so that the axis slides most of the time
             first = MOST_CODES
-        taking = Taking(name, take, law, order, first, rubs=rubs)
-        _, figures = taking.run(tuning)
+        asked = measuring_order(tuning, order, first=first, rubs=rubs)
+        _, figures = take_response(tuning, name, law, asked, Analyzer, take)
         small = max(1, figures.amplitude // SMALLER_FACTOR)
         smaller = None
         if small < figures.amplitude:
-            taking = Taking(small_of(name), take, law, order, amplitude=small, rubs=True)
-            _, smaller = taking.run(tuning)
+            asked = measuring_order(tuning, order, amplitude=small, rubs=True)
+            _, smaller = take_response(tuning, small_of(name), law, asked, Analyzer, take)
         levels[name] = PressedResponse(**vars(figures), small=smaller)
         first = next_amplitude(figures.amplitude, force, order.forces)
     _go_home(tuning, checked)
@@ -148,7 +144,7 @@ def _between(
     off(tuning.axis)
     low, high = (
         LOWEST_FORCE_FACTOR * min(order.forces),
-        (1 + analyzer.SWING / 2) * max(order.forces),
+        (1 + SWING / 2) * max(order.forces),
     )
     with temporary(tuning.axis, law), analyzer_of(tuning, order) as measures:
         force, place, _ = measures.between(low, high)
@@ -156,7 +152,7 @@ def _between(
         # stays.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
         force *= reading_N(tuning) / measures.newton
-    found = friction.slow(force, place, _rigid(tuning))
+    found = friction.slow(force, place, known.rigid_counts(tuning.model))
     step = (found.high_N - found.low_N) / friction.BINS
     if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
@@ -205,7 +201,7 @@ def _shaken(
                 slow.friction_N, sensor, workpiece, tuple(map(float, hz)), rate, scale,
                 reading_N(tuning),
             ),
-            drive.codes, analyzer.Ended,
+            drive.codes, Ended,
         )  # fmt: skip
     if found:
         tuning.say(
@@ -221,11 +217,6 @@ def _mass(tuning: TuningFolder) -> float | None:
         return plant.facts.masses_kg.get(plant.tables.workpiece or "")
 
 
-def _rigid(tuning: TuningFolder) -> float:
-    """Counts/N of the contact by the model."""
-    return known.rigid_counts(tuning.model)
-
-
 def reach(tuning: TuningFolder) -> Settings:
     """Rated force and slope of the force for the largest force plus the range of the noise."""
     return {
@@ -234,60 +225,51 @@ def reach(tuning: TuningFolder) -> Settings:
     }  # fmt: skip
 
 
-def analyzer_of(
-    tuning: TuningFolder, order: TuningOrder | None = None, first: int = 1,
-    kind: type[analyzer.Analyzer] = analyzer.Analyzer, amplitude: int = 0, rubs: bool = False,
-) -> Any:  # fmt: skip
-    """An analyzer of type `kind`; first, amplitude, rubs: fields of level.MeasuringOrder."""
+def measuring_order(
+    tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
+    rubs: bool = False,
+) -> MeasuringOrder:  # fmt: skip
+    """The order of an analyzer. order: by default that of the tuning; first, amplitude, rubs:
+    fields of MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model).required_encoder.scale)
-    low, high = order.band_hz
-    asked = MeasuringOrder(
-        band_hz=(low, high), averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
+    return MeasuringOrder(
+        band_hz=order.band_hz, averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
         most=min(known.PEAKY * (known.linear_codes(model) or 1024), MOST_CODES),
     )  # fmt: skip
-    return kind(tuning.axis, asked, model, {}, tuning.say)
 
 
-@dataclass(frozen=True)
-class Taking:
-    """A response to be measured with `settings` and written to the folder `name`. take: measures
-    with the analyzer of type `kind`; order: by default that of the tuning; first, amplitude, rubs:
-    fields of level.MeasuringOrder."""
+def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analyzer:
+    """An analyzer of the axis. order: by default that of the tuning."""
+    return Analyzer(tuning.axis, measuring_order(tuning, order), tuning.model, {}, tuning.say)
 
-    name: str
-    take: Callable[[Any], Level]
-    settings: Settings
-    order: TuningOrder | None = None
-    first: int = 1
-    kind: type[analyzer.Analyzer] = analyzer.Analyzer
-    amplitude: int = 0
-    rubs: bool = False
 
-    def run(self, tuning: TuningFolder) -> tuple[Level, ResponseFigures]:
-        """Measures and writes the response."""
-        off(tuning.axis)
-        with (
-            temporary(tuning.axis, self.settings),
-            analyzer_of(
-                tuning, self.order, self.first, self.kind, self.amplitude, self.rubs
-            ) as measures,
-        ):
-            rest = measures.rest() if self.name == "free" else Rest(0.0, None, 0)
-            level = self.take(measures)
-        done = measuring.result_of(tuning.axis, measures.order, level, rest)
-        # without figures: the page of the tuning shows the response
-        results.write(done, tuning.folder / self.name, draw=False)
-        return level, ResponseFigures(
-            coherence_median=done.summary.coherence_median,
-            random_error_median=done.summary.random_error_median,
-            amplitude=level.amplitude, swing=level.swing, speed_rms=level.speed_rms,
-            bias_N=level.bias_N, force_min_N=level.force_min_N, force_max_N=level.force_max_N,
-            noise_lsb=level.noise_lsb, distorted=level.distorted, aborts=tuple(level.aborts),
-            of_loop=level.of_loop,
-        )  # fmt: skip
+def take_response(
+    tuning: TuningFolder, name: str, settings: Settings, order: MeasuringOrder, kind: type[A],
+    take: Callable[[A], Level],
+) -> tuple[Level, ResponseFigures]:  # fmt: skip
+    """Measures a response with `settings` and writes it to the folder `name`. take(analyzer):
+    measures the response with an analyzer of type `kind`."""
+    off(tuning.axis)
+    with (
+        temporary(tuning.axis, settings),
+        kind(tuning.axis, order, tuning.model, {}, tuning.say) as analyzer,
+    ):
+        rest = analyzer.rest() if name == "free" else Rest(0.0, None, 0)
+        level = take(analyzer)
+    done = measuring.result_of(tuning.axis, analyzer.order, level, rest)
+    # without figures: the page of the tuning shows the response
+    results.write(done, tuning.folder / name, draw=False)
+    return level, ResponseFigures(
+        coherence_median=done.summary.coherence_median,
+        random_error_median=done.summary.random_error_median,
+        amplitude=level.amplitude, swing=level.swing, speed_rms=level.speed_rms,
+        bias_N=level.bias_N, force_min_N=level.force_min_N, force_max_N=level.force_max_N,
+        noise_lsb=level.noise_lsb, distorted=level.distorted, aborts=tuple(level.aborts),
+        of_loop=level.of_loop,
+    )  # fmt: skip
 
 
 def next_amplitude(amplitude: int, force: float, forces: tuple[float, ...]) -> int:

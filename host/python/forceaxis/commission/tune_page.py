@@ -3,7 +3,6 @@
 import html
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,17 +10,15 @@ from matplotlib.figure import Figure
 
 from forceaxis import paths
 from forceaxis.commission import as_found, contact, known
-from forceaxis.commission.tune import Tuning
-from forceaxis.commission.tune_folder import RESPONSES_MODEL
+from forceaxis.commission.tune import FIT, Tuning
+from forceaxis.commission.tune_folder import RESPONSES_MODEL, read_touch_down
 from forceaxis.commission.tune_results import (
     Fitted,
-    NoProportional,
-    SetFigures,
     TuningSummary,
     Values,
 )
 from forceaxis.design import outcome
-from forceaxis.design.cases import read_contacts
+from forceaxis.design.certificate import NoPFigures, WorstFigures
 from forceaxis.drawing import (
     GOT,
     INK,
@@ -36,7 +33,6 @@ from forceaxis.drawing import (
 from forceaxis.identify import fit
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear.over import Figures
-from forceaxis.results import to_json
 from forceaxis.words import plain
 
 ALT = "Response with its 95 % band beside the fitted model's, and its coherence"
@@ -54,12 +50,7 @@ falls through -3 dB; Ms: the largest |S|. Over the set: of its worst member.</p>
 CASES = """<p class="small">Stable: how many settled, of the fitted plant and random members of
 the set. Losses of contact, the worst peak and the saturation of the output are the largest of all
 of them; the other figures are those of the fitted plant.</p>"""
-FIGURES = (
-    ("fS, Hz", "fS_Hz"),
-    ("fT, Hz", "fT_Hz"),
-    ("Ms", "Ms"),
-    ("gain margin", "gain_margin"),
-)
+MARGINS_HEAD = ["law", "fS, Hz", "fT, Hz", "Ms", "gain margin"]
 # share of the set-point: the figure ends after the force has settled within this band
 SETTLED_SHARE = 0.02
 SIZE_IN = 4.2  # width of a figure; a row has three figures on a screen and one on a telephone
@@ -70,8 +61,7 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
     order, folder = tuning.order, tuning.folder
     names = [*(["free"] if (folder / "free").exists() else [])]
     names += [n for f in order.forces if (folder / (n := f"{f:g}N")).exists()]
-    done = tuning.done("fit")
-    fitted: Fitted | None = done.result if done else None
+    fitted = FIT.done(tuning)
     touched = [f for f in order.forces if (folder / f"{contact.name(f)}.csv").exists()]
     parts = [
         f"<h1>Tuned: {html.escape(summary.axis)}</h1>",
@@ -113,7 +103,7 @@ def _verdict(tuning: Tuning, summary: TuningSummary) -> str:
     text, refused = "", summary.refused
     if refused:
         why = f"Refused in step {refused.step}, {refused.name}: {refused.text}."
-        lost = (tuning.folder / as_found.FILE).exists()
+        lost = (tuning.folder / as_found.FOUND.name).exists()
         then = "The next run puts back what it had." if lost else "The axis has its law of before."
         text = f'<p class="refused">{html.escape(why)} {then}</p>'
         if refused.lines:
@@ -154,18 +144,20 @@ def _margins(summary: TuningSummary) -> str:
         rows.append(_figures("designed, over the set", summary.worst))
     if not rows:
         return ""
-    head = ["law", *(text for text, _ in FIGURES)]
-    return "<h2>Margins, old and new</h2>" + _rows([head, *rows]) + TERMS
+    return "<h2>Margins, old and new</h2>" + _rows([MARGINS_HEAD, *rows]) + TERMS
 
 
-def _figures(label: str, figures: SetFigures | NoProportional | Figures) -> list[str]:
-    """A row of a table with the FIGURES of a law."""
-    return [label, *(_number(getattr(figures, name, None)) for _, name in FIGURES)]
+def _figures(label: str, figures: WorstFigures | NoPFigures | Figures) -> list[str]:
+    """A row of a table with the columns of MARGINS_HEAD."""
+    if isinstance(figures, NoPFigures):
+        return [label, *map(_number, [None] * (len(MARGINS_HEAD) - 1))]
+    values = figures.fS_Hz, figures.fT_Hz, figures.Ms, figures.gain_margin
+    return [label, *map(_number, values)]
 
 
 def _simulated(summary: TuningSummary) -> str:
     """A table of the simulated cases, and the gains that were reduced for them."""
-    rows = read_contacts([to_json(row) for row in summary.simulated])
+    rows = summary.simulated
     if not (rows or summary.cuts):
         return ""
     text = "<h2>Contact, simulated with the fitted plant and the firmware</h2>"
@@ -211,10 +203,10 @@ def _steps(summary: TuningSummary) -> str:
     return "<h2>Steps</h2>" + _rows(rows)
 
 
-def _rows(rows: Sequence[Sequence[Any]]) -> str:
+def _rows(rows: Sequence[Sequence[str]]) -> str:
     lines = [
         "".join(
-            f"<{tag}{' class=number' if column else ''}>{html.escape(str(cell))}</{tag}>"
+            f"<{tag}{' class=number' if column else ''}>{html.escape(cell)}</{tag}>"
             for column, cell in enumerate(row)
         )
         for tag, row in zip(["th"] + ["td"] * (len(rows) - 1), rows, strict=True)
@@ -228,16 +220,16 @@ def _number(value: float | None) -> str:
 
 def _touch_down(folder: Path, force_N: float) -> Figure:
     """Figure of the measured force and the predicted force over time."""
-    held = np.genfromtxt(folder / f"{contact.name(force_N)}.csv", delimiter=",", names=True)
+    touch = read_touch_down(folder / f"{contact.name(force_N)}.csv")
+    time_s, expected, measured = touch.time_s, touch.predicted_N, touch.force_N
     figure, ax = plt.subplots(figsize=(SIZE_IN, 2.8))
     ax.axhline(force_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
-    expected, measured = held["predicted_N"], held["force_N"]
-    ax.plot(held["time_s"], expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
-    ax.plot(held["time_s"], measured, color=INK, linewidth=0.8, label="measured")
-    within = SETTLED_SHARE * force_N + np.ptp(measured[held["time_s"] < -0.02])
+    ax.plot(time_s, expected, color=GOT, linewidth=2.4, alpha=0.5, label="predicted")
+    ax.plot(time_s, measured, color=INK, linewidth=0.8, label="measured")
+    within = SETTLED_SHARE * force_N + np.ptp(measured[time_s < -0.02])
     far = np.maximum(abs(expected - force_N), abs(measured - force_N)) > within
-    settled = held["time_s"][np.flatnonzero(far)[-1]]
-    ax.set_xlim(-0.05, min(settled + 0.2, held["time_s"][-1]))
+    settled = time_s[np.flatnonzero(far)[-1]]
+    ax.set_xlim(-0.05, min(settled + 0.2, time_s[-1]))
     ax.set_xlabel("time from the touch, s")
     ax.set_ylabel("force, N")
     style(ax)

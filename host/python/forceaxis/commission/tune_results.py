@@ -1,55 +1,28 @@
 """Results of the steps of a tuning, in the form of the files in its folder.
 
 Each step has one frozen dataclass. `forceaxis.results` converts the dataclass to JSON and back, so
-the names of the fields are the keys of the files. A field with a default may be absent in the
-folder of an earlier version. Forces are in N, frequencies in Hz, stiffnesses in N/m, masses in kg,
-positions in encoder counts, amplitudes in DAC codes.
+the names of the fields are the keys of the files. Forces are in N, frequencies in Hz, stiffnesses
+in N/m, masses in kg, positions in encoder counts, amplitudes in DAC codes.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
-from forceaxis.commission import friction, sine_test
+from forceaxis.commission import sine_test
 from forceaxis.commission.friction_models import FrictionElement
 from forceaxis.commission.joint_fit import JointSummary
 from forceaxis.commission.level import Abort, Rest
-from forceaxis.design import cases, outcome
+from forceaxis.design.banks import BankFigures
+from forceaxis.design.cases import SimulatedContact
+from forceaxis.design.certificate import P, WorstFigures
+from forceaxis.design.outcome import DesignResult
 from forceaxis.linear import over
-from forceaxis.linear.bank import Bank
+from forceaxis.linear.bank import BankKeys
 from forceaxis.results import json_field
 
 Setting = int | float | str  # engineering value of an object, or the name of an enumeration value
 Settings = dict[str, Setting]  # {object: Setting}
 Values = dict[str, float]  # {parameter of the model: SI value}
 Range = tuple[float, float]  # low, high
-# second-order sections of a bank: (b0, b1, b2, a1, a2) each
-Sections = tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class LawKeys:
-    """A bank with the keys of an experiment; a key with the value 0 is omitted."""
-
-    gain: float
-    integral_rad_per_s: float | None = json_field(omit_none=True)
-    velocity_gain: float | None = json_field(omit_none=True)
-    sections: Sections | None = json_field(omit_none=True)
-
-    @classmethod
-    def of(cls, bank: Bank) -> "LawKeys":
-        return cls(
-            gain=bank.force_gain,
-            integral_rad_per_s=bank.integral_rad_per_s or None,
-            velocity_gain=bank.velocity_gain or None,
-            sections=bank.sections or None,
-        )
-
-    @property
-    def bank(self) -> Bank:
-        return Bank(
-            self.gain, self.integral_rad_per_s or 0.0, self.velocity_gain or 0.0,
-            self.sections or (),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -60,9 +33,9 @@ class Checked:
 
     rest: Rest
     settings: Settings
-    law: LawKeys
+    law: BankKeys
     band_hz: Range
-    before: LawKeys
+    before: BankKeys
     latency_ticks: int
 
 
@@ -95,11 +68,7 @@ class GlideFigures:
     rate: float
     codes: int
     rubs: bool
-    difference: float = 0.0
-
-    @classmethod
-    def of(cls, glide: friction.Glide) -> "GlideFigures":
-        return cls(glide.dead_zone, glide.rate, glide.codes, glide.rubs, glide.difference)
+    difference: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,130 +143,39 @@ class Fitted(JointSummary):
     together: tuple[Values, ...] = ({},)
 
 
-@dataclass(frozen=True)
-class LawFigures:
-    """A bank with the keys of `forceaxis design --json`. hf_gain: codes per 8-bit count at high
-    frequency."""
-
-    force_gain: float
-    integral_rad_per_s: float
-    sections: Sections
-    velocity_gain: float
-    hf_gain: float | None = json_field(omit_none=True)
-
-    @property
-    def bank(self) -> Bank:
-        return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SetFigures:
-    """The worst figures of a law over a set of plants; member: the plant with the lowest
-    bandwidth."""
-
-    fS_Hz: float | None
-    fT_Hz: float | None
-    Ms: float | None
-    Ms_late: float | None = json_field(omit_none=True)
-    gain_margin: float | None = None
-    phase_margin_deg: float | None = None
-    static_error: float | None = json_field(omit_none=True)
-    member: dict[str, float | str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProportionalFigures(SetFigures):
-    """SetFigures of the proportional law, with its gain."""
-
-    force_gain: float
-
-
-@dataclass(frozen=True)
-class NoProportional:
-    """The proportional law keeps the margins at no gain."""
-
-    force_gain: float = 0.0
-    fS_Hz = None
-
-
-@dataclass(frozen=True)
-class StructureFigures:
-    """A structure of the search; worst: None if no gain keeps the margins with it."""
-
-    name: str
-    bank: LawFigures | None = json_field(omit_none=True)
-    worst: SetFigures | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class FittedLoop(over.Figures):
     """Figures of a force law on the fitted plant."""
 
-    law: LawKeys
+    law: BankKeys
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactRow:
-    """A simulated contact, with the keys of design.cases.SimulatedContact. kind: "contact",
-    "strike" or "set"; missed: limits that the run did not keep; None: the run has no such value."""
-
-    case: str
-    law: str
-    verdict: str
-    peak_N: float | None
-    static_error_percent: float | None
-    settle_ms: float | None
-    overshoot_percent: float | None
-    kind: str | None = json_field(omit_none=True)
-    member: dict[str, float | str] = field(default_factory=dict)
-    latency_ticks: int = 0
-    fault: str = "none"
-    missed: tuple[dict[str, Any], ...] = ()
-    losses: int | None = json_field(omit_none=True)
-    losses_max: int | None = None
-    saturated_ms: float | None = json_field(omit_none=True)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Designed:
+class Designed(DesignResult):
     """Result of `design`: the content of `forceaxis design --json` and more. on_fitted: {"before",
     "designed": figures on the fitted plant, None without a law}; objects: values in the order of
     writing; cut: text about the gain reduction by simulated contacts; times_p: bandwidth divided by
-    that of the proportional law; limited_by: the bound that limits the bandwidth."""
+    that of the P law."""
 
-    bank: LawFigures
-    worst: SetFigures
-    p: ProportionalFigures | NoProportional
-    objects: Settings
-    contact_loss: Settings | None
     on_fitted: dict[str, FittedLoop | None]
-    modes: tuple[dict[str, str], ...]
-    adc_bits: int
     cut: str
     times_p: float | None
-    model: str = ""
-    over: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    together: tuple[Values, ...] = ()
-    mode: dict[str, str] | None = json_field(omit_none=True)
-    mode_text: str | None = json_field(omit_none=True)
-    friction_N: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    simulated: tuple[ContactRow, ...] = ()
-    structures: tuple[StructureFigures, ...] = ()
-    chosen: str = ""
-    limited_by: str = ""
-    gain_reductions: int = 0
-    passed_over: dict[str, str] = field(default_factory=dict)
-    gain_cuts: tuple[cases.GainCut, ...] = ()
-    approach_slowed: outcome.SlowedApproach | None = None
-    out: str | None = None
-    files: tuple[str, ...] = ()
+    objects: Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactOfKind(SimulatedContact):
+    """A contact that the step `simulate` has simulated. kind: "contact", "strike" (an impact
+    follows the contact) or "set" (the plant is a random member of the set)."""
+
+    kind: str
 
 
 @dataclass(frozen=True)
 class Simulated:
     """Result of `simulate`."""
 
-    contacts: tuple[ContactRow, ...]
+    contacts: tuple[ContactOfKind, ...]
 
 
 @dataclass(frozen=True)
@@ -320,7 +198,7 @@ class LoopPeak:
     lines: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TouchDownPeaks:
     """Largest force of a first contact in N, as recorded and as simulated on the fitted plant; None
     if the simulated force does not settle."""
@@ -330,21 +208,10 @@ class TouchDownPeaks:
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerifiedResponse(ResponseFigures):
-    """The response with the new law, with the fields of LoopPeak; peak_N: largest force of the
-    recorded first contact and of the simulated one, None if the simulated force does not settle."""
+class VerifiedResponse(TouchDownPeaks, LoopPeak, ResponseFigures):
+    """The response with the new law, the peak of |S| and the largest force of the first contact."""
 
-    amplitude: int = 0
-    swing: float = 0.0
-    speed_rms: float = 0.0
     bias_N: float = field()
-    Ms: float
-    Ms_error: float
-    Ms_hz: float
-    Ms_predicted: float
-    lines: int | None = None
-    peak_N: float | None = None
-    peak_predicted_N: float | None = None
 
 
 @dataclass(frozen=True)
@@ -382,14 +249,14 @@ class TuningSummary:
     axis: str
     folder: str
     parameters: dict[str, ParameterRow] | None = None
-    bank: LawFigures | None = None
-    worst: SetFigures | None = None
-    p: ProportionalFigures | NoProportional | None = None
+    bank: BankFigures | None = None
+    worst: WorstFigures | None = None
+    p: P | None = None
     on_fitted: dict[str, FittedLoop | None] | None = None
     limited_by: str | None = None
     cut: str | None = None
     cuts: tuple[str, ...] = ()
-    simulated: tuple[ContactRow, ...] = ()
+    simulated: tuple[SimulatedContact, ...] = ()
     holds: tuple[str, ...] = ()
     Ms_predicted: float | None = None
     Ms_verified: float | None = None

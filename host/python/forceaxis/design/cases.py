@@ -1,12 +1,11 @@
 """Simulated contacts: the cases, the figures of a run, and the gains that were reduced for them."""
 
-import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from forceaxis import _core
-from forceaxis.results import from_json
+from forceaxis.experiments.run_result import MissedLimit, read_missed
 
 
 @dataclass(frozen=True)
@@ -32,24 +31,12 @@ class NamedCase(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MissedContactLimit:
-    """A limit of [verdict] that a run did not keep: name of the limit, the verdict that follows,
-    the value (None: the event never happened), the bound and their unit."""
-
-    limit: str
-    verdict: str
-    value: float | None
-    bound: float | None
-    unit: str
-
-
-@dataclass(frozen=True)
 class ContactRun:
     """The figures of one run that a design uses; None if a run has no such figure."""
 
     verdict: str
     fault: str
-    missed: tuple[MissedContactLimit, ...]
+    missed: tuple[MissedLimit, ...]
     peak_N: float
     losses: int
     saturated_ms: float
@@ -72,7 +59,7 @@ def read_run(outcome: Mapping[str, Any]) -> ContactRun:
     return ContactRun(
         verdict=outcome["verdict"],
         fault=outcome["fault"],
-        missed=tuple(MissedContactLimit(**one) for one in outcome["missed"]),
+        missed=tuple(read_missed(outcome["missed"])),
         peak_N=metrics["peak_force_N"],
         losses=metrics["contact_losses_run"],
         saturated_ms=1e3 * metrics["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
@@ -94,7 +81,7 @@ class SimulatedContact:
     verdict: str
     fault: str
     static_error_percent: float | None
-    missed: tuple[MissedContactLimit, ...]
+    missed: tuple[MissedLimit, ...]
     peak_N: float
     losses: int  # number of contact losses in the whole run
     saturated_ms: float
@@ -129,19 +116,6 @@ def simulated_contact(
         settle_ms=run.settle_ms,
         overshoot_percent=run.overshoot_percent,
     )
-
-
-def read_contacts(rows: Iterable[Mapping[str, Any]]) -> list[SimulatedContact]:
-    """Simulated contacts from a JSON file. Columns without a field, such as "kind", are ignored,
-    and so are rows of earlier versions without all columns."""
-    fields = dataclasses.fields(SimulatedContact)
-    names = {field.name for field in fields}
-    needed = {field.name for field in fields if field.default is dataclasses.MISSING}
-    return [
-        from_json(SimulatedContact, {name: row[name] for name in names & row.keys()}, "simulated")
-        for row in rows
-        if needed <= row.keys()
-    ]
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,14 @@ class BankKeys:
     sections: tuple[tuple[float, ...], ...] | None = json_field(omit_none=True)
     hf_gain: float | None = json_field(omit_none=True)
 
+    @property
+    def bank(self) -> "Bank":
+        """The bank of the firmware."""
+        return Bank(
+            self.gain, self.integral_rad_per_s or 0.0, self.velocity_gain or 0.0,
+            self.sections or (),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Bank:
