@@ -3,6 +3,7 @@
 import textwrap
 from dataclasses import dataclass
 
+from forceaxis.cli.common import aligned
 from forceaxis.design.advise import (
     Advice,
     AdviceRow,
@@ -228,8 +229,7 @@ def describe_compliance(result: Compliance) -> str:
             number(row.p_static_error, 100), number(row.motion_m, 1e3),
             strike(row.p_strike_N_s), strike(row.strike_N_s),
         ])  # fmt: skip
-    wide = [max(len(r[i]) for r in table) for i in range(len(table[0]))]
-    lines += ["  ".join(c.rjust(w) for c, w in zip(r, wide, strict=True)) for r in table]
+    lines += aligned(table, ())
     lines += textwrap.wrap(
         "fS: lowest frequency at which |S| reaches -3 dB, of the set's worst member; error: of the "
         "force held; motion: of the drive, from touch to the set-point; strike: the hardest "

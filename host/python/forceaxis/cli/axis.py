@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fnmatch
-import json
 import sys
 import textwrap
 import time
@@ -15,7 +14,16 @@ import click
 from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.cli import live_options
-from forceaxis.cli.common import Object, Positive, Verbs, as_json, fitted
+from forceaxis.cli.common import (
+    Object,
+    Positive,
+    Verbs,
+    aligned,
+    as_json,
+    fitted,
+    print_json,
+    print_result,
+)
 from forceaxis.cli.live_options import Way, connected, live, live_in_mm, owned, warn_of_newtons
 from forceaxis.results import to_json
 
@@ -89,7 +97,7 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
 
     now = actions.state(axis)
     if as_json:
-        click.echo(json.dumps(to_json(now) | more))
+        print_json(to_json(now) | more)
     else:
         click.echo(fitted(
             f"{prefix}: {now.state}, mode {now.mode}, fault {now.fault}, position "
@@ -117,7 +125,7 @@ def list_axes(way: Way, as_json: bool) -> None:
     with live_options.errors():
         rows = scanned(way)
     if as_json:
-        click.echo(json.dumps(to_json(rows)))
+        print_json(rows)
     elif rows:
         click.echo("\n".join(table_of(rows)))
     if not rows:
@@ -151,10 +159,9 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
         version = row.version and row.version.split(" ")[0]
         values = (row.id, row.name, version, row.table, row.state, row.fault)
         cells.append(["-" if v is None else str(v).replace("_", " ") for v in values])
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    lines = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in cells]
-    yield lines[0]
-    for line, row in zip(lines[1:], rows, strict=True):
+    head, *lines = aligned(cells, range(6))
+    yield head
+    for line, row in zip(lines, rows, strict=True):
         yield line
         yield from textwrap.wrap(row.note or "", 76, initial_indent="  ", subsequent_indent="  ")
 
@@ -178,7 +185,7 @@ def get(names: Sequence[str], way: Way, as_json: bool) -> None:
         wanted += fitting if fitting else [name]
     with connected(way) as axis:
         values = axis.get(*dict.fromkeys(wanted))
-        click.echo(json.dumps(values) if as_json else "\n".join(lines(axis, values)))
+        print_result(values, as_json, lambda: "\n".join(lines(axis, values)))
 
 
 @axis.command(
@@ -204,7 +211,7 @@ def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
         axis.set(**values)
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
         back = axis.get(*readable)
-        click.echo(json.dumps(back) if as_json else "\n".join(lines(axis, back)))
+        print_result(back, as_json, lambda: "\n".join(lines(axis, back)))
 
 
 @axis.command(epilog="forceaxis axis stop --can can0 --node 3")
@@ -407,7 +414,7 @@ def press(
         apart = held.retracted_position
         mm = "" if apart is None else in_mm(axis, apart)
     if as_json:
-        click.echo(json.dumps(to_json(held)))
+        print_json(held)
         return
     click.echo(
         f"held {held.force_N:.4g} N ({held.force_count:.4g} force counts), "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis, lines, shown
-from forceaxis.cli.common import Folder, Object, Positive, as_json
+from forceaxis.cli.common import Folder, Object, Positive, as_json, print_json, print_result
 from forceaxis.cli.live_options import Way, live, owned
 from forceaxis.results import to_json
 
@@ -36,7 +34,7 @@ def tare(way: Way, as_json: bool) -> None:
 
     with owned(way) as axis:
         found = to_json(actions.tare(axis))
-        click.echo(json.dumps(found) if as_json else "\n".join(lines(axis, found)))
+        print_result(found, as_json, lambda: "\n".join(lines(axis, found)))
 
 
 @axis.command(
@@ -69,7 +67,7 @@ def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
             points = list(asked(axis, actions.CALIBRATION_POINTS.stop - 1))
         found = actions.calibrate(axis, points)
     if as_json:
-        click.echo(json.dumps(to_json(found) | {"points": points}))
+        print_json(to_json(found) | {"points": points})
         return
     click.echo(
         f"force_scale {found.force_scale_N_per_count:.6g} N/count, linearity error "
@@ -176,14 +174,14 @@ def capture(
         trigger_sample=held.trigger_sample,
         signals={name: summary(held.values(name)) for name in held.signals},
     )
-    if as_json:
-        click.echo(json.dumps(to_json(found)))
-        return
-    click.echo(f"{len(held.raw)} samples, trigger at {held.trigger_sample}")
+    print_result(found, as_json, lambda: "\n".join(capture_lines(found)), out)
+
+
+def capture_lines(found: CaptureSummary) -> Iterator[str]:
+    """Yield the lines about a recording: its samples, and the statistics of each signal."""
+    yield f"{found.samples} samples, trigger at {found.trigger_sample}"
     for name, row in to_json(found.signals).items():
-        click.echo(f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in row.items()))
-    if out:
-        click.echo(f"files        {paths.quoted(out)}")
+        yield f"{name}: " + ", ".join(f"{key} {shown(value)}" for key, value in row.items())
 
 
 @dataclass(frozen=True)

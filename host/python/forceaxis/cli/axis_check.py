@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 
 import click
 
 from forceaxis.cli.axis import axis
-from forceaxis.cli.common import as_json, fitted
+from forceaxis.cli.common import as_json, fitted, print_json
 from forceaxis.cli.live_options import Way, live, owned
-from forceaxis.results import to_json
 
 
 @axis.command(
@@ -57,5 +55,5 @@ def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
         run = MotionCheck(found, travel, output, show)
         run.run(consent)
     if as_json:
-        click.echo(json.dumps(to_json(run.result())))
+        print_json(run.result())
     sys.exit(0 if run.passed else 1)

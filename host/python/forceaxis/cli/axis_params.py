@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import click
 from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis
-from forceaxis.cli.common import File, Verbs, as_json
+from forceaxis.cli.common import File, Verbs, aligned, as_json, print_json, print_result
 from forceaxis.cli.live_options import Way, connected, live, owned
 from forceaxis.results import to_json
 
@@ -75,7 +74,7 @@ def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
         tables = toml.read_text(text)
         values = {n: v for part, t in tables.items() if part not in ("about", "objects")
                   for n, v in t.items()}  # fmt: skip
-        click.echo(json.dumps({"file": file and str(file), "parameters": values}))
+        print_json({"file": file and str(file), "parameters": values})
     elif file is not None:
         click.echo(paths.display(file))
     else:
@@ -101,7 +100,7 @@ def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool
     with connected(way) as found:
         rows = [d.shown() for d in parameter_set.differences(found, file, skip, measured)]
     if as_json:
-        click.echo(json.dumps({"differences": to_json(rows)}))
+        print_json({"differences": rows})
     else:
         for line in table(rows):
             click.echo(line)
@@ -140,7 +139,7 @@ def load(
     if as_json:
         result = {"dry_run": dry_run, "changes": rows, "unchanged": same, "bank": loaded.bank,
                   "managed": loaded.managed}  # fmt: skip
-        click.echo(json.dumps(to_json(result)))
+        print_json(result)
         return
     for line in table(rows):
         click.echo(line)
@@ -169,7 +168,7 @@ def store(way: Way, as_json: bool) -> None:
     with owned(way) as found:
         parameter_set.store(found)
         where = found.link.where
-    click.echo(json.dumps({"store_state": "saved"}) if as_json else f"{where}: stored")
+    print_result({"store_state": "saved"}, as_json, lambda: f"{where}: stored")
 
 
 @params.command(epilog="forceaxis axis params restore --axis 1 --yes")
@@ -194,21 +193,14 @@ def restore(yes: bool, way: Way, as_json: bool) -> None:
     with owned(way) as found:
         parameter_set.restore(found)
         where = found.link.where
-    if as_json:
-        click.echo(json.dumps({"store_state": "restored"}))
-    else:
-        click.echo(f"{where}: defaults become active at its next power-up or reset of the node")
+    text = f"{where}: defaults become active at its next power-up or reset of the node"
+    print_result({"store_state": "restored"}, as_json, lambda: text)
 
 
-def table(rows: Sequence[DifferenceShown]) -> Iterator[str]:
-    """Yield the lines of the table of differences, with a header. Yield nothing without a row."""
-    if not rows:
-        return
-    columns = ("name", "axis", "file", "unit")
-    cells = [list(columns)]
-    for row in rows:
-        values = (row.name, row.axis, row.file, row.unit)
-        cells.append(["" if value == "1" else str(value) for value in values])
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
-    for line in cells:
-        yield "  ".join(f"{c:<{w}}" for c, w in zip(line, widths, strict=True)).rstrip()
+def table(rows: Sequence[DifferenceShown]) -> list[str]:
+    """Return the lines of the table of differences with a header, or no line without a row."""
+    cells = [
+        ["" if value == "1" else str(value) for value in (row.name, row.axis, row.file, row.unit)]
+        for row in rows
+    ]
+    return aligned([["name", "axis", "file", "unit"], *cells], range(4)) if rows else []

@@ -1,6 +1,5 @@
 """The verbs `gateway`, `monitor` and `log`, for axes on buses and for recorded messages."""
 
-import json
 import os
 import sys
 import time
@@ -11,8 +10,18 @@ import click
 
 from forceaxis import paths
 from forceaxis._core import InputError
-from forceaxis.cli.common import File, Folder, Positive, Subject, Verb, Verbs, as_json, show
-from forceaxis.results import to_json
+from forceaxis.cli.common import (
+    File,
+    Folder,
+    Positive,
+    Subject,
+    Verb,
+    Verbs,
+    as_json,
+    print_json,
+    print_result,
+    show,
+)
 
 if TYPE_CHECKING:
     from forceaxis.bus.monitor_state import Watch
@@ -185,7 +194,7 @@ def snapshot(
         time.sleep(seconds)
     shown = watch.snapshot(source.name, source.now_us(), axis, source.trouble)
     if as_json:
-        click.echo(json.dumps(to_json(shown), allow_nan=False))
+        print_json(shown)
     elif shown.axes:
         click.echo(snapshot_text(shown))
     if not shown.axes:
@@ -222,8 +231,7 @@ def info(log_path: Path, as_json: bool) -> None:
     from forceaxis.cli.buses_text import log_text
 
     summary = logs.info(log_path)
-    shown = json.dumps(to_json(summary), allow_nan=False) if as_json else log_text(summary)
-    click.echo(shown)
+    print_result(summary, as_json, lambda: log_text(summary))
     report_damage(summary.damage)
 
 
@@ -251,11 +259,7 @@ def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> No
     summary = log_tables.export(log_path, out, kinds)
     if not summary.tables:
         raise InputError(f"{paths.display(log_path)}: expected messages of forceaxis in this log")
-    if as_json:
-        click.echo(json.dumps(to_json(summary)))
-    else:
-        click.echo(export_text(summary))
-        click.echo(f"files        {paths.quoted(out)}")
+    print_result(summary, as_json, lambda: export_text(summary), out)
     report_damage(summary.damage)
 
 

@@ -5,6 +5,7 @@ import time
 from forceaxis.bus.log import LogSummary
 from forceaxis.bus.log_tables import ExportSummary
 from forceaxis.bus.monitor_state import AxisSnapshot, Snapshot
+from forceaxis.cli.common import aligned
 
 
 def snapshot_text(shown: Snapshot) -> str:
@@ -55,13 +56,7 @@ def log_text(summary: LogSummary) -> str:
         counts = ["" if n is None else str(n) for n in (row.lost, row.doubled)]
         notes = ", ".join(t for t in (bad, more) if t)
         rows.append((name, row.type or "?", str(row.count), rate, *counts, notes))
-    widths = [max(len(r[i]) for r in rows) for i in range(6)]
-    lines = [
-        f"{r[0]:{widths[0]}}  {r[1]:{widths[1]}}"
-        + "".join(f"  {r[i]:>{widths[i]}}" for i in range(2, 6))
-        + (f"  {r[6]}" if r[6] else "")
-        for r in rows
-    ]
+    lines = aligned(rows, (0, 1, 6))
     start = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(summary.start_wall_us / 1e6))
     lines.append(f"{summary.messages} messages, {summary.span_s:.3f} s from {start}")
     return "\n".join(line.rstrip() for line in lines)

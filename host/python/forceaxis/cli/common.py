@@ -3,6 +3,7 @@ error messages, progress and colours."""
 
 import contextlib
 import io
+import json
 import os
 import re
 import shutil
@@ -10,7 +11,7 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar, cast
 
@@ -456,6 +457,40 @@ def show(rows: Iterable[tuple[str, str]]) -> None:
             word = text.partition(":")[0]
             line = line.replace(word, coloured(word), 1)
         click.echo(line)
+
+
+def print_json(result: object) -> None:
+    """Print a result on one line as JSON: a dataclass, or a dict or list of results."""
+    from forceaxis.results import to_json
+
+    done_waiting()
+    click.echo(json.dumps(to_json(result), allow_nan=False))
+
+
+def print_result(
+    result: object, as_json: bool, text: Callable[[], str], out: Path | None = None
+) -> None:
+    """Print a result as JSON, or the text that `text` returns and the folder `out` of the files."""
+    if as_json:
+        print_json(result)
+        return
+    done_waiting()
+    click.echo(text())
+    if out:
+        click.echo(f"files        {paths.quoted(out)}")
+
+
+def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -> list[str]:
+    """Return the lines of a table. The columns with the indices `to_the_left` are aligned to the
+    left, all others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.ljust(width) if i in to_the_left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
 
 
 @contextlib.contextmanager

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import json
 import shutil
 import sys
 import tempfile
@@ -179,7 +178,6 @@ def design(
     from forceaxis import linear
     from forceaxis.cli import design_text
     from forceaxis.design import for_set, outcome
-    from forceaxis.results import to_json
 
     given["forces_N"] = tuple(itertools.chain.from_iterable(given["forces_N"]))
     values, named = linear.overrides(overrides), linear.states(states)
@@ -193,11 +191,10 @@ def design(
         return
     with progress_on(sys.stderr) as progress:
         found = for_set.design(order, out, progress)
-    if as_json:
-        click.echo(json.dumps(to_json(found.result()), allow_nan=False))
-    else:
-        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-        click.echo(common.fitted_lines(design_text.describe(found, width)))
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    common.print_result(
+        found.result(), as_json, lambda: common.fitted_lines(design_text.describe(found, width))
+    )
 
 
 def _identified(
@@ -228,7 +225,6 @@ def _identified(
 def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) -> None:
     from forceaxis.cli import design_text
     from forceaxis.design import files, tradeoff
-    from forceaxis.results import to_json
 
     against = tradeoff.against_of(pareto)
     if out is not None:
@@ -237,10 +233,8 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
         result = tradeoff.tradeoff(order, against, progress)
     if out is not None:
         tradeoff.write(out, result)
-    click.echo(
-        json.dumps(to_json(result), allow_nan=False)
-        if as_json
-        else common.fitted_lines(design_text.describe_tradeoff(result))
+    common.print_result(
+        result, as_json, lambda: common.fitted_lines(design_text.describe_tradeoff(result))
     )
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from forceaxis import paths
+from forceaxis.cli.common import aligned
 from forceaxis.design import simulate
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.outcome import CASE_HEAD, DesignOutcome, cases, number
@@ -56,7 +57,7 @@ def _figures(outcome: DesignOutcome) -> list[str]:
             (None,) * 6
         )  # fmt: skip
         table.append([name, *map(number, figures)])
-    lines = columns(table)
+    lines = aligned(table)
     if outcome.structures:
         table = [["structure", "fS Hz", "Ms", "gain margin"]]
         for one in outcome.structures:
@@ -64,7 +65,7 @@ def _figures(outcome: DesignOutcome) -> list[str]:
             table.append(
                 [one.name, *map(number, (w.fS_Hz, w.Ms, w.gain_margin) if w else (None,) * 3)]
             )
-        lines += columns(table)
+        lines += aligned(table)
     return lines
 
 
@@ -74,12 +75,12 @@ def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
     if not outcome.rows:
         return []
     rows = cases(outcome.rows)
-    lines = columns([CASE_HEAD, *rows])
+    lines = aligned([CASE_HEAD, *rows])
     if width and len(lines[0]) > width:
         short = [[case.removeprefix("contact "), law,
                   *(cell.replace(" of ", "/") for cell in (stable, *cells[:-3]))]
                  for case, law, stable, *cells in rows]  # fmt: skip
-        lines = columns([["simulated contact", *NARROW_HEAD], *short])
+        lines = aligned([["simulated contact", *NARROW_HEAD], *short])
     if max(row.losses_max or 0 for row in outcome.rows) > simulate.LOSSES_MAX:
         lines.append(
             "losses       contact losses of the permitted number, one more than the impact causes"
@@ -100,17 +101,6 @@ def _set_lines(outcome: DesignOutcome) -> list[str]:
     ]
     if texts:
         lines.append(f"friction     {', '.join(texts)} in the simulated contacts")
-    return lines
-
-
-def columns(table: list[list[str]]) -> list[str]:
-    """Return the lines of a table with aligned columns: the first to the left, others to the
-    right."""
-    wide = [max(len(r[i]) for r in table) for i in range(len(table[0]))]
-    lines = []
-    for row in table:
-        cells = [c.rjust(w) for c, w in zip(row[1:], wide[1:], strict=True)]
-        lines.append("  ".join([row[0].ljust(wide[0]), *cells]).rstrip())
     return lines
 
 

@@ -1,6 +1,5 @@
 """The verbs `run`, `replay`, `sweep` and `test`, which run experiments with the simulator."""
 
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +21,7 @@ from forceaxis.cli.common import (
     fail,
     link_of,
     linked,
+    print_json,
     set_option,
     show,
     threads,
@@ -89,7 +89,7 @@ def run(
         if out:
             trace.write(done, out, codes)
     if as_json:
-        click.echo(json.dumps(done.summary, allow_nan=False))
+        print_json(done.summary)
     else:
         files = [("files", paths.quoted(out))] if out else []
         show([*summaries.rows(done.result, done.overrides), *files])
@@ -130,7 +130,7 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
     if out:
         trace.write(done, out, codes)
     if as_json:
-        click.echo(json.dumps(done.summary, allow_nan=False))
+        print_json(done.summary)
     else:
         known = replayed.trace_hash or "none, it is broken off"
         text = f"{replayed.entries} entries, trace hash {known}"
@@ -255,7 +255,7 @@ def sweep(
     request = sweeps.SweepRequest(experiment, grid, random, count, seed, bisect, overrides, refine)
     done = sweeps.sweep(request, out, threads, scheduler)
     if as_json:
-        click.echo(json.dumps(done.summary, allow_nan=False))
+        print_json(done.summary)
     else:
         show([*sweep_text.rows(done), ("files", paths.quoted(out))])
     if done.result.counts.failed == done.result.counts.points:
@@ -345,7 +345,7 @@ def test(
         regression.write_junit(outcomes, junit)
     number = regression.counts(outcomes)
     if as_json:
-        click.echo(json.dumps(number | {"tests": [o.summary() for o in outcomes]}))
+        print_json(number | {"tests": [o.summary() for o in outcomes]})
     else:
         skipped = [o.name for o in outcomes if o.status == "skipped"]
         if skipped:

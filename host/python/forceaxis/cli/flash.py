@@ -1,6 +1,5 @@
 """`forceaxis flash`: write an image of the firmware to the flash memory of a board."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -8,8 +7,7 @@ import click
 
 from forceaxis._core import InputError
 from forceaxis.chip import flash
-from forceaxis.cli.common import Verb, as_json
-from forceaxis.results import to_json
+from forceaxis.cli.common import Verb, as_json, print_result
 
 
 class Address(click.ParamType[int]):
@@ -80,7 +78,7 @@ def flash_(
         return
     flash.expect_openocd()
     if not yes and (as_json or not sys.stdin.isatty()):
-        raise InputError("flash: expected --yes where there is no terminal to ask at")
+        raise InputError("flash: expected --yes, because there is no terminal to ask for consent")
     show(plan, as_json, quiet=as_json)
     probe, chip = flash.find_probe(plan)
     if not as_json:
@@ -88,12 +86,8 @@ def flash_(
     if not yes and not click.confirm("Write it? The drive's power should be off."):
         raise flash.FlashError("nothing was written")
     flash.write(plan)
-    if as_json:
-        click.echo(json.dumps(to_json(flash.summary(plan, probe, chip))))
-    else:
-        click.echo(
-            "written      verified; the chip was reset and runs the image, the axis is disabled"
-        )
+    text = "written      verified; the chip was reset and runs the image, the axis is disabled"
+    print_result(flash.summary(plan, probe, chip), as_json, lambda: text)
 
 
 def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
@@ -102,7 +96,7 @@ def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:
-        click.echo(json.dumps(to_json(flash.summary(plan))) if as_json else plan_text(plan))
+        print_result(flash.summary(plan), as_json, lambda: plan_text(plan))
 
 
 def plan_text(plan: flash.Plan) -> str:

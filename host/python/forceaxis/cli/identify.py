@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -22,9 +21,9 @@ from forceaxis.cli.common import (
     as_json,
     done_waiting,
     fitted_lines,
+    print_result,
     set_option,
 )
-from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from forceaxis.identify.procedures import Estimate, EstimateWithInterval
@@ -70,11 +69,7 @@ def identify() -> None:
 
 def show(result: Any, as_json: bool, rows: Iterable[tuple[str, Any]]) -> None:
     """Print the result of an identification as JSON, or as the lines of `rows` (name, text)."""
-    if as_json:
-        click.echo(json.dumps(to_json(result), allow_nan=False))
-    else:
-        for name, text in rows:
-            click.echo(f"{name:12} {text}")
+    print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))
 
 
 csv_file = click.argument("data", type=click.Path(dir_okay=False), metavar="DATA.csv")
@@ -350,13 +345,7 @@ def fit(
             if refusal.lines:
                 click.echo(line, err=True)
         raise
-    done_waiting()
-    if as_json:
-        click.echo(json.dumps(to_json(summary), allow_nan=False))
-    else:
-        click.echo(fitted_lines("\n".join(describe_fit(summary))))
-        if out:
-            click.echo(f"files        {paths.quoted(out)}")
+    print_result(summary, as_json, lambda: fitted_lines("\n".join(describe_fit(summary))), out)
 
 
 @identify.command(
@@ -402,11 +391,7 @@ def resonances(
     result = resonance.of_measurement(
         model, response, rigid, linear.overrides(overrides), modes, prominence_db, refine
     )
-    done_waiting()
-    if as_json:
-        click.echo(json.dumps(to_json(result), allow_nan=False))
-    else:
-        click.echo(fitted_lines(resonances_in_words(result)))
+    print_result(result, as_json, lambda: fitted_lines(resonances_in_words(result)))
 
 
 def resonances_in_words(result: ResonanceResult) -> str:

@@ -1,14 +1,11 @@
 """`forceaxis incident`: read and explain the recording that an axis has kept of an error."""
 
-import json
 from pathlib import Path
 
 import click
 
-from forceaxis import paths
-from forceaxis.cli.common import Folder, Positive, Verb, as_json
+from forceaxis.cli.common import Folder, Positive, Verb, as_json, print_result
 from forceaxis.cli.live_options import Way, connected, live
-from forceaxis.results import to_json
 
 
 @click.command(
@@ -55,14 +52,8 @@ def incident(
     lines = incident_text.tell(done, counts_per_mm)
     if out:
         incidents.write(done, out, incidents.figure(done, counts_per_mm))
-    if as_json:
-        click.echo(json.dumps(to_json(incident_text.IncidentStory.of(done, tuple(lines[1:])))))
-    else:
-        click.echo(f"{done.where}: {lines[0]}")
-        for line in lines[1:]:
-            click.echo(f"  {line}")
-        if out:
-            click.echo(f"files        {paths.quoted(out)}")
+    story = incident_text.IncidentStory.of(done, tuple(lines[1:]))
+    print_result(story, as_json, lambda: f"{done.where}: " + "\n  ".join(lines), out)
 
 
 VERBS = (incident,)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,10 +21,11 @@ from forceaxis.cli.common import (
     Verb,
     as_json,
     fitted,
+    print_json,
+    print_result,
     show,
     waiting,
 )
-from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from forceaxis.identify.result import MeasurementSummary
@@ -110,9 +110,7 @@ def measure_axis(
             rows += [("files", paths.quoted(out / name))] if out else []
             show(rows)
     if as_json:
-        click.echo(
-            json.dumps({name: to_json(one.summary) for name, one in done.items()}, allow_nan=False)
-        )
+        print_json({name: one.summary for name, one in done.items()})
 
 
 @click.command(
@@ -239,12 +237,7 @@ def measure(
         done = analyzer.run(target, options, plant, command_line(target, options, plant))
         if out:
             analyzer.write(done, out)
-    if as_json:
-        click.echo(json.dumps(to_json(done.summary), allow_nan=False))
-    else:
-        click.echo(in_words(done.summary))
-        if out:
-            click.echo(f"files        {paths.quoted(out)}")
+    print_result(done.summary, as_json, lambda: in_words(done.summary), out)
 
 
 def command_line(

@@ -1,6 +1,5 @@
 """`forceaxis new`: write a model and experiments of an axis from the values of data sheets."""
 
-import json
 import sys
 from pathlib import Path
 
@@ -13,12 +12,12 @@ from forceaxis.cli.common import (
     Verb,
     as_json,
     fitted,
+    print_json,
     show,
     waiting,
     with_options,
 )
 from forceaxis.design import data_sheet, new
-from forceaxis.results import to_json
 
 
 def option_of(field: data_sheet.SheetField) -> str:
@@ -96,7 +95,7 @@ def new_(
     with waiting("new"):
         done = new.write(name, values, sources, force, design)
     if as_json:
-        click.echo(json.dumps(to_json(done)))
+        print_json(done)
     else:
         from forceaxis.cli import new_text
 

@@ -1,6 +1,5 @@
 """`forceaxis objects`: list the objects of the firmware, and write files that describe them."""
 
-import json
 import shutil
 import sys
 import textwrap
@@ -10,7 +9,7 @@ from pathlib import Path
 import click
 
 from forceaxis import objects, paths
-from forceaxis.cli.common import File, Verb, as_json
+from forceaxis.cli.common import File, Verb, as_json, print_json, print_result
 from forceaxis.words import suggestion
 
 DETAIL_COLUMNS = 80
@@ -106,12 +105,8 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     for kind, path in wanted.items():
         shutil.copyfile(paths.OBJECT_FILES / FILES[kind][0], path)
     if wanted:
-        if as_json:
-            written = {kind: str(path) for kind, path in wanted.items()}
-            click.echo(json.dumps({"objects_hash": objects.OBJECTS_HASH, "written": written}))
-        else:
-            for path in wanted.values():
-                click.echo(paths.display(path))
+        result = {"objects_hash": objects.OBJECTS_HASH, "written": wanted}
+        print_result(result, as_json, lambda: "\n".join(map(paths.display, wanted.values())))
         return
     rows = [o for o in objects.OBJECTS if pattern in o.name]
     if not rows:
@@ -120,7 +115,7 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
             f"{pattern}: expected part of an object's name, got none of it{hint}"
         )
     if as_json:
-        click.echo(json.dumps([o._asdict() for o in rows]))
+        print_json([o._asdict() for o in rows])
         return
     if exact := objects.BY_NAME.get(pattern):
         for text in details(exact):

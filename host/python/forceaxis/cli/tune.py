@@ -1,6 +1,5 @@
 """`forceaxis tune`: identify a live axis, design its force law, verify the law and store it."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,10 @@ from forceaxis.cli.common import (
     as_json,
     fitted,
     mode_option,
+    print_json,
 )
 from forceaxis.cli.live_options import Way
 from forceaxis.cli.measure import band, newtons
-from forceaxis.results import to_json
 
 
 @click.command(
@@ -118,7 +117,7 @@ def tune(
             summary = steps.summary()
             tune_page.write(steps, summary)
             if as_json:
-                click.echo(json.dumps(to_json(summary), allow_nan=False))
+                print_json(summary)
     if not as_json:
         click.echo(f"page         {paths.quoted(out / tune_page.FILE)}")
 
