@@ -11,6 +11,11 @@ class SimulationError(RuntimeError): ...
 TICKS_PER_SECOND: int
 
 FIRMWARE_HASH: str
+FIRMWARE_VERSION: str
+OBJECTS_HASH: str
+FILE_FORMAT: int
+PARAMETER_SET_FORMAT: str
+JOURNAL_FORMAT: str
 SIMULATOR_HASH: str
 
 class Result:
@@ -51,6 +56,40 @@ class Experiments:
 class _Parameter(TypedDict):
     value: float
     unit: str
+
+class ObjectTable(TypedDict):
+    """One object of the firmware, as objects.AxisObject."""
+
+    number: int
+    name: str
+    kind: str
+    part: str
+    meaning: str
+    type: str
+    unit: str
+    scale: float
+    min: int
+    max: int
+    default: int
+    access: str
+    writable: str
+    enum: tuple[str, ...]
+    index: int
+    sub: int
+    modbus: int
+    stored: bool
+    title: str
+    node_id: bool
+    mappable: int
+    quantity: str
+    values: tuple[tuple[int, str], ...]
+
+class BitTable(TypedDict):
+    """A coil or a discrete input of Modbus, as objects.AxisBit."""
+
+    address: int
+    name: str
+    meaning: str
 
 class ConverterTable(TypedDict):
     """A converter of the model: quantity = (code - zero) * per_code, in `unit`."""
@@ -101,6 +140,13 @@ class BenchCase:
         threads: int,
     ) -> dict[str, Any]: ...
 
+def objects() -> list[ObjectTable]: ...
+def coils() -> list[BitTable]: ...
+def discretes() -> list[BitTable]: ...
+def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]: ...
+def quantity_in(text: str, unit: str) -> float | None: ...
+def read_toml(path: str) -> dict[str, Any]: ...
+def parse_toml(text: str) -> dict[str, Any]: ...
 def inputs(
     experiment: str | Path, overrides: Sequence[str] = ..., text: str | None = ...
 ) -> Inputs: ...
@@ -123,7 +169,7 @@ def run_many(
     progress: Callable[[int, int], None] | None = ...,
     keep_going: bool = ...,
     finished: Callable[[int, dict[str, Any]], None] | None = ...,
-    experiments: object = ...,
+    experiments: Experiments | None = ...,
 ) -> list[dict[str, Any]]: ...
 def judge(
     criterion: dict[str, Any], metrics: dict[str, Any], fault: str

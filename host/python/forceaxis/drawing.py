@@ -20,7 +20,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
-from forceaxis._core import InputError
+from forceaxis.errors import ParameterError
 from forceaxis.words import plain
 
 INK = "#1b3a5b"
@@ -106,7 +106,7 @@ def check_name(path: Path | str | None) -> None:
     """Raises InputError for a file name to which no figure can be written; to be called before the
     computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
-        raise InputError(f"--out: {path}: expected a file ending in {', '.join(SUFFIXES)}")
+        raise ParameterError("out", f"{path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
 def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:

@@ -1,11 +1,13 @@
 """The objects of the firmware with which _core was compiled, and the bits of its Modbus map."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from forceaxis import _core
 
 
-class AxisObject(NamedTuple):
+@dataclass(frozen=True)
+class AxisObject:
     """One parameter, signal or command; engineering value = raw * scale."""
 
     number: int

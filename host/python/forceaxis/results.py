@@ -57,7 +57,7 @@ class _UnexpectedValue(ValueError):
     """A value of JSON does not have the type of its field. The text states both."""
 
 
-def _is_scalar_union(kind: Any) -> bool:
+def _is_scalar_union(kind: type) -> bool:
     """Whether a type is a union of texts, numbers and bools, whose values JSON can distinguish."""
     kinds = set(get_args(kind)) - {NoneType}
     is_union = get_origin(kind) in (Union, UnionType)
@@ -88,6 +88,7 @@ def _reason(error: BaseException, _: type | None) -> str:
 
 
 def _overrides(kind: type) -> dict[str, Any]:
+    """How cattrs converts the fields of a result."""
     return {
         field.name: override(
             rename=field.metadata.get(KEY),

@@ -2,7 +2,10 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+OptionValue = str | int | float | Path | None
 
 # Characters that would control a terminal: control characters of ASCII and Latin-1, line and
 # paragraph separators, and those that change the direction of writing.
@@ -37,7 +40,7 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {' or '.join(meant)}?" if meant else ""
 
 
-def option_words(**options: object) -> list[str]:
+def option_words(**options: OptionValue | Sequence[OptionValue]) -> list[str]:
     """Arguments of a Python function as options of a command line: lcm_url="x" becomes --lcm-url x.
     True gives the option without a value, a list gives the option once for each value, and None,
     False and an empty text give no option."""
@@ -47,6 +50,6 @@ def option_words(**options: object) -> list[str]:
         if isinstance(given, bool):
             words += [option] * given
         else:
-            values = given if isinstance(given, list | tuple) else [given]
+            values = [given] if isinstance(given, OptionValue) else given
             words += [word for v in values if v not in (None, "") for word in (option, str(v))]
     return words

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -748,7 +749,7 @@ def test_python_objects_are_those_of_the_table(monkeypatch):
             | {"modbus": table.register(o, i), "title": table.title(o, i)}
             | {"values": tuple(map(tuple, o["values"]))}
         )
-    assert [o._asdict() for o in objects.OBJECTS] == expected
+    assert [asdict(o) for o in objects.OBJECTS] == expected
     assert [bit._asdict() for bit in objects.COILS] == read.coils
     assert [bit._asdict() for bit in objects.DISCRETES] == read.discretes
     assert read.digest == objects.OBJECTS_HASH

@@ -13,7 +13,8 @@ PACKAGE = ROOT / "host/python/forceaxis"
 # From the ground up; what stands in one line may not import each other's wing.
 ORDER = (
     ("_core", "paths", "words", "progress"),
-    ("objects", "drawing", "toml", "results", "errors"),
+    ("objects", "toml", "results", "errors"),
+    ("drawing",),
     ("bus", "chip", "linear"),
     ("experiments", "identify", "axis", "versions"),
     ("design", "thesis"),

@@ -1,7 +1,5 @@
 """A capture of the recorder, assembled from the received blocks."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,14 +70,16 @@ class Assembly:
             first = -self.trigger_sample * self.decimation
         return first + np.arange(self.total, dtype=np.int64) * self.decimation
 
-    def values(self, name: str) -> NDArray[np.float64 | np.int64]:
+    def values(self, name: str) -> Samples | NDArray[np.int64]:
         """A signal in engineering units, NaN where samples were lost; exact where the scale is 1
         and nothing was."""
-        column: NDArray[Any] = self.raw[:, self.signals.index(name)]
+        column = self.raw[:, self.signals.index(name)]
         known = BY_NAME.get(name)
-        if known and known.scale != 1:
-            column = column * known.scale
-        return column if self.complete else np.where(self.have, column, np.nan)
+        if known is None or known.scale == 1:
+            values: Samples | NDArray[np.int64] = column
+        else:
+            values = column.astype(np.float64) * known.scale
+        return values if self.complete else np.where(self.have, values, np.nan)
 
 
 def fits(first_tick: int, samples: int, decimation: int) -> bool:

@@ -20,7 +20,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Self, TypeVar
+from typing import TypeVar
 
 from forceaxis._core import InputError
 from forceaxis.bus.capture_assembly import Assembly
@@ -29,6 +29,7 @@ from forceaxis.bus.lcm import (
     NOT_AVAILABLE,
     TABLE_HASH,
     Bus,
+    Closable,
     Gaps,
     Undecodable,
     decode,
@@ -107,7 +108,7 @@ def from_raw(name: str, raw: int) -> Value:
     return raw if known.scale == 1 else raw * known.scale
 
 
-class AxisClient:
+class AxisClient(Closable):
     """Commands one axis through its gateway and waits for the acknowledgements."""
 
     def __init__(
@@ -126,12 +127,6 @@ class AxisClient:
 
     def close(self) -> None:
         self._bus.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def write(self, name: str, value: Value) -> axis_event_t:
         """Writes one object: engineering value or enum text; with an address the raw value."""

@@ -49,11 +49,11 @@ class HeartbeatKeeper(Keeper):
         can_id: int,
         data: bytes,
         period_s: float,
-        send: Callable[[bytes], object],
+        send: Callable[[bytes], None],
     ) -> None:
         self._period_s = period_s
         self._socket: socket.socket | None = None
-        self._send: Callable[[], object] = lambda: send(data)
+        self._send: Callable[[], int | None] = lambda: send(data)
         with contextlib.suppress(OSError):
             self._socket = kernel = _broadcast_manager(interface)
             repeated = round(self.BRIDGED_S / period_s)
@@ -104,7 +104,7 @@ class WatchdogKeeper(Keeper):
     is locked from reading to writing it; a caller that changes the watchdog holds it.
     """
 
-    def __init__(self, read: Callable[[], int], write: Callable[[int], object]) -> None:
+    def __init__(self, read: Callable[[], int], write: Callable[[int], None]) -> None:
         self.unchanged = threading.Lock()
         self._read, self._write = read, write
         super().__init__(self._rewrite)
@@ -122,10 +122,10 @@ class GatewayKeeper(WatchdogKeeper):
 
     def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)
-        super().__init__(
-            lambda: int(self._client.read("watchdog")),
-            lambda value: self._client.write("watchdog", value),
-        )
+        super().__init__(lambda: int(self._client.read("watchdog")), self._write_watchdog)
+
+    def _write_watchdog(self, watchdog_ms: int) -> None:
+        self._client.write("watchdog", watchdog_ms)
 
     def close(self) -> None:
         super().close()

@@ -1,5 +1,6 @@
 """One LCM connection: channels and types of host/lcm/axis.lcm, received with gaps counted."""
 
+import abc
 import os
 import re
 import secrets
@@ -203,12 +204,26 @@ class Gaps:
         return True
 
 
-class Bus:
+class Closable(abc.ABC):
+    """A connection that a `with` block closes at its end."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Ends the connection."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Bus(Closable):
     """A connection with its own thread, which calls handle(channel, data, wall_us): bytes, and the
     time of receipt in us since 1970."""
 
     def __init__(
-        self, url: str | None, handle: Callable[[str, bytes, int], object], channels: str = CHANNELS
+        self, url: str | None, handle: Callable[[str, bytes, int], None], channels: str = CHANNELS
     ) -> None:
         self.url = url or default_url()
         self.trouble: str | None = None  # what ended the thread
@@ -247,9 +262,3 @@ class Bus:
             except Exception as error:  # reported by the user of this connection
                 self.trouble = f"{self.url}: {error}"
                 return
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

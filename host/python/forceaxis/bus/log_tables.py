@@ -17,8 +17,16 @@ from forceaxis.bus import state_names
 from forceaxis.bus.capture_assembly import Assembly, fits, unit_of
 from forceaxis.bus.lcm import NOT_AVAILABLE, Gaps, Undecodable, channel_of, decode, type_of
 from forceaxis.bus.log import LogEntry, LogReader, expect_messages
-from forceaxis.bus.messages import axis_capture_t, axis_event_t, axis_state_t, sim_truth_t
+from forceaxis.bus.messages import (
+    axis_capture_t,
+    axis_command_t,
+    axis_event_t,
+    axis_state_t,
+    sim_clock_t,
+    sim_truth_t,
+)
 from forceaxis.bus.state_names import BY_NAME
+from forceaxis.bus.wire import Message
 
 Row = dict[str, int | float | str | None]
 Table = dict[str, NDArray[Any]]
@@ -175,7 +183,7 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
     )
 
 
-def message_row(message: Any, wall_us: int) -> Row:
+def message_row(message: Message, wall_us: int) -> Row:
     """A message's fields as a row: units are in the fields' names; further objects follow by
     theirs, and texts for coded numbers."""
     row: Row = {"received_wall_us": wall_us}
@@ -187,16 +195,16 @@ def message_row(message: Any, wall_us: int) -> Row:
             row[named] = None if value == NOT_AVAILABLE else value
     if isinstance(message, axis_state_t):
         row.update(state_words(message))
-    if hasattr(message, "more_name"):
+    if isinstance(message, axis_state_t | sim_clock_t):
         for name, raw in zip(message.more_name, message.more_value, strict=True):
             row[column_name(name)] = _engineering(name, raw)
-    if hasattr(message, "object"):
+    if isinstance(message, axis_command_t | axis_event_t):
         pairs = zip(message.object, message.value, strict=True)
-        row["items_raw"] = "; ".join(f"{name}={raw}" for name, raw in pairs)
-    if hasattr(message, "signal"):
-        row["signals"] = "; ".join(message.signal)
+        row |= {"items_raw": "; ".join(f"{name}={raw}" for name, raw in pairs)}
+    if isinstance(message, axis_command_t | axis_capture_t | sim_truth_t):
+        row |= {"signals": "; ".join(message.signal)}
     if isinstance(message, axis_event_t):
-        row["kind_text"] = event_word(message.kind)
+        row |= {"kind_text": event_word(message.kind)}
     return row
 
 

@@ -5,10 +5,11 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 from rich.text import Text
 from textual.app import App, ComposeResult
-from textual.binding import Binding
+from textual.binding import Binding, BindingType
 from textual.containers import Grid, Vertical
 from textual.css.query import NoMatches
 from textual.widgets import Footer, Static
@@ -53,7 +54,7 @@ class Monitor(App[None]):
     #small { width: 100%; height: 100%; content-align: center middle; display: none; }
     Footer { background: #262626; }
     """
-    BINDINGS = (
+    BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f", "freeze", "Freeze"),
         Binding("r", "record", "Record"),
         Binding("c", "capture", "Capture"),
@@ -64,7 +65,7 @@ class Monitor(App[None]):
         Binding("minus", "span(-1)", "Span", show=False),
         Binding("q,ctrl+c", "quit", "Quit", key_display="q"),
         *(Binding(str(n), f"axis({n})", show=False) for n in range(1, 10)),
-    )
+    ]
 
     def __init__(
         self,

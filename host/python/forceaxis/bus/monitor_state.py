@@ -3,6 +3,7 @@
 Fed by a connection's thread or by a replayed log, read by the monitor; one lock guards it all.
 """
 
+import dataclasses
 import math
 import threading
 from collections import deque
@@ -145,16 +146,27 @@ def volt(code: int) -> float:
     return code * VOLT_PER_CODE
 
 
-class Trace:
-    """The last HISTORY_STATES states as arrays, positions and codes as the axis counts them."""
+@dataclass(frozen=True)
+class TraceColumns:
+    """The states of a span of time, (n,) each, nan for a value that is not available: time in s
+    since 1970, forces in the unit of AxisWatch.forces(), positions in encoder counts."""
 
-    NAMES = (
-        *("time", "force", "force_target", "position", "position_target"),
-        *("code", "command", "force_count"),
-    )
+    time_s: Samples
+    force: Samples
+    force_target: Samples
+    position_cnt: Samples
+    position_target_cnt: Samples
+    dac_code: Samples
+    command_code: Samples
+    force_cnt: Samples
+
+
+class Trace:
+    """The last HISTORY_STATES states. A row has the order of TraceColumns."""
 
     def __init__(self) -> None:
-        self._rows, self._end = np.full((2 * HISTORY_STATES, len(self.NAMES)), np.nan), 0
+        columns = len(dataclasses.fields(TraceColumns))
+        self._rows, self._end = np.full((2 * HISTORY_STATES, columns), np.nan), 0
 
     def add(self, row: Sequence[float]) -> None:
         if self._end == len(self._rows):
@@ -163,11 +175,11 @@ class Trace:
         self._rows[self._end] = row
         self._end += 1
 
-    def since(self, time_s: float) -> dict[str, Samples]:
-        """{name: array} from time_s on, copied."""
+    def since(self, time_s: float) -> TraceColumns:
+        """The states from time_s on, copied."""
         rows = self._rows[max(0, self._end - HISTORY_STATES) : self._end]
         rows = rows[np.searchsorted(rows[:, 0], time_s) :].copy()
-        return dict(zip(self.NAMES, rows.T, strict=True))
+        return TraceColumns(*rows.T)
 
 
 class AxisWatch:
@@ -246,9 +258,10 @@ class AxisWatch:
         state = self._heard()
         if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
             return None
-        if "force_demand" in self.more():
-            return self.more()["force_demand"]
-        return None if state.mode_display == -1 else known(state.target_force_permille)
+        demand = self.more().get("force_demand")
+        if demand is None and state.mode_display != -1:
+            demand = known(state.target_force_permille)
+        return demand
 
     def position_target(self) -> int | None:
         """Where the mode in force leads the axis, in counts; None where force decides."""

@@ -10,7 +10,13 @@ from textual.widgets import Static
 from forceaxis._core import TICKS_PER_SECOND
 from forceaxis.bus import charts, state_names
 from forceaxis.bus.capture_assembly import Samples, unit_of
-from forceaxis.bus.monitor_state import STALE_AFTER_S, VOLT_PER_CODE, AxisSnapshot, AxisWatch
+from forceaxis.bus.monitor_state import (
+    STALE_AFTER_S,
+    VOLT_PER_CODE,
+    AxisSnapshot,
+    AxisWatch,
+    TraceColumns,
+)
 
 # Heights of a panel with its border, in lines.
 FULL, COMPACT, SLIM = 8, 4, 3
@@ -252,7 +258,7 @@ def strip_charts(
     """Force, position and command over the last span_s, as many of them as fit."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
-    time_s = data["time"] - now
+    time_s = data.time_s - now
     plots = plots_of(axis, data, codes)
     room = height - 1
     count = 3 if room >= 9 else 2 if room >= 6 else 1
@@ -277,16 +283,16 @@ def strip_charts(
     return Text("\n").join(parts)
 
 
-def plots_of(axis: AxisWatch, data: dict[str, Samples], codes: bool) -> list[StripChart]:
+def plots_of(axis: AxisWatch, data: TraceColumns, codes: bool) -> list[StripChart]:
     """The charts of force, position and command."""
     force = axis.forces()[2] if axis.state else ""
-    forces = data["force"], data["force_target"]
+    forces = data.force, data.force_target
     if codes:
-        force, forces = "count", (data["force_count"], np.full_like(data["force"], np.nan))
+        force, forces = "count", (data.force_cnt, np.full_like(data.force, np.nan))
     length, size = ("count", 1) if codes else axis.length()
     of, volt = ("DAC code", 1) if codes else ("V", VOLT_PER_CODE)
-    code, command = data["code"] * volt, data["command"] * volt
-    positions = data["position"] * size, data["position_target"] * size
+    code, command = data.dac_code * volt, data.command_code * volt
+    positions = data.position_cnt * size, data.position_target_cnt * size
     name = "encoder" if length == "count" else "position"
     return [
         StripChart("force", force, *forces, ("is", "target"), 1.0),

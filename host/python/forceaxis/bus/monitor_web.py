@@ -143,7 +143,7 @@ class MonitorServer(textual_server.Server):
         for task in list(self.sockets):
             task.cancel()
 
-    async def run(self, ready: Callable[[str], object]) -> int:
+    async def run(self, ready: Callable[[str], None]) -> int:
         """Serves until SIGINT or SIGTERM, whose number it returns; `ready(url)` once it listens."""
         loop = asyncio.get_running_loop()
         ended: asyncio.Future[int] = loop.create_future()
@@ -165,7 +165,7 @@ class MonitorServer(textual_server.Server):
             await runner.cleanup()
 
 
-def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str], object]) -> int:
+def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str], None]) -> int:
     """Serves the monitor of `settings` (see `main`). Returns the signal that ended it."""
     logging.getLogger("textual-serve").setLevel(logging.CRITICAL)
     try:

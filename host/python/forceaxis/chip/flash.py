@@ -99,7 +99,12 @@ def plan(
     stack, reset = image.word(flash.start), image.word(flash.start + 4)
     if stack is None or reset is None:
         raise InputError(f"{path}: expected a vector table at {flash.start:#010x}, there is none")
-    if stack % 4 or not ram.start < stack <= ram.stop or not reset % 2 or reset - 1 not in image:
+    if (
+        stack % 4
+        or not ram.start < stack <= ram.stop
+        or not reset % 2
+        or not image.has_byte(reset - 1)
+    ):
         raise InputError(
             f"{path}: expected a vector table at {flash.start:#010x} with a stack in "
             f"{span(ram)} and a start in the image, got {stack:#010x} and {reset:#010x}"

@@ -64,8 +64,9 @@ class Image(NamedTuple):
                 return int.from_bytes(s.data[address - s.address :][:4], "little")
         return None
 
-    def __contains__(self, address: object) -> bool:
-        return isinstance(address, int) and any(s.address <= address < s.end for s in self.segments)
+    def has_byte(self, address: int) -> bool:
+        """Whether the image has a byte at `address`."""
+        return any(s.address <= address < s.end for s in self.segments)
 
 
 def load(path: Path | str, address: int | None = None) -> Image:

@@ -115,7 +115,7 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
             f"{pattern}: expected part of an object's name, got none of it{hint}"
         )
     if as_json:
-        print_json([o._asdict() for o in rows])
+        print_json(rows)
         return
     if exact := objects.BY_NAME.get(pattern):
         for text in details(exact):
