@@ -67,6 +67,8 @@ def fields(node, lines):
     for item in node.body:
         if not isinstance(item, ast.AnnAssign) or item.target.id.startswith("_"):
             continue
+        if ast.unparse(item).partition("= ")[2].startswith("json_field("):
+            item.value = None  # describes the form of JSON
         text = ast.unparse(item)
         comment = re.search(r"\s#:? ?(.*)$", lines[item.end_lineno - 1])
         yield text.replace("'", '"'), comment[1] if comment else ""

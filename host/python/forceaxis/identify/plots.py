@@ -22,9 +22,8 @@ from forceaxis.drawing import (
     style,
 )  # fmt: skip
 from forceaxis.identify.measurement import Complexes, Measurement, Points
-from forceaxis.identify.overlay import MeasuredBode
 from forceaxis.linear import plots
-from forceaxis.linear.curves import Curve
+from forceaxis.linear.curves import Curve, PlantBode
 
 
 def response(
@@ -117,7 +116,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     return figure
 
 
-def overlay(curves: Sequence[Curve], points: Sequence[Points], result: MeasuredBode) -> Figure:
+def overlay(curves: Sequence[Curve], points: Sequence[Points], result: PlantBode) -> Figure:
     """Figure of measured responses, with their 95 % band, over the curves of the model."""
     output = result.curves[0].output
     title = f"{name_of(result.model)}: {result.input} to {output}, measured and as modelled"
