@@ -137,15 +137,15 @@ class BenchResult:
     checks: list[Requirement] | None = json_field(omit_none=True)
 
 
-AXIS = ("tip.force", "robot", "workpiece")
+AXIS_SIGNALS = ("tip.force", "robot", "workpiece")
 CASES = {
-    "A": Case("axis_contact_a.toml", AXIS, 4, 59),
-    "B": Case("axis_contact_b.toml", AXIS, 15, SETPOINT_B_N),
+    "A": Case("axis_contact_a.toml", AXIS_SIGNALS, 4, 59),
+    "B": Case("axis_contact_b.toml", AXIS_SIGNALS, 15, SETPOINT_B_N),
     "full": Case("full_axis.toml", ("pad.force", "rotor", "workpiece"), 4, 59),
 }
 # {name: (gains in DAC codes per ADC count, set-points in N)}: 64 x 64 runs, including both ends.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
-SIDE = 64  # number of gains and of set-points
+SWEEP_SIDE = 64  # number of gains and of set-points
 
 
 class Peers:
@@ -275,12 +275,12 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         return time.perf_counter() - wall, time.process_time() - cpu
 
     def sweep_once(name: str, threads: int) -> tuple[float, float]:
-        done = plant.sweep(*SWEEPS[name], SIDE, threads)
+        done = plant.sweep(*SWEEPS[name], SWEEP_SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
     # name -> (number of runs, function of the number of threads: elapsed time and CPU time in s)
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
-        name: (SIDE * SIDE, functools.partial(sweep_once, name)) for name in SWEEPS
+        name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }
     work["cells"] = (len(jobs), cells_once)
     rows = []

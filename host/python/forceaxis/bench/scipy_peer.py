@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ class TimedRun(NamedTuple):
     """One timed run of a benchmark case."""
 
     force_N: NDArray[np.float64]  # contact force at each tick
-    codes: NDArray[np.signedinteger[Any]]  # ADC code of the contact force at each tick
+    codes: NDArray[np.int32]  # ADC code of the contact force at each tick
     seconds: float  # CPU time
     events: int | None  # number of switching events; None: unknown
 
@@ -154,4 +154,4 @@ def run(gain: int, setpoint_N: int, ticks: int) -> TimedRun:
                     plant.cross(guard.element, guard.region, x)
                     crossings += 1
     seconds = time.thread_time() - start
-    return TimedRun(np.array(force), np.array(codes), seconds, crossings)
+    return TimedRun(np.array(force), np.array(codes, np.int32), seconds, crossings)

@@ -3,17 +3,14 @@
 import json
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import click
 
+from forceaxis.bench import bench
+from forceaxis.bench import link as bench_link
+from forceaxis.bench.requirement import Requirement
 from forceaxis.cli.common import Verb, as_json
 from forceaxis.results import to_json
-
-if TYPE_CHECKING:
-    from forceaxis.bench.bench import BenchResult
-    from forceaxis.bench.link import LinkRates
-    from forceaxis.bench.requirement import Requirement
 
 
 @click.command(
@@ -66,9 +63,6 @@ def bench_(
     and the error of the contact force against an independent integration with extended precision.
     Run it on an idle machine.
     """
-    from forceaxis.bench import bench
-    from forceaxis.bench import link as bench_link
-
     if links:
         rates = bench_link.run(min(repeat, 10))
         checks = bench_link.check(rates)
@@ -89,12 +83,12 @@ def bench_(
         sys.exit(1)
 
 
-def check_line(requirement: "Requirement") -> str:
+def check_line(requirement: Requirement) -> str:
     """A required figure as a line."""
     return f"{'held' if requirement.held else 'NOT HELD':12} {requirement.check}"
 
 
-def rates_line(r: "LinkRates") -> str:
+def rates_line(r: bench_link.LinkRates) -> str:
     """The rates of one transport as a line."""
     return (
         f"{r.link:12} {r.ticks_per_s:,.0f} ticks/s ({r.real_time:.1f} x real time), "
@@ -104,7 +98,7 @@ def rates_line(r: "LinkRates") -> str:
     )
 
 
-def bench_text(result: "BenchResult") -> str:
+def bench_text(result: bench.BenchResult) -> str:
     """The result of the benchmark as a table and lines."""
     lines = ["case  tool                x real time   us/tick   spread   force error   events"]
     for r in result.results:

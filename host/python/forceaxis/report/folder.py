@@ -126,20 +126,15 @@ def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
 
 
 def _drawn(path: Path, folder: Path) -> Entry:
-    """The Entry with its pictures and without its trace, because the entry is sent to another
-    process."""
-    entry = _entry(path, folder)
-    if entry.done:
-        _ = entry.picture, entry.thumbnail
-        entry.done.columns = {}
-    return entry
-
-
-def _entry(path: Path, folder: Path) -> Entry:
+    """The entry of one experiment with its pictures and without its trace, because the entry is
+    sent to another process."""
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)
     except (InputError, SimulationError, OSError) as error:
         return Entry(path, name, error=" ".join(str(error).split()).removeprefix(f"{path}: "))
     differs = tuple(str(c) for c in examined.checks if not c.passed)
-    return Entry(path, name, examined.run, differs)
+    entry = Entry(path, name, examined.run, differs)
+    _ = entry.picture, entry.thumbnail
+    entry.run.columns = {}
+    return entry

@@ -18,8 +18,8 @@ from forceaxis.report import axes, folder
 from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
-# {status of an experiment: its name on the page}.
-WORDS = {
+# {status of an experiment: its text on the page}.
+STATUS_TEXTS = {
     **verdicts.WORDS,
     "none": "no verdict",
     "differs": "not as expected",
@@ -110,7 +110,7 @@ def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str,
         entries=entries,
         few=not own and len(entries) <= axes.SHOWN_EXPERIMENTS_MAX,
         counts=summary.counts,
-        words=WORDS,
+        words=STATUS_TEXTS,
         firmware_hash=_core.FIRMWARE_HASH,
         objects_hash=objects.OBJECTS_HASH,
         **names,

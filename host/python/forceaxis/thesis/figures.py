@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,7 +21,8 @@ Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
 Options = Mapping[str, str | float | tuple[float, float]]  # keyword of a drawing -> its value
 
-# The force per force of a perfect actuator, without the drive.
+# Measured force per command voltage; per force of a perfect actuator, without the drive.
+VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
 
@@ -52,43 +54,27 @@ class ThesisFigure:
 def responses(
     *runs: Run,
     span_hz: tuple[float, float] = (0.5, 200.0),
-    channel: curves.Channel = curves.Channel(),  # noqa: B008  # the object is frozen
-) -> Source:
-    """Source of one frequency response for each run. channel: its input, output and drive."""
-
-    def source() -> list[curves.Curve]:
-        return [
-            curves.model_curve(m, label, replace(channel, overrides=settings or {}), span_hz)
-            for m, label, settings in runs
-        ]
-
-    return source
+    channel: curves.Channel = VOLTAGE,
+) -> list[curves.Curve]:
+    """One frequency response for each run. channel: its input, output and drive."""
+    return [
+        curves.model_curve(m, label, replace(channel, overrides=settings or {}), span_hz)
+        for m, label, settings in runs
+    ]
 
 
-def outputs(
-    model: str,
-    names: dict[str, str],
-    channel: curves.Channel,
-) -> Source:
-    """Source of the frequency responses of one model to several outputs, {output: label}."""
-
-    def source() -> list[curves.Curve]:
-        return [
-            curves.model_curve(model, label, replace(channel, output=output), (0.5, 200.0))
-            for output, label in names.items()
-        ]
-
-    return source
+def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[curves.Curve]:
+    """The frequency responses of one model to several outputs, {output: label}."""
+    return [
+        curves.model_curve(model, label, replace(channel, output=output), (0.5, 200.0))
+        for output, label in names.items()
+    ]
 
 
-def loci(*runs: Run, span_hz: float | None = None) -> Source:
-    """Source of the root loci of force loops in continuous time, one for each run."""
-
-    def source() -> list[locus.Locus]:
-        found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
-        return locus.loci(found, [label for _, label, _ in runs], span_hz)
-
-    return source
+def loci(*runs: Run, span_hz: float | None = None) -> list[locus.Locus]:
+    """The root loci of force loops in continuous time, one for each run."""
+    found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
+    return locus.loci(found, [label for _, label, _ in runs], span_hz)
 
 
 def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
@@ -125,38 +111,30 @@ def beam_arrays() -> list[locus.Array]:
     ]
 
 
-def arrays(system: System, names: dict[str, str], input: str | None = None) -> Source:
-    """Source of the pole-zero arrays of one system to several outputs, {output: label}."""
-
-    def source() -> list[locus.Array]:
-        inputs = (input,) if input else None
-        return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
-
-    return source
+def arrays(system: System, names: dict[str, str], input: str | None = None) -> list[locus.Array]:
+    """The pole-zero arrays of one system to several outputs, {output: label}."""
+    inputs = (input,) if input else None
+    return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
 
 
-def measured(*runs: Run) -> Source:
-    """Source of the frequency responses of section 3.2 as the models predict them.
+def measured(*runs: Run) -> list[curves.Curve]:
+    """The frequency responses of section 3.2 as the models predict them.
 
     runs: (stem of a file in sim/measurements, label, model parameters or None).
     """
-
-    def source() -> list[curves.Curve]:
-        found = []
-        for stem, label, settings in runs:
-            setup, _ = read_setup(stem, {"set": settings})
-            names = (setup.input or "drive.command", setup.output)
-            system = linear.linearise(
-                setup.model, ("drive.command",), names, setup.set, free=setup.free
-            )
-            frequency = curves.grid_hz(*setup.band_hz, system.poles())
-            x, y = system.response(frequency).reshape(len(frequency), 2).T
-            ratio = np.asarray(setup.scale * y / x, np.complex128)
-            unit = setup.unit or curves.unit_of(setup.model, names[0], names[1])
-            found.append(curves.Curve(label, frequency, ratio, "" if unit == "V/V" else unit))
-        return found
-
-    return source
+    found = []
+    for stem, label, settings in runs:
+        setup, _ = read_setup(stem, {"set": settings})
+        names = (setup.input or "drive.command", setup.output)
+        system = linear.linearise(
+            setup.model, ("drive.command",), names, setup.set, free=setup.free
+        )
+        frequency = curves.grid_hz(*setup.band_hz, system.poles())
+        x, y = system.response(frequency).reshape(len(frequency), 2).T
+        ratio = np.asarray(setup.scale * y / x, np.complex128)
+        unit = setup.unit or curves.unit_of(setup.model, names[0], names[1])
+        found.append(curves.Curve(label, frequency, ratio, "" if unit == "V/V" else unit))
+    return found
 
 
 def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonance.Fit]:
@@ -212,87 +190,91 @@ def thesis_figures() -> list[ThesisFigure]:
     phase: Options = {"phase_only": True, "size": (5.6, 2.8)}
     return [
         ThesisFigure("2.4", "bode", "rigid robot", "1 at 0 Hz; amplitude and phase roll off",
-                     responses(("fig2_3", "F_s / F_a", None), channel=FORCE), sensed),
+                     partial(responses, ("fig2_3", "F_s / F_a", None), channel=FORCE), sensed),
         ThesisFigure("2.5", "rlocus", "rigid robot", "straight up: stable at every gain",
-                     loci(("fig2_3", "", None), span_hz=15)),
+                     partial(loci, ("fig2_3", "", None), span_hz=15)),
         ThesisFigure("2.9", "bode", "rigid robot, simple actuator", "the actuator's lag",
-                     responses(("fig2_8", "", None)), volts),
+                     partial(responses, ("fig2_8", "", None)), volts),
         ThesisFigure("2.10", "rlocus", "rigid robot, simple actuator", "now unstable at high gain",
-                     loci(("fig2_8", "", None))),
+                     partial(loci, ("fig2_8", "", None))),
         ThesisFigure("2.12", "bode", "link flexibility", "the phase drops below -180 degrees",
-                     responses(("fig2_11", "F_s / F_a", None), channel=FORCE), sensed),
+                     partial(responses, ("fig2_11", "F_s / F_a", None), channel=FORCE), sensed),
         ThesisFigure("2.13", "rlocus", "link flexibility", "roots cross into the right half",
-                     loci(("fig2_11", "", None))),
+                     partial(loci, ("fig2_11", "", None))),
         ThesisFigure("2.14", "bode", "link flexibility, actuator and endpoint",
                      "above the arm's mode the two move opposite",
-                     outputs("fig2_11", both, FORCE), phase),
+                     partial(outputs, "fig2_11", both, FORCE), phase),
         ThesisFigure("2.17", "bode", "base A", "a sharp lag and lead; damping spreads it",
-                     responses(*damped("fig2_16a", "b_b", base, "N s/m"), channel=FORCE), sensed),
+                     partial(responses, *damped("fig2_16a", "b_b", base, "N s/m"), channel=FORCE),
+                             sensed),
         ThesisFigure("2.18", "rlocus", "base A",
                      "colocated: poles beside zeros; 2000: unstable between two gains",
-                     loci(*damped("fig2_16a", "b_b", base, "N s/m"), span_hz=20)),
+                     partial(loci, *damped("fig2_16a", "b_b", base, "N s/m"), span_hz=20)),
         ThesisFigure("2.19", "bode", "base B", "the workpiece on the base: less lag",
-                     responses(*damped("fig2_16b", "b_b", base, "N s/m"), channel=FORCE), sensed),
+                     partial(responses, *damped("fig2_16b", "b_b", base, "N s/m"), channel=FORCE),
+                             sensed),
         ThesisFigure("2.20", "rlocus", "base B", "poles beside zeros, colocated",
-                     loci(*damped("fig2_16b", "b_b", base, "N s/m"), span_hz=20)),
+                     partial(loci, *damped("fig2_16b", "b_b", base, "N s/m"), span_hz=20)),
         ThesisFigure("2.22", "bode", "distributed beam", "colocated: zeros between the poles",
                      beam_curves, {"ylabel": "v / F_a"}),
         ThesisFigure("2.23", "poles", "distributed beam through its fourth mode",
                      "colocated: alternating; tip: zeros in real +- pairs", beam_arrays),
         ThesisFigure("2.25", "poles", "lumped bending beam", "tip: one real +- pair of zeros",
-                     arrays(LUMPED.system(), {"actuator": "actuator (colocated)",
-                                              "tip": "tip (noncolocated)"})),
+                     partial(arrays, LUMPED.system(), {"actuator": "actuator (colocated)",
+                                                       "tip": "tip (noncolocated)"})),
         ThesisFigure("2.27", "bode", "workpiece", "a dip of the phase, less with damping",
-                     responses(*work, channel=FORCE), sensed),
+                     partial(responses, *work, channel=FORCE), sensed),
         ThesisFigure("2.28", "rlocus", "workpiece",
                      "no gain limit; stiffer, hardly damped: unstable between two gains",
-                     loci(*work, span_hz=100)),
+                     partial(loci, *work, span_hz=100)),
         ThesisFigure("2.30", "rlocus", "workpiece and link flexibility", "the arm still limits",
-                     loci(("fig2_29", "", None))),
+                     partial(loci, ("fig2_29", "", None))),
         ThesisFigure("2.31", "rlocus", "workpiece mode at the arm's crossover",
                      "its zeros hold the roots back: a higher limit",
-                     loci(("fig2_29", "k_w = 412700", None),
+                     partial(loci, ("fig2_29", "k_w = 412700", None),
                           ("fig2_29", "k_w = 300000, b_w = 363",
                            {"k_w": 300000.0, "b_w": 363.0}))),
         ThesisFigure("2.33", "rlocus", "workpiece and simple actuator", "poles and zeros in pairs",
-                     loci(("fig2_32", "", None))),
+                     partial(loci, ("fig2_32", "", None))),
         ThesisFigure("2.34", "rlocus", "damped workpiece at the crossover",
                      "its zeros hold the roots back: a higher limit",
-                     loci(("fig2_32", "b_w = 363", {"b_w": 363.0}))),
+                     partial(loci, ("fig2_32", "b_w = 363", {"b_w": 363.0}))),
         ThesisFigure("2.36", "bode", "grip, perfect actuator", "a soft grip parts zeros and poles",
-                     responses(*grips, channel=FORCE), sensed),
+                     partial(responses, *grips, channel=FORCE), sensed),
         ThesisFigure("2.37", "rlocus", "grip, perfect actuator", "colocated: only huge gains cross",
-                     loci(*grips, span_hz=200)),
+                     partial(loci, *grips, span_hz=200)),
         ThesisFigure("2.38", "bode", "grip, simple actuator", "the actuator's lag is added",
-                     responses(*coupled), volts),
+                     partial(responses, *coupled), volts),
         ThesisFigure("2.39", "rlocus", "grip, simple actuator",
-                     "soft: the limit moves to the sensor's mode", loci(*coupled, span_hz=200)),
+                     "soft: the limit moves to the sensor's mode",
+                     partial(loci, *coupled, span_hz=200)),
         ThesisFigure("3.6", "bode", "preamplifier, command to current command (model)", "flat",
-                     measured(("fig3_6", "", None)), {"ylabel": "V_ic / V_cmd"}),
+                     partial(measured, ("fig3_6", "", None)), {"ylabel": "V_ic / V_cmd"}),
         ThesisFigure("3.7", "bode", "preamplifier, tachometer to current command (model)",
-                     "inverting, first order at 150 Hz", measured(("fig3_7", "", None)),
+                     "inverting, first order at 150 Hz", partial(measured, ("fig3_7", "", None)),
                      {"ylabel": "V_ic / V_tach"}),
         ThesisFigure("3.8", "bode", "current loop, shaft locked (model)",
                      "measured: 1 up to 2000 Hz, which wants k_amp = 582",
-                     measured(("fig3_8", "k_amp = 582", None),
+                     partial(measured, ("fig3_8", "k_amp = 582", None),
                               ("fig3_8", "k_amp = 15", {"k_amp": 15})),
                      {"ylabel": "V_if / V_ic"}),
         ThesisFigure("3.9", "bode", "motor velocity, no load (model)",
                      "measured: .85 at DC, 46 Hz",
-                     measured(("fig3_9", "k_amp = 582", None),
+                     partial(measured, ("fig3_9", "k_amp = 582", None),
                               ("fig3_9", "k_amp = 15", {"k_amp": 15})),
                      {"ylabel": "V_tach / V_cmd"}),
         ThesisFigure("3.10", "bode", "motor acceleration, apart (model)",
                      "colocated: each mode's zeros before its poles",
-                     measured(("fig3_10", "", None)), {"ylabel": "acceleration / V_cmd"}),
+                     partial(measured, ("fig3_10", "", None)), {"ylabel": "acceleration / V_cmd"}),
         ThesisFigure("3.11", "bode", "tip acceleration, apart (model)",
                      "noncolocated: the phase falls by 180 degrees at the arm's mode",
-                     measured(("fig3_11", "tip", None), ("fig3_10", "motor (Fig 3.10)", None)),
+                     partial(measured, ("fig3_11", "tip", None),
+                             ("fig3_10", "motor (Fig 3.10)", None)),
                      {"ylabel": "acceleration / V_cmd"}),
         ThesisFigure("3.12", "bode", "contact force, clamped (model)", "poles moved by the contact",
-                     measured(("fig3_12", "", None)), volts),
+                     partial(measured, ("fig3_12", "", None)), volts),
         ThesisFigure("4.6", "bode", "motor without load", "tachometer follows the command",
-                     responses(("fig4_5", "", None), channel=TACH, span_hz=(0.5, 500)),
+                     partial(responses, ("fig4_5", "", None), channel=TACH, span_hz=(0.5, 500)),
                      {"ylabel": "V_tach / V_cmd"}),
         ThesisFigure("4.8", "bode", "polynomial resonance model", "five steps fit the magnitude",
                      resonance_curves, {"ylabel": "acceleration / V_cmd"}),
@@ -300,31 +282,32 @@ def thesis_figures() -> list[ThesisFigure]:
                      "the rigid body's, and a pair of poles and of zeros for each resonance",
                      resonance_array, {"span_hz": 60}),
         ThesisFigure("4.12", "bode", "motor and rigid robot", "-180 degrees at 34 Hz",
-                     responses(("fig4_11", "", None)), volts),
+                     partial(responses, ("fig4_11", "", None)), volts),
         ThesisFigure("4.13", "rlocus", "motor and rigid robot", "the motor alone limits the gain",
-                     loci(("fig4_11", "", None))),
+                     partial(loci, ("fig4_11", "", None))),
         ThesisFigure("4.16", "rlocus", "arm flexibility", "noncolocated: a lower limit",
-                     loci(("fig4_15", "", None))),
+                     partial(loci, ("fig4_15", "", None))),
         ThesisFigure("4.18", "rlocus", "base flexibility", "poles beside zeros at 12 Hz",
-                     loci(("fig4_17", "", None))),
+                     partial(loci, ("fig4_17", "", None))),
         ThesisFigure("4.20", "rlocus", "workpiece", "the workpiece's poles cross",
-                     loci(("fig4_19", "", None), span_hz=70)),
+                     partial(loci, ("fig4_19", "", None), span_hz=70)),
         ThesisFigure("4.21", "rlocus", "workpiece four times stiffer",
                      "crosses where the rigid robot does",
-                     loci(("fig4_21", "", None), span_hz=110)),
+                     partial(loci, ("fig4_21", "", None), span_hz=110)),
         ThesisFigure("4.22", "rlocus", "workpiece four times softer",
                      "its slower mode rings and crosses",
-                     loci(("fig4_22", "", None), span_hz=70)),
+                     partial(loci, ("fig4_22", "", None), span_hz=70)),
         ThesisFigure("4.24", "rlocus", "stiff grip", "as without a grip",
-                     loci(("fig4_24", "", None), span_hz=70)),
+                     partial(loci, ("fig4_24", "", None), span_hz=70)),
         ThesisFigure("4.25", "rlocus", "soft grip", "the sensor's mode limits, far out",
-                     loci(("fig4_25", "", None), span_hz=200)),
+                     partial(loci, ("fig4_25", "", None), span_hz=200)),
         ThesisFigure("5.4", "rlocus", "original workpiece damping", "as Fig 4.20",
-                     loci(("fig4_19", "b_w = 8.25", None), span_hz=70)),
+                     partial(loci, ("fig4_19", "b_w = 8.25", None), span_hz=70)),
         ThesisFigure("5.5", "rlocus", "workpiece damping x 20", "crosses at a higher gain",
-                     loci(("fig5_5", "b_w = 165", None), span_hz=70)),
+                     partial(loci, ("fig5_5", "b_w = 165", None), span_hz=70)),
         ThesisFigure("6.1", "bode", "three dynamic problems", "actuator lag, a colocated mode's "
                      "dip at 12 Hz, 180 degrees lost at the arm's mode", three_problems, phase),
         ThesisFigure("6.3", "poles", "two-link arm, torque 1", "endpoint: a zero on the right",
-                     arrays(ARM.system(), {"joint1": "joint 1", "normal": "endpoint"}, "torque1")),
+                     partial(arrays, ARM.system(), {"joint1": "joint 1", "normal": "endpoint"},
+                             "torque1")),
     ]  # fmt: skip
