@@ -1,6 +1,5 @@
 """`forceaxis bench`: measure the speed of the simulator."""
 
-import json
 import sys
 from dataclasses import replace
 
@@ -9,8 +8,7 @@ import click
 from forceaxis.bench import bench
 from forceaxis.bench import link as bench_link
 from forceaxis.bench.requirement import Requirement
-from forceaxis.cli.common import Verb, as_json
-from forceaxis.results import to_json
+from forceaxis.cli.common import Verb, as_json, print_result
 
 
 @click.command(
@@ -66,10 +64,8 @@ def bench_(
     if links:
         rates = bench_link.run(min(repeat, 10))
         checks = bench_link.check(rates)
-        if as_json:
-            click.echo(json.dumps({"link": to_json(rates), "checks": to_json(checks)}))
-        else:
-            click.echo("\n".join([*map(rates_line, rates), *map(check_line, checks)]))
+        lines = [*map(rates_line, rates), *map(check_line, checks)]
+        print_result({"link": rates, "checks": checks}, as_json, lambda: "\n".join(lines))
         sys.exit(not all(c.held for c in checks))
     if check and (cases or tools):
         raise click.UsageError("expected --check without --case and --tool; it runs everything")
@@ -78,7 +74,7 @@ def bench_(
     )
     if check:
         result = replace(result, checks=bench.check(result))
-    click.echo(json.dumps(to_json(result), allow_nan=False) if as_json else bench_text(result))
+    print_result(result, as_json, lambda: bench_text(result))
     if not all(c.held for c in result.checks or ()):
         sys.exit(1)
 

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING
 import click
 
 from forceaxis import paths
-from forceaxis.cli.common import Folder, Slow, Verb, as_json, done_waiting, link_of, linked, threads
+from forceaxis.cli.common import (
+    Folder,
+    Slow,
+    Verb,
+    as_json,
+    link_of,
+    linked,
+    print_result,
+    threads,
+)
 from forceaxis.experiments import link
 from forceaxis.results import to_json
 from forceaxis.thesis import tables
@@ -46,10 +55,7 @@ def tables_(
         click.echo(json.dumps(to_json(tables.fit(threads)), indent=None if as_json else 2))
         return
     result = tables.run(threads, link_of(kind, lcm_url, link_can, inject))
-    if as_json:
-        click.echo(json.dumps(to_json(result)))
-    else:
-        click.echo(tables_text(result))
+    print_result(result, as_json, lambda: tables_text(result))
     if result.matched < tables.load().matched_at_least:
         sys.exit(1)
 
@@ -100,14 +106,13 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
     from forceaxis.report import report as page
 
     summary = page.write(folder, out, threads)
-    done_waiting()
-    if as_json:
-        click.echo(json.dumps(to_json(summary)))
-    else:
-        click.echo(f"report       {paths.quoted(out / 'index.html')}")
-        click.echo(f"experiments  {summary.experiments} run")
-        if summary.total is not None:
-            click.echo(f"tables       {summary.matched} of {summary.total} cells match the thesis")
+    lines = [
+        f"report       {paths.quoted(out / 'index.html')}",
+        f"experiments  {summary.experiments} run",
+    ]
+    if summary.total is not None:
+        lines.append(f"tables       {summary.matched} of {summary.total} cells match the thesis")
+    print_result(summary, as_json, lambda: "\n".join(lines))
     for error in summary.errors:
         click.echo(f"forceaxis: {error}", err=True)
     if summary.errors:
@@ -144,10 +149,7 @@ def session(out: Path, as_json: bool) -> None:
             click.echo(f"session      {step}", err=True)
 
     found = thesis_session.run_with_programs(out, report)
-    if as_json:
-        click.echo(json.dumps(to_json(found), allow_nan=False))
-    else:
-        click.echo(session_text(found))
+    print_result(found, as_json, lambda: session_text(found))
     if {found.trace_hash.plant_node, found.trace_hash.axis_node} != {found.replayed_hash}:
         click.echo(
             "forceaxis: session: expected one trace hash of plant, firmware and replay", err=True
@@ -192,9 +194,7 @@ def check_thesis(as_json: bool) -> None:
     from forceaxis.thesis import claims
 
     result = claims.check()
-    done_waiting()
-    shown = json.dumps(to_json(result), allow_nan=False) if as_json else claims_text(result)
-    click.echo(shown)
+    print_result(result, as_json, lambda: claims_text(result))
     if result.unexplained:
         sys.exit(1)
 
