@@ -5,26 +5,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from forceaxis import linear, toml
-from forceaxis.design.changes import Design
+from forceaxis import linear
+from forceaxis.design import model_file
+from forceaxis.design.model_file import Given, Link
 from forceaxis.errors import ParameterError
-from forceaxis.linear import plant_set
+from forceaxis.linear import plant_set, working
 
 # Standard deviations of the logarithms of values that are known before the measurement.
-MASS, DRIVE, STIFFNESS, DAMPING, WORKPIECE = 0.05, 0.05, 0.2, math.log(2), math.log(5)
-DRIVEN = ("k_torque", "k_preamp_cmd", "k_preamp_fdbk", "a_preamp_fdbk", "k_amp")
-LIMITED = (("drive.voltage", "supply_limit"), ("drive.current_command", "preamp_limit"))
-# step and number of steps: a step response reaches its peak within a few time constants
-FINE_S, FINE_STEPS = 1e-5, 300
-STEADY_HZ = 0.02
-# ratio of the codes of a noise to those that keep its peak linear; noise reaches its peak rarely
-PEAKY = 2
-# share of the drive's limit, because a step of the noise is up to twice its amplitude
-UNSATURATED = 0.7
+MASS_SPREAD, DRIVE_SPREAD, STIFFNESS_SPREAD = 0.05, 0.05, 0.2
+DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
+# Step and number of steps of a step response. The response reaches its peak within a few time
+# constants.
+STEP_S, STEP_COUNT = 1e-5, 300
+STEADY_HZ = 0.02  # at this frequency the axis has finished its acceleration
+# Ratio of the largest code of a noise to the code that keeps a step linear. A noise reaches its
+# peak rarely.
+NOISE_PEAK_FACTOR = 2
+LINEAR_SHARE = 0.7  # of the drive's limit, because a step of the noise is up to twice its amplitude
 
 
 @dataclass(frozen=True)
@@ -50,31 +50,31 @@ def priors(
     given: texts NAME=VALUE (as accurate as a mass) or NAME=VALUE+-PERCENT%. Raises InputError.
     """
     known = linear.facts(model, overrides).parameters
-    table = toml.read(linear.find_model(model))
-    work = _workpiece(table)
+    tables = model_file.read(model)
+    drive, workpiece = tables.drive, tables.workpiece
     spreads: dict[str, float] = {}
 
-    def add(name: Any, spread: float) -> None:
-        if isinstance(name, str) and name in known and known[name][0] > 0:
+    def add(name: Given | None, spread: float) -> None:
+        if isinstance(name, str) and name in known and known[name].value > 0:
             spreads[name] = max(spread, spreads.get(name, 0.0))
 
-    for body in table.get("body", ()):
-        add(body.get("mass"), WORKPIECE if body["name"] == work else MASS)
-    for kind in ("spring", "damper", "contact", "backlash"):
-        for part in table.get(kind, ()):
-            on_it = kind != "contact" and work in part["between"]
-            add(part.get("stiffness"), WORKPIECE if on_it else STIFFNESS)
-            add(part.get("damping"), WORKPIECE if on_it else DAMPING)
-    for key in DRIVEN:
-        add(table.get("drive", {}).get(key), DRIVE)
+    for body in tables.bodies:
+        add(body.mass, WORKPIECE_SPREAD if body.name == workpiece else MASS_SPREAD)
+    for link in (*tables.springs, *tables.dampers, *tables.contacts, *tables.backlashes):
+        is_support = link not in tables.contacts and workpiece in link.between
+        add(link.stiffness, WORKPIECE_SPREAD if is_support else STIFFNESS_SPREAD)
+        add(link.damping, WORKPIECE_SPREAD if is_support else DAMPING_SPREAD)
+    for constant in (drive.k_torque, drive.k_preamp_cmd, drive.k_preamp_fdbk, drive.a_preamp_fdbk,
+                     drive.k_amp):  # fmt: skip
+        add(constant, DRIVE_SPREAD)
     for name in plant_set.ranges_of(model, over, overrides):
-        add(name, WORKPIECE)
-    found = {name: Prior(known[name][0], spread) for name, spread in spreads.items()}
+        add(name, WORKPIECE_SPREAD)
+    found = {name: Prior(known[name].value, spread) for name, spread in spreads.items()}
     for text in given:
         name, _, value = text.partition("=")
         value, _, percent = value.partition("+-")
         try:
-            share = float(percent.removesuffix("%")) / 100 if percent else MASS
+            share = float(percent.removesuffix("%")) / 100 if percent else MASS_SPREAD
             prior = Prior(float(value), share)
         except ValueError:
             prior = Prior(0.0, 0.0)
@@ -88,24 +88,32 @@ def priors(
     return found
 
 
-def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -> int | None:
+def _drive_limits(
+    model: str | Path, overrides: linear.Overrides | None = None
+) -> list[tuple[str, float]]:
+    """[(signal of the drive, its limit in SI units)] of the limits that a model has."""
+    facts, drive = linear.facts(model, overrides), model_file.read(model).drive
+    limits = (("drive.voltage", drive.supply_limit), ("drive.current_command", drive.preamp_limit))
+    return [
+        (signal, limit) for signal, given in limits
+        if signal in facts.signals
+        and (limit := working.number(given, facts.parameters)) is not None
+    ]  # fmt: skip
+
+
+def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -> float:
     """Largest codes of a noise that keep voltage and current of the model's drive within their
-    limits; None without limits. Above these codes the gain of the amplifier decreases."""
-    path = linear.find_model(model)
-    known, table = linear.facts(path, overrides), toml.read(path).get("drive", {})
+    limits; inf without limits. Above these codes the gain of the amplifier decreases."""
+    volts_per_code = linear.facts(model, overrides).volts_per_code
     found = []
-    for signal, key in LIMITED:
-        limit = table.get(key)
-        limit = known.parameters.get(limit, (limit,))[0]
-        if signal not in known.signals or not isinstance(limit, int | float):
-            continue
-        step = linear.linearise(path, outputs=(signal,), overrides=overrides).sampled(dt=FINE_S)
+    for signal, limit in _drive_limits(model, overrides):
+        step = linear.linearise(model, outputs=(signal,), overrides=overrides).sampled(dt=STEP_S)
         x, peak = np.zeros(len(step.A)), abs(step.D[0, 0])
-        for _ in range(FINE_STEPS):
+        for _ in range(STEP_COUNT):
             x = step.A @ x + step.B[:, 0]
             peak = max(peak, abs((step.C @ x)[0] + step.D[0, 0]))
-        found.append(UNSATURATED * limit / (peak * known.volts_per_code))
-    return max(1, int(min(found))) if found else None
+        found.append(LINEAR_SHARE * limit / (peak * volts_per_code))
+    return max(1, int(min(found))) if found else math.inf
 
 
 def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
@@ -126,22 +134,23 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
 
 
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Counts/N of the spring of the contact itself; 0 without such a spring."""
-    with Design(str(model), overrides) as plant:
-        contact = plant.tables.contact
-        stiffness = plant.value(contact.stiffness) if contact else None
-        scale = abs(plant.facts.required_encoder.scale)
-    return scale / stiffness if stiffness else 0.0
+    """Deflection in counts/N of the spring of the contact itself; 0 without such a spring."""
+    return _counts_per_newton(model, overrides, model_file.read(model).contact)
 
 
 def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Counts/N of the single spring between the body behind the contact and the ground; 0 without
-    one."""
-    with Design(str(model), overrides) as plant:
-        support = plant.tables.support
-        stiffness = plant.value(support.stiffness) if support else None
-        scale = abs(plant.facts.required_encoder.scale)
-    return scale / stiffness if stiffness else 0.0
+    """Deflection in counts/N of the single spring between the workpiece and the ground; 0 without
+    such a spring."""
+    return _counts_per_newton(model, overrides, model_file.read(model).support)
+
+
+def _counts_per_newton(
+    model: str | Path, overrides: linear.Overrides | None, link: Link | None
+) -> float:
+    """Deflection of a spring in encoder counts per N; 0 without a stiffness."""
+    facts = linear.facts(model, overrides)
+    stiffness = working.number(link.stiffness, facts.parameters) if link else None
+    return abs(facts.required_encoder.scale) / stiffness if stiffness else 0.0
 
 
 def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
@@ -160,33 +169,24 @@ def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
 
 def play_counts(model: str | Path, overrides: linear.Overrides | None = None) -> int:
     """Total backlash of a model in encoder counts; 0 without backlash or encoder."""
-    path = linear.find_model(model)
-    facts = linear.facts(path, overrides)
+    facts = linear.facts(model, overrides)
     if facts.encoder is None:
         return 0
-    widths = [part.get("width", 0.0) for part in toml.read(path).get("backlash", ())]
-    play_m = sum(float(facts.parameters.get(width, (width,))[0]) for width in widths)
-    return math.ceil(play_m * abs(facts.required_encoder.scale))
-
-
-def _workpiece(table: dict[str, Any]) -> str | None:
-    """Name of the body on which the contact presses."""
-    contacts = table.get("contact", ())
-    return contacts[0]["between"][1] if len(contacts) == 1 else None
+    widths = [
+        working.number(part.width, facts.parameters) for part in model_file.read(model).backlashes
+    ]
+    return math.ceil(sum(width or 0.0 for width in widths) * abs(facts.encoder.scale))
 
 
 class SineBounds:
     """Largest codes of a sine that keep the model's drive within its limits."""
 
     def __init__(self, model: str | Path) -> None:
-        path = linear.find_model(model)
-        facts, table = linear.facts(path), toml.read(path).get("drive", {})
-        self._limits = []
-        for signal, key in LIMITED:
-            limit = facts.parameters.get(table.get(key), (table.get(key),))[0]
-            if signal in facts.signals and isinstance(limit, int | float):
-                plant = linear.linearise(path, outputs=(signal,))
-                self._limits.append((plant, UNSATURATED * limit / facts.volts_per_code))
+        volts_per_code = linear.facts(model).volts_per_code
+        self._limits = [
+            (linear.linearise(model, outputs=(signal,)), LINEAR_SHARE * limit / volts_per_code)
+            for signal, limit in _drive_limits(model)
+        ]
 
     def codes(self, hz: float) -> int:
         """Largest amplitude in codes at a frequency in Hz, at least 1."""

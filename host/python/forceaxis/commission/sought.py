@@ -148,7 +148,8 @@ class Look:
         codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
         most = self.order.most
         if found.rubs and self.model:  # a saturated drive distorts a response like friction
-            most = min(most, known.PEAKY * (known.linear_codes(self.model, self.overrides) or most))
+            linear_codes = known.linear_codes(self.model, self.overrides)
+            most = int(min(most, known.NOISE_PEAK_FACTOR * linear_codes))
         self.analyzer.order = replace(
             self.order,
             rubs=found.rubs,

@@ -363,11 +363,9 @@ def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
         return None
     bits = linear.facts(tuning.model).required_reading.bits
     most = hf_most(bits)
-    linear_codes = known.linear_codes(tuning.model)
-    linear_gain = math.inf
     # rms limit of a uniform noise whose amplitude keeps the drive linear
-    if linear_codes is not None:
-        linear_gain = known.PEAKY * linear_codes / math.sqrt(3) / (noise * 2.0 ** (8 - bits))
+    rms_codes = known.NOISE_PEAK_FACTOR * known.linear_codes(tuning.model) / math.sqrt(3)
+    linear_gain = rms_codes / (noise * 2.0 ** (8 - bits))
     return min(most, max(HF_DEFAULT, most / max(1.0, noise)), linear_gain)
 
 

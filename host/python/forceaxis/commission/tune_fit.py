@@ -256,7 +256,7 @@ def _workpiece(
                 f"weighs: without, {UNWEIGHED:g} times less and more than the model has are taken",
                 friction_models.toml_lines(rubs),
             )  # fmt: skip
-        found[mass] = Prior(linear.facts(tuning.given).parameters[mass][0], known.MASS)
+        found[mass] = Prior(linear.facts(tuning.given).parameters[mass][0], known.MASS_SPREAD)
     return {name: prior for name, prior in found.items() if name not in given}
 
 

@@ -237,7 +237,7 @@ def measuring_order(
         band_hz=order.band_hz, averages=order.averages, fewest=min(AVERAGES_MIN, order.averages),
         force_max_N=order.force_max_N, amplitude=amplitude, rubs=rubs,
         travel=max(20, round(1e-3 * order.travel_mm * scale)), seed=order.seed, first=first,
-        most=min(known.PEAKY * (known.linear_codes(model) or 1024), MOST_CODES),
+        most=int(min(known.NOISE_PEAK_FACTOR * known.linear_codes(model), MOST_CODES)),
     )  # fmt: skip
 
 

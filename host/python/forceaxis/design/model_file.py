@@ -36,13 +36,14 @@ class Body:
 
 @dataclass(frozen=True)
 class Link:
-    """A [[spring]], [[damper]] or [[contact]] between two bodies or a body and "ground". None: the
-    file does not have the key."""
+    """A [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies or a body and
+    "ground"; width: of a backlash. None: the file does not have the key."""
 
     name: str
     between: tuple[str, str]
     stiffness: Given | None = None
     damping: Given | None = None
+    width: Given | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,11 @@ class Drive:
     b_m: Given | None = None
     k_amp: Given | None = None
     k_amp_outer: Given | None = None
+    k_torque: Given | None = None
+    k_preamp_cmd: Given | None = None
+    k_preamp_fdbk: Given | None = None
+    a_preamp_fdbk: Given | None = None
+    preamp_limit: Given | None = None
     supply_limit: Given | None = None
     R: Given | None = None
 
@@ -86,6 +92,7 @@ class ModelFile:
     springs: tuple[Link, ...]
     dampers: tuple[Link, ...]
     contacts: tuple[Link, ...]
+    backlashes: tuple[Link, ...]
     frictions: tuple[FrictionLink, ...]
     adcs: tuple[Adc, ...]
     drive: Drive
@@ -129,6 +136,7 @@ def read(model: str | Path) -> ModelFile:
         springs=every(Link, "spring"),
         dampers=every(Link, "damper"),
         contacts=every(Link, "contact"),
+        backlashes=every(Link, "backlash"),
         frictions=every(FrictionLink, "friction"),
         adcs=every(Adc, "adc"),
         drive=_of_table(Drive, table.get("drive", {}), f"{path}: drive"),
