@@ -85,7 +85,7 @@ def pushed(friction_N, low=18.0, high=120.0, noise=0.3):
 
 @pytest.mark.parametrize("newton", [2.0, 8.0, 25.0, 45.0])
 def test_friction_under_a_workpiece_shows_in_the_way_there_and_back(newton):
-    found = friction.slow(*pushed(newton), COUNTS / K_S)
+    found = friction.slow_loading(*pushed(newton), COUNTS / K_S)
     assert found.friction_N == pytest.approx(newton, rel=0.15)
     assert found.sliding == pytest.approx(COUNTS / K_W, rel=0.15)
     assert found.compliance == pytest.approx(COUNTS / K_S, rel=0.15)
@@ -93,7 +93,7 @@ def test_friction_under_a_workpiece_shows_in_the_way_there_and_back(newton):
 
 
 def test_without_friction_there_is_none_and_nothing_is_soft():
-    found = friction.slow(*pushed(0.0), COUNTS / K_S)
+    found = friction.slow_loading(*pushed(0.0), COUNTS / K_S)
     assert not found.rubs and not found.sticks and not found.soft
     assert found.compliance == pytest.approx(COUNTS / K_S + COUNTS / K_W, rel=0.03)
 
@@ -101,7 +101,7 @@ def test_without_friction_there_is_none_and_nothing_is_soft():
 def test_a_soft_place_between_two_forces_is_found_where_it_is():
     force, place = pushed(0.0)
     softer = np.interp(force, [60.0, 80.0], [0.0, 20 * 4 * COUNTS / K_S])  # 5 times as soft there
-    found = friction.slow(force, place + softer, COUNTS / K_S)
+    found = friction.slow_loading(force, place + softer, COUNTS / K_S)
     assert found.soft and 60 < found.softest_N < 80
 
 

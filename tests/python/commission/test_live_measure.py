@@ -231,11 +231,11 @@ def test_noise_fed_back_biases_the_quotient_but_not_the_estimate():
     u = (r - law * noise) / (1 + law * gain)
     y = gain * u + noise
     lines = np.arange(1, 30)
-    found, sensitivity, _ = response.estimate(r, u, y, lines, (0.0, 0.0))
-    error = abs(found["response"] - gain)
+    found = response.estimate(r, u, y, lines, (0.0, 0.0))
+    error = abs(found.response - gain)
     assert error.mean() < 0.1
-    assert np.allclose(sensitivity, 1 / (1 + law * gain), atol=0.1)
-    inside = error**2 < 3.0 * found["variance"]  # F(2, 3198) at 95 %
+    assert np.allclose(found.sensitivity, 1 / (1 + law * gain), atol=0.1)
+    inside = error**2 < 3.0 * found.variance  # F(2, 3198) at 95 %
     assert inside.mean() > 0.85
     U, Y = (np.fft.rfft(v, axis=1)[:, lines] for v in (u, y))
     assert abs((U.conj() * Y).sum(0) / (abs(U) ** 2).sum(0) - gain).min() > 0.25

@@ -57,7 +57,7 @@ def _friction_rows(found: FrictionSummary) -> list[Row]:
         is_least = found.glide is None and found.directions and found.directions.least
         least = "at least " if is_least else ""
         text = f"guide and gear take {least}{found.dead_zone_codes:.3g} codes{newtons}"
-        if found.glide and abs(found.glide.difference) > friction.FELT_CODES:
+        if found.glide and abs(found.glide.difference) > friction.DEAD_ZONE_MIN_CODES:
             text += f", {found.glide.difference:+.2g} codes more forward than backward"
         parts.append(text)
     if found.workpiece_N:

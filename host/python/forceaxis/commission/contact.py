@@ -161,7 +161,7 @@ class Touching(Analyzer):
         before = round(BEFORE_S * TICKS_PER_S)
         self.axis.arm(
             ("force",), before + round(AFTER_S * TICKS_PER_S), pretrigger=before,
-            **trigger_on("force", self.known["contact_force"]),
+            **trigger_on("force", self.objects.contact_force),
         )  # fmt: skip
         return super().press(force_N)
 
@@ -170,7 +170,7 @@ class Touching(Analyzer):
         axis, travel = self.axis, self.order.travel
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
-            if axis.read("force") < self.known["contact_force"] / 2:
+            if axis.read("force") < self.objects.contact_force / 2:
                 axis.move(axis.read("position") - round(LONG_MOVE * travel))
                 return
             axis.move(axis.read("position") - round(SHORT_MOVE * travel))

@@ -2,8 +2,8 @@
 
 `glide` drives the axis out of contact with constant codes in both directions. The speed is
 proportional to the code minus a dead zone, and the dead zone is the friction of guide and gear in
-codes. `between` changes the force in contact slowly from the smallest to the largest one and back.
-The position shows the compliance between these forces. If the position differs between rising and
+codes. `record_slow_change` changes the force in contact slowly from the smallest to the largest one
+and back. The position shows the compliance between these forces. If the position differs between rising and
 falling force, the workpiece has friction on its table. `directions` computes the difference of the
 codes for rising and falling force at the same measured force, which is the friction of guide and
 gear in contact.
@@ -18,47 +18,53 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from forceaxis.axis.link import TICKS_PER_S
+from forceaxis.commission.analyzer import Analyzer
+from forceaxis.commission.level import Samples
 from forceaxis.commission.refusal import Refusal
 
-Samples = NDArray[np.float64]
-
-SHARE_OF_WAY = 0.85  # share of the travel in each direction over which glide() moves
-GLIDE_S, LEAST_S, SETTLED_S = 0.5, 0.12, 0.05
-SLOWER = 0.6  # ratio of the smaller DAC code to the larger one in the two motions
-ENOUGH = 1.2  # a code is large enough if its speed would cover this multiple of the travel
+# The motion out of contact, glide():
+TRAVEL_SHARE = 0.85  # share of the travel in each direction over which the axis moves
+# times in s: of a record, of the shortest record, and before the speed is constant
+GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
+SMALLER_CODE_SHARE = 0.6  # ratio of the smaller DAC code to the larger one in the two motions
+ENOUGH_TRAVELS = 1.2  # a code is large enough if its speed would cover this multiple of the travel
 # period of reading the position; a motion ends at this multiple of the travel
-LOOK_S, BEYOND = 0.02, 1.3
-LEAST_TRAVEL = 20  # counts
-MOVES = 6  # counts: a smaller change of the position is not a motion
-FELT_CODES = 0.12  # codes: a smaller dead zone counts as no friction
-LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
-BLOCK = 20  # samples of a mean
-BINS = 6
+POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
+TRAVEL_MIN_CNT = 20
+MOTION_MIN_CNT = 6  # a smaller change of the position is not a motion
+DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone counts as no friction
+NOISE_SLIDES = 2.5  # dead zones: noise with fewer codes does not slide most of the time
+
+# The slow change of the force, record_slow_change():
+LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5  # of the rise and of the fall
+# Relative difference from the force set-point above which a force law without integral action
+# counts as stopped by friction.
+FORCE_ERROR_MIN = 0.06
+
+# Compliance and friction under the workpiece, slow_loading():
+BLOCK_SAMPLES = 20  # of a mean
+BINS = 6  # number of intervals of the force with a compliance of their own
 # ratio of the compliance between two forces to that at the forces, from which the workpiece counts
 # as soft
 SOFTER = 1.6
 # friction is accepted if it reduces the error of the position by more than this share
-FELT_SHARE = 0.15
-LEAST_COUNTS = 0.35  # counts of travel from which friction under the workpiece can be measured
-NOISE_SLIDES = 2.5  # dead zones: noise with fewer codes does not slide most of the time
-# Relative difference from the force set-point above which a force law without integral action
-# counts as stopped by friction.
-STANDS_WITHIN = 0.06
+ERROR_REDUCTION_MIN = 0.15
+DISPLACEMENT_MIN_CNT = 0.35  # travel from which friction under the workpiece can be measured
+
+# Friction of guide and gear in contact, directions():
 # a block of samples whose force changes faster than this share of the mean slope belongs to a
 # motion
-RISES = 0.3
+SLOPE_MIN_SHARE = 0.3
 # fewest blocks of a motion; time for which the axis waits at the end of a motion
-FEWEST_BLOCKS, HELD_S = 8, 1.0
+MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
 # Friction counts as found above all three: standard errors, codes, and share of the codes that the
 # speed needs.
-SURE, LEAST_CODES, OF_SPEED = 4.0, 0.3, 0.5
+FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ class Glide:
 
     @property
     def rubs(self) -> bool:
-        return self.dead_zone > FELT_CODES
+        return self.dead_zone > DEAD_ZONE_MIN_CODES
 
     @property
     def noise_codes(self) -> int:
@@ -94,7 +100,9 @@ class Directions:
 
     @property
     def rubs(self) -> bool:
-        return self.dead_zone > max(SURE * self.error, LEAST_CODES, OF_SPEED * self.speed)
+        return self.dead_zone > max(
+            FOUND_ERRORS * self.error, FOUND_CODES, FOUND_SPEED_SHARE * self.speed
+        )
 
 
 @dataclass(frozen=True)
@@ -150,6 +158,14 @@ class FrictionSummary:
     lines: str
 
 
+@dataclass(frozen=True)
+class MovingObjects:
+    """Position in encoder counts; contact: 1 in contact."""
+
+    position: int
+    contact: int
+
+
 class _TooFast(Exception):
     """A code moves the axis through its travel too fast for a measurement of its speed."""
 
@@ -160,7 +176,7 @@ def damping(friction_N: float, speed_rms: float) -> float:
 
 
 def glide(
-    analyzer: Any,
+    analyzer: Analyzer,
     most: int,
     say: Callable[[str], None] = lambda text: None,
     first: int = 0,
@@ -176,12 +192,12 @@ def glide(
     Raises Refusal if the axis does not slide or if it comes into contact.
     """
     start = analyzer.axis.read("position")
-    own = analyzer.known["position_min"], analyzer.known["position_max"]
-    travel = min(analyzer.order.travel, start - own[0], own[1] - start)
-    if travel < LEAST_TRAVEL:
+    low, high = analyzer.objects.position_min, analyzer.objects.position_max
+    travel = min(analyzer.order.travel, start - low, high - start)
+    if travel < TRAVEL_MIN_CNT:
         raise Refusal(
-            "travel", f"expected {LEAST_TRAVEL} counts to either side between position_min and "
-            f"position_max, {own[0]} and {own[1]}, the axis stands at {start}: move it"
+            "travel", f"expected {TRAVEL_MIN_CNT} counts to either side between position_min and "
+            f"position_max, {low} and {high}, the axis stands at {start}: move it"
         )  # fmt: skip
     analyzer.set(
         position_min=start - travel, position_max=start + travel, open_loop_code=0,
@@ -189,38 +205,39 @@ def glide(
     )  # fmt: skip
     analyzer.home = start
     most = max(2, most)
-    code, slowed = first or max(2, most // 8), False
+    code, is_reduced = first or max(2, most // 8), False
     highest = highest or min(16 * most, 2048)
     try:
         while True:
             try:
                 forward = _speed(analyzer, code, travel)
             except _TooFast:
-                code, slowed = max(1, round(code / 1.5)), True
+                code, is_reduced = max(1, round(code / 1.5)), True
                 continue
-            enough = forward is not None and (
-                slowed or code >= most or abs(forward) * GLIDE_S > ENOUGH * travel
-            )
-            if enough and forward is not None:
+            if forward is None:
+                if is_reduced or code >= highest:
+                    held = f", {newton * code:.3g} N by the model" if newton else ""
+                    raise Refusal(
+                        "friction", f"expected an axis that slides apart, it does not with {code} "
+                        f"codes{held}: free the guide, release the brake, or raise the amplifier's "
+                        "gain"
+                    )  # fmt: skip
+                code = min(2 * code, highest)
+                continue
+            covered = abs(forward) * GLIDE_S
+            if is_reduced or code >= most or covered > ENOUGH_TRAVELS * travel:
                 break
-            if forward is None and (slowed or code >= highest):
-                held = f", {newton * code:.3g} N by the model" if newton else ""
-                raise Refusal(
-                    "friction", f"expected an axis that slides apart, it does not with {code} "
-                    f"codes{held}: free the guide, release the brake, or raise the amplifier's gain"
-                )  # fmt: skip
-            code = min(2 * code if forward is None or 2 * code < most else most, highest)
-        slower = max(1, math.floor(SLOWER * code))
+            code = min(2 * code, most, highest)
+        smaller = max(1, math.floor(SMALLER_CODE_SHARE * code))
         rows = [(code, forward)]
-        rows += [(c, speed) for c in (-code, slower, -slower)
+        rows += [(c, speed) for c in (-code, smaller, -smaller)
                  if (speed := _speed(analyzer, c, travel)) is not None]  # fmt: skip
         analyzer.go_home()
     finally:
         analyzer.close()
-    # the smaller code is within the dead zone, so the dead zone is half way between the codes
     if len(rows) < 4:
-        rate = forward / (code - slower)
-        found = Glide(float(slower), 0.0, rate, code)
+        # The smaller code is within the dead zone, which it replaces.
+        found = Glide(float(smaller), 0.0, forward / (code - smaller), code)
     else:
         codes, speeds = (np.array(values, float) for values in zip(*rows, strict=True))
         table = np.column_stack([codes, -np.sign(codes), -np.ones(len(codes))])
@@ -230,95 +247,93 @@ def glide(
     return found
 
 
-def _speed(analyzer: Any, code: int, travel: int) -> float | None:
+def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
     """Speed in counts/s with a constant code from one end of the travel to the other; None if the
     axis does not move."""
     axis = analyzer.axis
     axis.enable("profile position")
-    axis.move(analyzer.home - int(math.copysign(SHARE_OF_WAY * travel, code)))
-    analyzer.wait(0.1, lambda: None)
+    axis.move(analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code)))
+    analyzer.wait(0.1)
     analyzer.set(open_loop_code=code)
     axis.enable("excitation")
     axis.arm(("position", "force"), round(GLIDE_S * TICKS_PER_S))
-    for _ in range(round(GLIDE_S / LOOK_S) + 1):
-        analyzer.wait(LOOK_S, lambda: None)
-        state = axis.get("position", "contact")
-        if abs(state["position"] - analyzer.home) > BEYOND * travel:
+    for _ in range(round(GLIDE_S / POSITION_POLL_S) + 1):
+        analyzer.wait(POSITION_POLL_S)
+        state = axis.record(MovingObjects)
+        if abs(state.position - analyzer.home) > TRAVELS_MAX * travel:
             axis.disable()
             raise Refusal(
                 "travel", f"expected {code} codes to move the axis within its travel of {travel} "
                 "counts to either side, it goes beyond: its speed is not that of its codes; check "
                 "the drive, or start further away"
             )  # fmt: skip
-        if state["contact"]:
-            axis.disable()
-            raise Refusal("contact", "expected the axis apart, it touched; start further away")
+        if state.contact:
+            analyzer.refuse_contact()
     held = axis.link.recording(5.0)
     axis.set(modes_of_operation=1)
     analyzer.set(open_loop_code=0)
-    if np.abs(held.values("force")).max() > analyzer.known["contact_force"]:
-        raise Refusal("contact", "expected the axis apart, it touched; start further away")
+    analyzer.expect_apart(held)
     place = held.values("position").astype(float)
-    inside = np.abs(place - analyzer.home) < SHARE_OF_WAY * travel + MOVES
+    inside = np.abs(place - analyzer.home) < TRAVEL_SHARE * travel + MOTION_MIN_CNT
     last = int(np.argmin(inside)) if not inside.all() else len(place)
     first = round(SETTLED_S * TICKS_PER_S)
-    if last - first < LEAST_S * TICKS_PER_S / 2:
+    if last - first < RECORD_MIN_S * TICKS_PER_S / 2:
         raise _TooFast
-    if abs(place[last - 1] - place[first]) < MOVES:
+    if abs(place[last - 1] - place[first]) < MOTION_MIN_CNT:
         return None
     time_s = np.arange(first, last) / TICKS_PER_S
     return float(np.polyfit(time_s, place[first:last], 1)[0])
 
 
-def between(
-    analyzer: Any, low_N: float, high_N: float, reached_N: float
+def record_slow_change(
+    analyzer: Analyzer, low_N: float, high_N: float
 ) -> tuple[Samples, Samples, Samples]:
-    """Records (measured force in N, position in counts, codes) while an axis in contact changes its
-    force from `low_N` to `high_N` and back; it stays in contact at `low_N`. reached_N: settled
-    force at `low_N`. Raises Refusal if the axis moves farther than the order's travel."""
-    axis = analyzer.axis
-    start = axis.read("position")
-    target = axis.read("target_force") * 1e-3 * analyzer.rated_N / reached_N
-    if abs(target - 1) < STANDS_WITHIN:
+    """Records (measured force in N, position in counts, codes), (n,) each, while the axis presses
+    and changes its force from `low_N` to `high_N` and back; then releases the force. Raises Refusal
+    if the axis moves farther than the order's travel."""
+    reached_N = analyzer.press(low_N)
+    axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3
+    start, travel = axis.read("position"), analyzer.order.travel
+    target = axis.read("target_force") * 1e-3 * rated_N / reached_N
+    if abs(target - 1) < FORCE_ERROR_MIN:
         target = 1.0
-    slope = 1e3 * target * (high_N - low_N) / analyzer.rated_N / LEG_S
+    slope = 1e3 * target * (high_N - low_N) / rated_N / LEG_S
     analyzer.set(force_slope=max(1, round(slope)))
 
-    def near() -> None:
+    def expect_near() -> None:
         way = abs(axis.read("position") - start)
-        if way > analyzer.order.travel:
+        if way > travel:
             axis.disable()
             raise Refusal(
-                "travel", f"expected at most {analyzer.order.travel} counts of way from {low_N:g} "
-                f"to {high_N:g} N, got {way}: something between these forces is soft; give a "
-                "larger travel, or forces that are nearer to each other"
+                "travel", f"expected at most {travel} counts of way from {low_N:g} to {high_N:g} "
+                f"N, got {way}: something between these forces is soft; give a larger travel, or "
+                "forces that are nearer to each other"
             )  # fmt: skip
 
     legs = []
     for force in (high_N, low_N):
         axis.arm(("force", "position", "dac_code"), LEG_SAMPLES, decimation=DECIMATION)
         analyzer.set(target_force=analyzer.per_mille(target * force))
-        analyzer.wait(LEG_SAMPLES * DECIMATION / TICKS_PER_S, near)
+        analyzer.wait(LEG_SAMPLES * DECIMATION / TICKS_PER_S, expect_near)
         held = axis.link.recording(10.0)
-        legs.append(
-            (held.values("force") * analyzer.newton, held.values("position"),
-             held.values("dac_code"))
-        )  # fmt: skip
+        forces = held.values("force") * analyzer.newton
+        legs.append((forces, held.values("position"), held.values("dac_code")))
     axis.set(recorder_decimation=1)
     pushed, went, put = (np.concatenate(parts).astype(float) for parts in zip(*legs, strict=True))
+    analyzer.release()
     return pushed, went - start, put
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """The Directions of a record of between(). rate: counts/s for each code beyond force and
-    friction. With rate 0 (not known) the dead zone is a lower bound from the codes at standstill
+    """Friction of guide and gear from a record of record_slow_change(). rate: counts/s for each code
+    beyond force and friction. With rate 0 (not known) the dead zone is a lower bound from the codes at standstill
     after the rise and after the fall, because integral action and noise reduce that difference."""
-    F, x, c = (means(values) for values in (force, place, codes))
-    step_s = BLOCK * DECIMATION / TICKS_PER_S
+    F, x, c = (block_means(values) for values in (force, place, codes))
+    step_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
     takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
     slope = np.gradient(F, step_s)
-    moves = abs(slope) > RISES * np.ptp(F) / LEG_S
-    if moves.sum() < FEWEST_BLOCKS or len(set(np.sign(slope[moves]))) < 2:
+    moves = abs(slope) > SLOPE_MIN_SHARE * np.ptp(F) / LEG_S
+    if moves.sum() < MOTION_MIN_BLOCKS or len(set(np.sign(slope[moves]))) < 2:
         return Directions(0.0, math.inf, 0.0, not rate)
     table = np.column_stack([np.ones(len(F)), F, np.sign(slope)])
     wanted = c - takes
@@ -337,13 +352,13 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
     return Directions(dead_zone, error, float(np.median(abs(takes[moves]))), False)
 
 
-def means(values: Samples) -> Samples:
-    """Means of BLOCK samples each, (n,)."""
-    whole = len(values) // BLOCK * BLOCK
-    return values[:whole].reshape(-1, BLOCK).mean(1)
+def block_means(values: Samples) -> Samples:
+    """Means of BLOCK_SAMPLES samples each, (n,)."""
+    whole = len(values) // BLOCK_SAMPLES * BLOCK_SAMPLES
+    return values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1)
 
 
-def play(force: Samples, half: float) -> Samples:
+def play_operator(force: Samples, half: float) -> Samples:
     """The force in N, (n,), that remains behind Coulomb friction of `half` N (play operator); the
     friction slid forward before the first sample."""
     left, now = np.empty(len(force)), force[0] - half
@@ -353,15 +368,15 @@ def play(force: Samples, half: float) -> Samples:
     return left
 
 
-def slow(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
-    """The SlowLoading of a record of between(). rigid: counts/N of the parts between encoder and
-    workpiece by the model, 0 if not known."""
-    F, x = means(force), means(place)
+def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
+    """Compliance and friction from a record of record_slow_change(). rigid: counts/N of the parts
+    between encoder and workpiece by the model, 0 if not known."""
+    F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
 
-    def left(half: float) -> tuple[Samples, Any]:
-        columns = [np.ones(len(F)), F, play(F, half)]
+    def left(half: float) -> tuple[Samples, Samples]:
+        columns = [np.ones(len(F)), F, play_operator(F, half)]
         table = np.column_stack(columns if half else columns[:2])
         solved = np.linalg.lstsq(table, x, rcond=None)[0]
         return table @ solved - x, solved
@@ -378,11 +393,11 @@ def slow(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
     plain, (_, c_all) = left(0.0)
     error, (_, c_stuck, c_slide) = left(half)
     # Friction is accepted only if rising and falling force have measurably different positions.
-    shows = 2 * half * c_slide > LEAST_COUNTS and c_slide > 0.05 * c_all
-    rubs = bool(shows and np.sum(error**2) < (1 - FELT_SHARE) * np.sum(plain**2))
+    shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
+    rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
     sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)
     softest_N, softest = _softest(
-        F, x - (c_slide * (play(F, half) - F) if rubs else 0.0), low, high
+        F, x - (c_slide * (play_operator(F, half) - F) if rubs else 0.0), low, high
     )
     friction = half if rubs else (span / 2 if sticks else 0.0)
     return SlowLoading(

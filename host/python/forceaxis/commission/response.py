@@ -11,7 +11,7 @@ exactly and is independent of the noise (Pintelon and Schoukens, System Identifi
 In open loop r equals u, and the estimate is H1.
 """
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,30 @@ Lines = NDArray[np.int64]  # line numbers of a spectrum
 Steps = tuple[float, float]  # size of one code in units of (input, output)
 Still = tuple[Samples, Samples]  # (inputs, outputs) of records without a waveform
 
-LEAST = 1e-300
-CANDIDATES = 400
+POWER_MIN = 1e-300  # replaces a power of 0 in a divisor
+CANDIDATE_SEEDS = 400  # number of seeds from which calm_seeds() chooses
+
+
+@dataclass(frozen=True)
+class ResponseEstimate:
+    """A frequency response and the sensitivity function of its loop, (n,) each. variance: of the
+    complex response; floor: standard deviation that rounding alone causes; sensitivity: input
+    divided by waveform, complex; sensitivity_error: its standard error."""
+
+    response: Response
+    variance: Samples
+    coherence: Samples
+    floor: Samples
+    sensitivity: Response
+    sensitivity_error: Samples
+
+    def relative_error(self) -> float:
+        """Median relative standard error of the response."""
+        return float(np.median(np.sqrt(self.variance) / abs(self.response)))
+
+    def relative_sensitivity_error(self) -> float:
+        """Median relative standard error of the sensitivity function."""
+        return float(np.median(self.sensitivity_error / abs(self.sensitivity)))
 
 
 def lines_of(samples: int, band_hz: tuple[float, float], rate_hz: float) -> Lines:
@@ -35,46 +57,35 @@ def lines_of(samples: int, band_hz: tuple[float, float], rate_hz: float) -> Line
 
 def estimate(
     waveform: Samples, inputs: Samples, outputs: Samples, lines: Lines, steps: Steps
-) -> tuple[dict[str, Any], Response, Samples]:
-    """({response, variance, coherence, floor}, S, standard error of S) at `lines`.
+) -> ResponseEstimate:
+    """The response from input to output at `lines`.
 
     waveform, inputs, outputs: (K, n), one whole period of each of K >= 2 realisations in the same
     ticks. steps: size of one code in units of (input, output), for the lowest variance that
     rounding alone causes. The coherence is the smaller of that of waveform and input and that of
-    waveform and output. S is input divided by waveform: the complex sensitivity function of the
-    loop in which the waveform acts.
+    waveform and output.
     """
     count, samples = waveform.shape
-    R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
+    R, U, Y = (_spectrum(values, lines) for values in (waveform, inputs, outputs))
     power = (abs(R) ** 2).sum(0)
     RU, RY = (R.conj() * U).sum(0), (R.conj() * Y).sum(0)
-    H = RY / np.where(RU == 0, LEAST, RU)
-    rounding = samples / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
-    gain = power / np.maximum(abs(RU) ** 2, LEAST)
+    H = RY / np.where(RU == 0, POWER_MIN, RU)
+    rounding = _rounding_power(H, samples, steps)
+    gain = power / np.maximum(abs(RU) ** 2, POWER_MIN)
     spread = (abs(Y - H * U) ** 2).sum(0) / (count - 1)
-    shown = [abs(a) ** 2 / np.maximum(power * (abs(b) ** 2).sum(0), LEAST)
+    shown = [abs(a) ** 2 / np.maximum(power * (abs(b) ** 2).sum(0), POWER_MIN)
              for a, b in ((RU, U), (RY, Y))]  # fmt: skip
-    found = {
-        "response": H,
+    S = RU / power
+    return ResponseEstimate(
+        response=H,
         # Records that are equal in every code contain no information about their common rounding
         # error.
-        "variance": np.maximum(spread, 1e-3 * rounding) * gain,
-        "coherence": np.minimum(np.minimum(*shown), 1.0),
-        "floor": np.sqrt(rounding * gain),
-    }
-    S = RU / power
-    return found, S, np.sqrt((abs(U - S * R) ** 2).sum(0) / ((count - 1) * power))
-
-
-def error(
-    waveform: Samples, inputs: Samples, outputs: Samples, lines: Lines, steps: Steps, of_loop: bool
-) -> float:
-    """Median relative standard error of the response, or with of_loop of the sensitivity function;
-    arguments as in estimate()."""
-    found, S, sensitivity = estimate(waveform, inputs, outputs, lines, steps)
-    if of_loop:
-        return float(np.median(sensitivity / abs(S)))
-    return float(np.median(np.sqrt(found["variance"]) / abs(found["response"])))
+        variance=np.maximum(spread, 1e-3 * rounding) * gain,
+        coherence=np.minimum(np.minimum(*shown), 1.0),
+        floor=np.sqrt(rounding * gain),
+        sensitivity=S,
+        sensitivity_error=np.sqrt((abs(U - S * R) ** 2).sum(0) / ((count - 1) * power)),
+    )
 
 
 def deviation(
@@ -85,16 +96,15 @@ def deviation(
 
     inputs, outputs: (n,) while the waveform acts; still: (inputs, outputs) without it.
     """
-    U, Y = (np.fft.rfft(values)[lines] for values in (inputs, outputs))
-    H = Y / np.where(U == 0, LEAST, U)
-    noise = [np.fft.rfft(values - np.mean(values))[lines] for values in still]
-    rounding = [len(inputs) / 12 * step**2 for step in steps]
+    U, Y = _spectrum(inputs, lines), _spectrum(outputs, lines)
+    H = Y / np.where(U == 0, POWER_MIN, U)
+    noise, _ = (_spectrum(values - np.mean(values), lines) for values in still)
     errors = (
-        _smooth(abs(noise[1] - H * noise[0]) ** 2) + rounding[1] + abs(H) ** 2 * rounding[0],
-        _smooth(abs(noise[0]) ** 2) + rounding[0],
+        _noise_power(H, still, lines) + _rounding_power(H, len(inputs), steps),
+        _smooth(np.asarray(abs(noise) ** 2)) + len(inputs) / 12 * steps[0] ** 2,
     )
     of_response, of_loop = (
-        float(np.median(np.sqrt(power / averages) / np.maximum(abs(signal), LEAST)))
+        float(np.median(np.sqrt(power / averages) / np.maximum(abs(signal), POWER_MIN)))
         for power, signal in zip(errors, (Y, U), strict=True)
     )
     return of_response, of_loop
@@ -106,16 +116,31 @@ def excess(
     """Ratio of the difference of the realisations to their noise, mean over the lines. A value
     above 1 indicates distortion, for example by a saturated drive. Arguments as in estimate() and
     deviation()."""
-    R, U, Y = (np.fft.rfft(values, axis=1)[:, lines] for values in (waveform, inputs, outputs))
+    R, U, Y = (_spectrum(values, lines) for values in (waveform, inputs, outputs))
     H = (R.conj() * Y).sum(0) / (R.conj() * U).sum(0)
     found = (abs(Y - H * U) ** 2).sum(0) / (len(R) - 1)
-    noise = [np.fft.rfft(values - np.mean(values))[lines] for values in still]
-    expected = _smooth(abs(noise[1] - H * noise[0]) ** 2)
-    expected += waveform.shape[1] / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2)
+    expected = _noise_power(H, still, lines) + _rounding_power(H, waveform.shape[1], steps)
     return float(np.mean(found / expected))
 
 
-def _smooth(power: NDArray[Any], lines: int = 11) -> Samples:
+def _spectrum(values: Samples, lines: Lines) -> Response:
+    """The spectrum of signals, (..., n), at `lines`."""
+    return np.asarray(np.fft.rfft(values)[..., lines])
+
+
+def _rounding_power(H: Response, samples: int, steps: Steps) -> Samples:
+    """Power at the output of a response H that the rounding of input and output to codes causes."""
+    return np.asarray(samples / 12 * (steps[1] ** 2 + abs(H * steps[0]) ** 2))
+
+
+def _noise_power(H: Response, still: Still, lines: Lines) -> Samples:
+    """Power of the noise at the output of a response H, from records without a waveform."""
+    U, Y = (_spectrum(values - np.mean(values), lines) for values in still)
+    return _smooth(np.asarray(abs(Y - H * U) ** 2))
+
+
+def _smooth(power: Samples, lines: int = 11) -> Samples:
+    """The moving average of a power over `lines` lines."""
     width = min(lines, len(power))
     return np.convolve(power, np.ones(width) / width, "same")
 
@@ -123,11 +148,11 @@ def _smooth(power: NDArray[Any], lines: int = 11) -> Samples:
 def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
     """Seeds of the firmware's noise whose integral over a period stays nearest to 0. An integrating
     axis then stays near its start position. first: another number gives other seeds."""
-    seeds = (np.arange(CANDIDATES) + CANDIDATES * first) % 65536
+    seeds = (np.arange(CANDIDATE_SEEDS) + CANDIDATE_SEEDS * first) % 65536
     # the same random number generator as in firmware/core/excitation.c
     random = (seeds * 2654435769 % 2**32).astype(np.uint32)
-    integral = np.zeros(CANDIDATES)
-    furthest = np.zeros(CANDIDATES)
+    integral = np.zeros(CANDIDATE_SEEDS)
+    furthest = np.zeros(CANDIDATE_SEEDS)
     for start in range(0, samples, hold):
         random = random * np.uint32(1664525) + np.uint32(1013904223)
         integral += random.view(np.int32) * float(min(hold, samples - start))

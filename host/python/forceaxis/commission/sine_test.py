@@ -9,26 +9,22 @@ part is k - m w^2 for any friction.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from forceaxis.axis.drive import ExcitationObjects
 from forceaxis.axis.link import TICKS_PER_S
-
-Samples = NDArray[np.float64]
+from forceaxis.commission.analyzer import Analyzer, Ended
+from forceaxis.commission.level import Samples
 
 SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
-FREQUENCIES = 11
-# multiple of the displacement at which the spring overcomes the friction; enough for a result
-SLIDES = 3.0
-LEAST = 1.25  # smallest accepted multiple of that displacement
-# largest number of increases of the amplitude of a sine, and the factor of each increase
-TRIES, MORE = 7, 1.6
-FEWEST = 3  # frequencies at least
+FREQUENCIES, FREQUENCIES_MIN = 11, 3  # number of sines, and of those that slide at least
+# Displacements of the workpiece, as multiples of that at which the spring overcomes the friction:
+# enough for a result, and smallest accepted one.
+SLIDES, SLIDES_MIN = 3.0, 1.25
+# largest number of amplitudes of a sine, and factor from one to the next
+AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 
 @dataclass(frozen=True)
@@ -66,77 +62,81 @@ class SineTestSetup:
 
 
 def measure(
-    analyzer: Any, force_N: float, known: SineTestSetup, most: Callable[[float], int],
-    ended: type[Exception],
-) -> SineTestResult | None:  # fmt: skip
+    analyzer: Analyzer, force_N: float, setup: SineTestSetup, codes_max: Callable[[float], int]
+) -> SineTestResult | None:
     """Presses an Analyzer's axis with `force_N` and excites it with sines; None if too few sines
-    make the workpiece slide.
-
-    most(hz): largest code that the drive tolerates; ended: exception of the analyzer if the axis
-    ends an excitation.
-    """
-    sensor = known.sensor
+    make the workpiece slide. codes_max(hz): largest code that the drive tolerates."""
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
-    rows = []
-    for f in known.hz:
-        target = SLIDES * known.friction_N / known.workpiece
-        amplitude = max(2, round(2 * math.pi * f * target * known.scale / known.rate))
-        best = None
-        for _ in range(TRIES):
-            amplitude = min(amplitude, most(f))
-            try:
-                one = _sine(analyzer, f, amplitude, known)
-            except ended:
-                analyzer.standing()
-                amplitude = round(amplitude / (1.25 if best else 2))
-                if best or amplitude < 2:
-                    break
-                continue
-            if best is None or abs(_way(one[0], one[1], sensor)) > abs(
-                _way(best[0], best[1], sensor)
-            ):
-                best = (*one, amplitude)
-            if abs(_way(one[0], one[1], sensor)) >= target or amplitude >= most(f):
+    found = [_largest_sine(analyzer, hz, setup, codes_max(hz)) for hz in setup.hz]
+    analyzer.release()
+    rows = [sine.row for sine in found if sine is not None]
+    return of_sines(rows, setup.sensor) if len(rows) >= FREQUENCIES_MIN else None
+
+
+@dataclass(frozen=True)
+class _Sine:
+    """Response of an axis to a sine of `codes`: force in N and displacements of the axis and of the
+    workpiece in m, complex amplitudes."""
+
+    hz: float
+    codes: int
+    force: complex
+    axis: complex
+    workpiece: complex
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """A row of SineTestResult.rows."""
+        return (
+            self.hz, self.force.real, self.force.imag, self.axis.real, self.axis.imag, self.codes
+        )  # fmt: skip
+
+
+def _largest_sine(
+    analyzer: Analyzer, hz: float, setup: SineTestSetup, codes_max: int
+) -> _Sine | None:
+    """The sine with the largest displacement of the workpiece within the bounds; None if the
+    workpiece does not slide enough. The amplitude is increased until the workpiece slides."""
+    friction_m = setup.friction_N / setup.workpiece  # displacement with the force of the friction
+    target = SLIDES * friction_m
+    codes = max(2, round(2 * math.pi * hz * target * setup.scale / setup.rate))
+    best: _Sine | None = None
+    for _ in range(AMPLITUDES_MAX):
+        codes = min(codes, codes_max)
+        try:
+            sine = _sine(analyzer, hz, codes, setup)
+        except Ended:
+            analyzer.standing()
+            codes = round(codes / (1.25 if best else 2))
+            if best or codes < 2:
                 break
-            amplitude = math.ceil(MORE * amplitude)
-        way = abs(_way(best[0], best[1], sensor)) if best else 0.0
-        if best and way > LEAST / SLIDES * target:
-            force, place, codes = best
-            rows.append((f, force.real, force.imag, place.real, place.imag, codes))
-            analyzer.say(
-                f"{f:g} Hz, {codes} codes: {abs(force):.3g} N move the workpiece by "
-                f"{1e6 * way:.3g} um"
-            )
-    analyzer.set(target_force=0)
-    analyzer.wait(1.0, lambda: None)
-    if len(rows) < FEWEST:
+            continue
+        if best is None or abs(sine.workpiece) > abs(best.workpiece):
+            best = sine
+        if abs(sine.workpiece) >= target or codes >= codes_max:
+            break
+        codes = math.ceil(AMPLITUDE_FACTOR * codes)
+    if best is None or abs(best.workpiece) <= SLIDES_MIN / SLIDES * target:
         return None
-    return of_sines(rows, sensor)
+    analyzer.say(
+        f"{hz:g} Hz, {best.codes} codes: {abs(best.force):.3g} N move the workpiece by "
+        f"{1e6 * abs(best.workpiece):.3g} um"
+    )
+    return best
 
 
-def _way(force: Any, place: Any, sensor: Any) -> Any:
-    """Displacement of the workpiece in m from the displacement of the axis and the force on the
-    sensor between them; sensor: N/m."""
-    return place - force / sensor
-
-
-def _sine(
-    analyzer: Any, hz: float, amplitude: int, known: SineTestSetup
-) -> tuple[complex, complex]:
-    """(force in N, displacement of the axis in m), both complex, of one sine."""
-    axis = analyzer.axis
-    analyzer.set(excitation_code=amplitude, excitation_frequency=hz)
-    axis.set(excitation_run="start")
-    analyzer.wait(SETTLE_S, analyzer.goes_on)
-    axis.arm(SIGNALS, SAMPLES)
-    held = axis.link.recording(5.0)
-    analyzer.goes_on()
-    axis.set(excitation_run="stop")
-    axis.wait_for(ExcitationObjects, lambda s: s.excitation_state == "done", "the ramp's end")
+def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _Sine:
+    """Excites the axis with a sine. Raises Ended if the axis ends the excitation."""
+    analyzer.set(excitation_code=codes, excitation_frequency=hz)
+    held = analyzer.excited(SIGNALS, SAMPLES, SETTLE_S)
     wave = np.exp(-2j * np.pi * hz * np.arange(SAMPLES) / TICKS_PER_S) * 2 / SAMPLES
-    raw = held.values("force_raw") * 2.0 ** (8 - analyzer.bits) * analyzer.sign * known.newton
-    force, place = (wave @ (x - np.mean(x)) for x in (raw, held.values("position") / known.scale))
-    return complex(force), complex(place)
+    newton_per_code = analyzer.count_per_code * analyzer.objects.force_sign * setup.newton
+    signals = (
+        held.values("force_raw") * newton_per_code,
+        held.values("position") / setup.scale,
+    )
+    force, axis = (complex(wave @ (signal - np.mean(signal))) for signal in signals)
+    return _Sine(hz, codes, force, axis, axis - force / setup.sensor)
 
 
 def of_sines(
@@ -146,7 +146,7 @@ def of_sines(
     of the sensor between axis and workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
-    way = _way(force, x_re + 1j * x_im, sensor + 1j * w * damping)
+    way = x_re + 1j * x_im - force / (sensor + 1j * w * damping)
     quotient = force / way
     # Residuals are relative to the ratio of force to displacement, because an error of force or
     # displacement is a relative error of the ratio.
@@ -167,10 +167,10 @@ def of_sines(
     )  # fmt: skip
 
 
-def _solved(table: Samples, values: Samples, weight: Samples) -> Any:
+def _solved(table: Samples, values: Samples, weight: Samples) -> tuple[Samples, Samples]:
     """(solution, covariance) of weighted least squares; the size of the errors follows from the
     residuals."""
     A, b = table * weight[:, None], values * weight
     solved = np.linalg.lstsq(A, b, rcond=None)[0]
     left = float(np.sum((A @ solved - b) ** 2)) / max(1, len(b) - A.shape[1])
-    return solved, np.linalg.inv(A.T @ A) * max(left, 0.01**2)
+    return np.asarray(solved), np.linalg.inv(A.T @ A) * max(left, 0.01**2)

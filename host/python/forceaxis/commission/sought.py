@@ -13,11 +13,12 @@ import numpy as np
 
 from forceaxis import linear
 from forceaxis.commission import friction, friction_models, known
-from forceaxis.commission.analyzer import LOWEST, MARGIN, SWING, Analyzer
+from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, SWING, Analyzer
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-LOWER = LOWEST + MARGIN  # the slow change of the force begins at this share of the smallest force
+# the slow change of the force begins at this share of the smallest force
+LOWER = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
 # relative force error within which friction may stop an axis without integral action
 RUBS_WITHIN = 0.2
 LEFT_SAMPLES = 750  # half a second
@@ -85,7 +86,7 @@ class Look:
         """Search before the response out of contact, which needs an amplitude that slides. Raises
         Refusal."""
         own = self.order.amplitude
-        most = min(own or self.order.most, self.analyzer.known["output_limit"])
+        most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
             glide = friction.glide(
                 self.analyzer, most, self.analyzer.say, min(FIRST, most), most, self.newton
@@ -100,14 +101,15 @@ class Look:
         """Search before the responses in contact: a slow change of the force between the forces."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
-        low, most = LOWER * min(forces), self.order.force_max_N - MARGIN * max(forces)
+        low = LOWER * min(forces)
+        most = self.order.force_max_N - FORCE_MARGIN_SHARE * max(forces)
         if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
             return self.found  # measuring the response then raises the refusal
         try:
             high = min(high, most)
             analyzer.order = replace(analyzer.order, within=RUBS_WITHIN)  # it may stick below
-            force, place, codes = analyzer.between(low, high)
-            analyzer.wait(friction.LEG_S * low / (high - low), lambda: None)  # to a target of 0
+            force, place, codes = friction.record_slow_change(analyzer, low, high)
+            analyzer.wait(friction.LEG_S * low / (high - low))  # to a target of 0
         except Refusal as refusal:
             if refusal.name not in NOT_LOOKED or (
                 refusal.name == "contact" and not analyzer.axis.read("contact")
@@ -118,7 +120,7 @@ class Look:
         held = analyzer.axis.capture(["force"], samples=LEFT_SAMPLES).values("force")
         left = float(np.mean(held)) * analyzer.newton
         found = replace(
-            self.found, slow=friction.slow(force, place, self._rigid()), left_N=left,
+            self.found, slow=friction.slow_loading(force, place, self._rigid()), left_N=left,
             directions=friction.directions(force, place, codes, self._rate()),
         )  # fmt: skip
         return self._found(found)

@@ -147,12 +147,12 @@ def _between(
         (1 + SWING / 2) * max(order.forces),
     )
     with temporary(tuning.axis, law), analyzer_of(tuning, order) as measures:
-        force, place, _ = measures.between(low, high)
+        force, place, _ = friction.record_slow_change(measures, low, high)
         # An axis that is still in contact does not approach again, so the cap of the first contact
         # stays.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
         force *= reading_N(tuning) / measures.newton
-    found = friction.slow(force, place, known.rigid_counts(tuning.model))
+    found = friction.slow_loading(force, place, known.rigid_counts(tuning.model))
     step = (found.high_N - found.low_N) / friction.BINS
     if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
@@ -169,8 +169,8 @@ def _between(
     return SlowChange(
         friction_N=found.friction_N, sticks=found.sticks, compliance=found.compliance,
         sliding=found.sliding, softest_N=found.softest_N, softest=found.softest, low_N=found.low_N,
-        high_N=found.high_N, force_N=tuple(friction.means(force).tolist()),
-        way=tuple(friction.means(place).tolist()),
+        high_N=found.high_N, force_N=tuple(friction.block_means(force).tolist()),
+        way=tuple(friction.block_means(place).tolist()),
     ), law  # fmt: skip
 
 
@@ -201,7 +201,7 @@ def _shaken(
                 slow.friction_N, sensor, workpiece, tuple(map(float, hz)), rate, scale,
                 reading_N(tuning),
             ),
-            drive.codes, Ended,
+            drive.codes,
         )  # fmt: skip
     if found:
         tuning.say(
