@@ -3,10 +3,10 @@
 `glide` drives the axis out of contact with constant codes in both directions. The speed is
 proportional to the code minus a dead zone, and the dead zone is the friction of guide and gear in
 codes. `record_slow_change` changes the force in contact slowly from the smallest to the largest one
-and back. The position shows the compliance between these forces. If the position differs between rising and
-falling force, the workpiece has friction on its table. `directions` computes the difference of the
-codes for rising and falling force at the same measured force, which is the friction of guide and
-gear in contact.
+and back. The position shows the compliance between these forces. If the position differs between
+rising and falling force, the workpiece has friction on its table. `directions` computes the
+difference of the codes for rising and falling force at the same measured force, which is the
+friction of guide and gear in contact.
 
 For a noise whose speed has the standard deviation s, Coulomb friction of F newtons acts like a
 damper of sqrt(2 / pi) F / s (statistical linearisation; Gelb and Vander Velde, Multiple-Input
@@ -325,9 +325,10 @@ def record_slow_change(
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """Friction of guide and gear from a record of record_slow_change(). rate: counts/s for each code
-    beyond force and friction. With rate 0 (not known) the dead zone is a lower bound from the codes at standstill
-    after the rise and after the fall, because integral action and noise reduce that difference."""
+    """Friction of guide and gear from a record of record_slow_change(). rate: counts/s for each
+    code beyond force and friction. With rate 0 (not known) the dead zone is a lower bound from the
+    codes at standstill after the rise and after the fall, because integral action and noise reduce
+    that difference."""
     F, x, c = (block_means(values) for values in (force, place, codes))
     step_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
     takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
@@ -379,7 +380,7 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
         columns = [np.ones(len(F)), F, play_operator(F, half)]
         table = np.column_stack(columns if half else columns[:2])
         solved = np.linalg.lstsq(table, x, rcond=None)[0]
-        return table @ solved - x, solved
+        return np.asarray(table @ solved - x), np.asarray(solved)
 
     def size(half: float) -> float:
         error, solved = left(half)
