@@ -13,7 +13,7 @@ from forceaxis import linear
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import friction, known, measuring, sine_test
-from forceaxis.commission.analyzer import SWING, Analyzer, Ended
+from forceaxis.commission.analyzer import SWING, Analyzer
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_folder import TuningFolder, TuningOrder, small_of
