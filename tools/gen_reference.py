@@ -11,6 +11,7 @@ Needs the built package: run it with .venv/bin/python after tools/setup.
 import re
 import sys
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 
 from forceaxis import _core
@@ -211,7 +212,7 @@ def pages():
         + UNITS
         + units()
     )
-    own = {t["path"]: t for t in expect.FORMAT}
+    own = {t.path: asdict(t) for t in expect.FORMAT}
     experiment = sections([own.pop(t["path"], t) for t in _core.experiment_format()])
     experiment += sections(own.values())
     return {

@@ -50,6 +50,27 @@ class Result:
     converters: dict[str, dict[str, Any]]
     def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]: ...
 
+class Excited:
+    """A plant under excitation."""
+
+    states: dict[str, int]
+    adc_bits: Sequence[int]
+    def __init__(
+        self,
+        model: str,
+        overrides: dict[str, float | str],
+        seed: int = ...,
+        parts: int = ...,
+        clamped: bool = ...,
+    ) -> None: ...
+    def write(self, object: str, value: float) -> None: ...
+    def volts(
+        self, volts: np.ndarray[Any, np.dtype[np.float64]], signals: Sequence[str]
+    ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
+    def codes(
+        self, ticks: int, columns: Sequence[str]
+    ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
+
 class Experiments:
     """Experiment files as they were first read."""
 

@@ -21,7 +21,7 @@ import dataclasses
 import json
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeAlias, TypeVar, Union, get_args, get_origin
 
 import cattrs
 import numpy as np
@@ -30,6 +30,7 @@ from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, overrid
 from forceaxis._core import InputError
 
 T = TypeVar("T")
+JsonObject: TypeAlias = dict[str, Any]  # an object of a JSON file or of the output of a verb
 KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
 TYPE_WORDS: dict[type, str] = {
     float: "a number", int: "an integer", str: "a text", bool: "true or false", NoneType: "null",

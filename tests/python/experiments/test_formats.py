@@ -279,14 +279,14 @@ def test_no_key_is_read_that_the_reference_has_not(tmp_path):
 
 def test_each_key_of_expect_is_read():
     table, number = expect.FORMAT
-    for key in table["keys"]:
-        with pytest.raises(InputError, match=rf"x\.toml: expect\.{key['key']}: expected"):
-            expect.read("x.toml", {"expect": {key["key"]: []}, "criterion": {}})
-    for key in number["keys"]:
-        given = {"value": 1.0, key["key"]: "much"}
-        with pytest.raises(InputError, match=rf"expect\.final_value\.{key['key']}: expected a num"):
-            expect.read("x.toml", {"expect": {"final_value": given}, "criterion": {}})
-    assert {key["key"] for key in table["keys"]} == {*expect.TEXTS, *expect.TOLERANCES, *expect.HOW}
+    for key in table.keys:
+        with pytest.raises(InputError, match=rf"x\.toml: expect\.{key.key}: expected"):
+            expect.read("x.toml", {key.key: []}, False)
+    for key in number.keys:
+        given = {"value": 1.0, key.key: "much"}
+        with pytest.raises(InputError, match=rf"expect\.final_value\.{key.key}: expected a num"):
+            expect.read("x.toml", {"final_value": given}, False)
+    assert {key.key for key in table.keys} == {*expect.TEXTS, *expect.TOLERANCES, *expect.HOW}
 
 
 @pytest.mark.parametrize(
@@ -307,7 +307,7 @@ def test_each_key_of_expect_is_read():
 )
 def test_wrong_keys_of_expect_are_reported_at_once(given, says):
     with pytest.raises(InputError, match=says):
-        expect.read("x.toml", {"expect": given, "criterion": {"window_s": 1}})
+        expect.read("x.toml", given, True)
 
 
 def test_every_signal_is_in_the_reference(tmp_path):

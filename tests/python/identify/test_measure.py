@@ -148,7 +148,7 @@ def test_a_contact_that_does_not_stay_as_the_model_has_it_is_told():
 
     free = {"free": True, "output": "robot.velocity", "band_hz": [2, 60], "level": 0.3}
     met = measure_result.run("fig4_17", free).summary
-    assert met.contact["sensor"] > 0 and "--set approach=0.5" in met.hints[0]
+    assert met.contact["sensor"] > 0 and "approach = 0.5" in met.hints[0]
     apart = measure_result.run("fig4_17", free | {"set": {"approach": 0.5}}).summary
     assert apart.contact == {"sensor": 0.0} and apart.hints == []
     clamped = measure_result.run("fig4_19", force | {"clamped": True}).summary
@@ -380,7 +380,7 @@ LINE = {
     "codes level": (["fig3_12", "--inject", "codes"], "level: expected whole codes"),
     "DAC": (
         ["fig3_9", "--inject", "codes", "--level", 2048, "--bias", 2047],
-        "level and bias of 2048 codes together",
+        "at most 2048 codes as the sum of level and bias",
     ),
     "empty": (["", "--output", "drive.current"], "TARGET: expected a measurement or a model"),
     "stiff": (
@@ -402,7 +402,7 @@ LINE = {
         ["fig3_12", "--plant-set", "k_g=1"],
         "parameters.k_g: expected a parameter that the model",
     ),
-    "no output": (["fig4_19"], "output: expected the name of a signal"),
+    "no output": (["fig4_19"], "output: expected the name of the measured signal"),
     "no model": (["fig9_9", "--output", "drive.current"], "fig9_9"),
     "no file": (["fig9_9.toml", "--output", "drive.current"], "fig9_9.toml"),
     "counts that stay": (

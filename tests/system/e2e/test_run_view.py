@@ -15,7 +15,7 @@ import pytest
 import verbs
 from forceaxis import _core, objects, paths
 from forceaxis.cli import sweep_text
-from forceaxis.experiments import alone, plots, sweep_plots, sweep_runs, trace
+from forceaxis.experiments import isolated, plots, sweep_plots, sweep_result, trace
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summary_of
 from forceaxis.experiments import sweep as sweeps
@@ -233,16 +233,16 @@ def grid(*rows):
     ],
 )
 def test_a_cell_that_stands_alone(rows, found):
-    assert alone.find(*grid(*rows)) == found
+    assert isolated.find(*grid(*rows)) == found
 
 
 def test_the_order_of_given_values_does_not_matter():
     axes = [SweepParameter("x", 1, 5, values=(5.0, 1.0, 3.0, 2.0, 4.0))]
     verdict = np.array(["unstable", "stable", "unstable", "stable", "unstable"])
-    assert alone.find(axes, verdict) == []
+    assert isolated.find(axes, verdict) == []
     verdict = np.array(["unstable", "unstable", "stable", "unstable", "unstable"])
-    assert alone.find(axes, verdict) == [2]
-    assert alone.around(axes, (3.0,)) == [(2.5,), (3.5,)]
+    assert isolated.find(axes, verdict) == [2]
+    assert isolated.around(axes, (3.0,)) == [(2.5,), (3.5,)]
 
 
 def test_around_a_corner_and_on_a_logarithmic_axis():
@@ -250,7 +250,7 @@ def test_around_a_corner_and_on_a_logarithmic_axis():
         SweepParameter("x", 1, 100, True, (1.0, 10.0, 100.0)),
         SweepParameter("y", 0, 2, values=(0.0, 1.0, 2.0)),
     ]
-    near = alone.around(axes, (1.0, 2.0))
+    near = isolated.around(axes, (1.0, 2.0))
     assert near == [(1.0, 1.5), (pytest.approx(10**0.5), 2.0), (pytest.approx(10**0.5), 1.5)]
 
 
@@ -261,7 +261,7 @@ def test_a_map_marks_them_and_refine_looks_closer(tmp_path, monkeypatch):
         for i, (_, sets) in enumerate(jobs):
             values = dict(text.split("=") for text in sets)
             gain, wanted = (float(values[f"firmware.force_{n}"]) for n in ("gain", "setpoint"))
-            metrics = dict.fromkeys(sweep_runs.METRICS, 1.0)
+            metrics = dict.fromkeys(sweep_result.METRICS, 1.0)
             verdict = "stable" if (gain, abs(wanted - 20) <= 5) == (4.0, True) else "unstable"
             finished(i, {"verdict": verdict, "fault": "none", "metrics": metrics,
                          "edge_margin": 0.1, "trace_hash": "0"})  # fmt: skip

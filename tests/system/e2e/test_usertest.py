@@ -106,12 +106,12 @@ def test_values_worked_out_by_hand_pass(tmp_path):
 
 def response(values, **how):
     """measure() on a made-up response, one value a tick."""
-    expect = expectations.read("e.toml", {"expect": {"signal": "x", **how}})
+    expect = expectations.read("e.toml", {"signal": "x", **how}, False)
     columns = {"x": np.asarray(values, float), "time_s": np.arange(len(values)) / 1500}
     metrics = SimpleNamespace(held_force=None)
     result = SimpleNamespace(verdict=None, fault="none", metrics=metrics, trace_hash="0")
-    done = SimpleNamespace(experiment="e.toml", columns=columns, result=result)
-    return expectations.measure(done, expect, []).values
+    done = SimpleNamespace(experiment="e.toml", columns=columns, result=result, contacts=[])
+    return expectations.measure(done, expect).values
 
 
 def test_the_definitions_on_responses_made_by_hand():

@@ -30,6 +30,7 @@ from forceaxis.cli.common import (
 from forceaxis.experiments import link, trace
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as summaries
+from forceaxis.results import to_json
 
 if TYPE_CHECKING:
     from forceaxis.experiments.regression import RegressionOutcome
@@ -345,12 +346,13 @@ def test(
         regression.write_junit(outcomes, junit)
     number = regression.counts(outcomes)
     if as_json:
-        print_json(number | {"tests": [o.summary() for o in outcomes]})
+        print_json(to_json(number) | {"tests": [outcome.summary() for outcome in outcomes]})
     else:
         skipped = [o.name for o in outcomes if o.status == "skipped"]
         if skipped:
             click.echo(f"without [expect]: {', '.join(skipped)}")
-        click.echo(", ".join(f"{n} {kind}" for kind, n in number.items() if n or kind == "failed"))
+        shown = {kind: n for kind, n in vars(number).items() if n or kind == "failed"}
+        click.echo(", ".join(f"{n} {kind}" for kind, n in shown.items()))
     sys.exit(regression.status(outcomes))
 
 

@@ -116,7 +116,7 @@ def decrement(
     if mass and stiffness:
         raise click.UsageError("expected --mass or --stiffness, not both; the other one follows")
     found, derived = procedures.decrement(
-        data, column, (from_s, to_s), floor, mass=mass, stiffness=stiffness
+        data, column, from_s, to_s, floor, mass=mass, stiffness=stiffness
     )
     plain = ("cycles", "decrement_of_ratio", "explained", "noise", "warnings")
     mode = {} if derived is None else vars(derived)
@@ -320,7 +320,8 @@ def fit(
     from forceaxis.identify import fit as fit_response
 
     held: dict[str, Any] = {**linear.overrides(overrides)}
-    measured = fit_response.read_response(response, model, held, **given)
+    settings = fit_response.ResponseSettings(**given)
+    measured = fit_response.read_response(response, model, held, settings)
     starts, units = fit_response.starts_of(names, measured)
     for name in starts:
         if name in held:

@@ -2,14 +2,14 @@
 
 import math
 
-from forceaxis.experiments.summary import Row
-from forceaxis.experiments.sweep_result import LonePoint, Sweep
+from forceaxis.experiments import summary
+from forceaxis.experiments.sweep_result import Boundary, IsolatedPoint, Row, Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 
 SHOWN_POINTS = 10
 
 
-def rows(done: Sweep) -> list[Row]:
+def rows(done: Sweep) -> list[summary.Row]:
     """Return the rows (key, text) about a sweep: runs, verdicts or boundaries, warnings,
     failures."""
     result, counts = done.result, done.result.counts
@@ -17,14 +17,15 @@ def rows(done: Sweep) -> list[Row]:
     speed = f", {ran / result.seconds:.0f} a second" if ran and result.seconds else ""
     journal = f"{counts.runs}: {counts.resumed} from the journal, {ran} now on {result.where}"
     lines = [("experiment", result.experiment), ("runs", journal + speed)]
-    if done.search:
+    if search := done.plan.search:
         lines.append(("boundaries", f"{counts.boundaries} of {counts.points}"))
-        lines += [("", boundary_text(done, i)) for i in range(min(SHOWN_POINTS, counts.points))]
+        shown_points = done.boundaries[:SHOWN_POINTS]
+        lines += [("", boundary_text(boundary, search.name)) for boundary in shown_points]
     elif any(counts.of(verdict) for verdict in VERDICTS):
         shown = [v for v in VERDICTS if counts.of(v) or v in VERDICTS[:2]]
         lines.append(("verdict", ", ".join(f"{counts.of(v)} {WORDS[v]}" for v in shown)))
     lines += [("warning", text) for text in result.warnings]
-    lines += [("alone", alone_text(point)) for point in result.alone[:SHOWN_POINTS]]
+    lines += [("alone", isolated_text(point)) for point in result.alone[:SHOWN_POINTS]]
     if result.refined and not result.alone:
         lines.append(("alone", "no point: nothing to look closer at"))
     if result.failures:
@@ -34,24 +35,25 @@ def rows(done: Sweep) -> list[Row]:
     return [*lines, ("again", result.command)]
 
 
-def alone_text(point: LonePoint) -> str:
+def isolated_text(point: IsolatedPoint) -> str:
     """Return a text about a point whose verdict differs from the verdict of its neighbours."""
-    at = ", ".join(f"{name} = {value:g}" for name, value in point.values.items())
+    at = text_of(point.values)
     if point.around:
         return f"{at}: {point.verdict}, as are {point.alike} of {point.around} points around it"
     return f"{at}: {point.verdict}, its neighbours are not; --refine looks closer"
 
 
-def boundary_text(done: Sweep, i: int) -> str:
-    """Return a text about the stability boundary that row `i` of the sweep has found."""
-    assert done.search is not None
-    columns = done.columns
-    at = ", ".join(f"{a.name} = {columns[a.name][i]:g}" for a in done.axes)
-    stable, unstable = columns["boundary"][i], columns["unstable_at"][i]
+def boundary_text(boundary: Boundary, name: str) -> str:
+    """Return a text about the stability boundary of one point. name: the searched parameter."""
     what = (
-        f"{done.search.name}: stable at {stable:.6g}, "
-        f"{WORDS[str(columns['beyond'][i])]} at {unstable:.6g}"
-        if math.isfinite(stable)
-        else str(columns["note"][i] or columns["error"][i])
+        f"{name}: stable at {boundary.stable:.6g}, "
+        f"{WORDS[boundary.beyond]} at {boundary.unstable:.6g}"
+        if math.isfinite(boundary.stable)
+        else boundary.note or boundary.error
     )
-    return f"{at}: {what}" if at else what
+    return f"{text_of(boundary.row)}: {what}" if boundary.row else what
+
+
+def text_of(values: Row) -> str:
+    """Return the values of a point as text."""
+    return ", ".join(f"{name} = {value:g}" for name, value in values.items())

@@ -258,7 +258,7 @@ def _with_dampers(
     except InputError:  # the damper has no effect, or only together with another parameter
         return None
     # the parameter has no effect while the workpiece sticks
-    if found.single.max() > fit_response.REACH:
+    if found.single.max() > fit_response.SEARCH_RANGE:
         return None
     values = dict(zip(found.names, found.values.tolist(), strict=True))
     newtons = {}

@@ -25,9 +25,8 @@ from forceaxis._core import InputError
 from forceaxis.commission import known
 from forceaxis.commission.known import Prior
 from forceaxis.design import sets
-from forceaxis.identify.fit import MISFIT
-from forceaxis.identify.measurement import COHERENT, Measurement
-from forceaxis.identify.procedures import SHARE
+from forceaxis.identify.fit import REJECTED_BELOW
+from forceaxis.identify.measurement import COHERENT, CONFIDENCE, Measurement
 from forceaxis.linear import loops, plant_set
 
 Values = dict[str, float]  # {parameter: SI value}
@@ -392,7 +391,7 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
                       own=[problem.own[i] for i in kept],
                       errors=[problem.errors[i] for i in kept])  # fmt: skip
         x = one.search(best).x
-        if any(_score(s)[2] < MISFIT / len(kept) for s in one.scores(x)):
+        if any(_score(s)[2] < REJECTED_BELOW / len(kept) for s in one.scores(x)):
             return None
         found.append(x)
     apart = np.array(found)
@@ -437,7 +436,7 @@ def _evaluated(
         covariance = covariance + shift.T @ shift / max(1, len(apart) - 1)
         changed = abs(shift).max(0) > np.maximum(3 * shown, CHANGED)
     spread = np.sqrt(np.diag(covariance))
-    size = float(stats.norm.ppf((1 + SHARE) / 2))
+    size = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
     found.intervals = {
         name: (value * math.exp(-size * h), value * math.exp(size * h))
         for (name, value), h in zip(best.items(), spread, strict=False)  # the shared ones first
@@ -476,8 +475,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
     """Sets the reason and text of a rejected fit. away: distances from the priors in standard
     deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
-    misfits = [level for level in found.levels if level.p < MISFIT / len(found.levels)]
-    if (found.p < MISFIT or misfits) and not found.levels_differ:
+    misfits = [level for level in found.levels if level.p < REJECTED_BELOW / len(found.levels)]
+    if (found.p < REJECTED_BELOW or misfits) and not found.levels_differ:
         p = min([found.p, *(level.p for level in misfits)])
         found.rejected = "chi2"
         found.text = (

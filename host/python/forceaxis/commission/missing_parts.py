@@ -18,7 +18,7 @@ from forceaxis import linear, toml
 from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
-from forceaxis.identify.fit import MISFIT
+from forceaxis.identify.fit import REJECTED_BELOW
 
 MODES_FROM = 10  # number of frequencies at which the search of a mode begins
 SHOWN = 3  # candidates in a text
@@ -80,8 +80,8 @@ def lines_of(found: list[Tried]) -> str:
     """The TOML of the best candidates, each below a comment that describes the candidate."""
     lines = []
     for number, one in enumerate(found[:SHOWN], 1):
-        fits = f"then p = {one.p:.2g}" if one.p >= MISFIT else f"which is not all, p = {one.p:.2g}"
-        lines.append(f"# {number}. {one.text}, {fits}\n{one.toml}")
+        explains = "then" if one.p >= REJECTED_BELOW else "which is not all,"
+        lines.append(f"# {number}. {one.text}, {explains} p = {one.p:.2g}\n{one.toml}")
     return "\n".join(lines)
 
 

@@ -154,7 +154,8 @@ def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
     model = damped if damped.exists() else tuning.given
     states = known.states_of(model, tuning.states)
     modes = known.states_apart(model, states) if name == "free" else states
-    one = fit.read_response(tuning.folder / name, model, modes=modes)
+    settings = fit.ResponseSettings(modes=modes)
+    one = fit.read_response(tuning.folder / name, model, settings=settings)
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, figsize=(FIGURE_WIDTH_IN, 5.6), sharex=True, height_ratios=(3, 2, 1)
     )

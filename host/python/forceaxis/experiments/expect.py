@@ -5,48 +5,71 @@ FORMAT defines its keys; docs/guide/reference/experiment.md is generated from FO
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias
 
 import numpy as np
 
 from forceaxis import _core, objects, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import run as runs
+from forceaxis.experiments.inputs import ExpectTable, read_inputs
 from forceaxis.experiments.run_result import RunResult
 from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
+from forceaxis.toml import TomlValue
 
 TEXTS = ("verdict", "fault", "trace_hash")
-
-
-# Default tolerance of a number: 1 % of the number, 10 ms, 0.01 of the step, 0.1 percentage points.
-TOLERANCES = {
-    "peak_force_N": {"relative": 0.01},
-    "final_value": {"relative": 0.01},
-    "settle_s": {"tolerance": 0.01},
-    "overshoot": {"tolerance": 0.01},
-    "held_force_N": {"relative": 0.01},
-    "held_force_error_percent": {"tolerance": 0.1},
-}
-
-
 OF_HELD_FORCE = ("held_force_N", "held_force_error_percent")
 
 
-def _key(
-    key: str, form: str, default: str, meaning: str, unit: str = "", range_: str = ""
-) -> dict[str, str | bool]:
-    return {
-        "key": key,
-        "form": form,
-        "unit": unit,
-        "range": range_,
-        "required": False,
-        "default": default,
-        "meaning": meaning,
-    }
+@dataclass(frozen=True)
+class Tolerance:
+    """Largest permitted difference from an expected number: `tolerance` in the unit of the number,
+    or `relative` as a fraction of its magnitude."""
+
+    tolerance: float = 0.0
+    relative: float = 0.0
+
+    def of(self, value: float) -> float:
+        """The tolerance of a value in the unit of the value."""
+        return self.tolerance + self.relative * abs(value)
+
+
+# Tolerances of numbers for which [expect] gives no tolerance.
+TOLERANCES = {
+    "peak_force_N": Tolerance(relative=0.01),
+    "final_value": Tolerance(relative=0.01),
+    "settle_s": Tolerance(0.01),
+    "overshoot": Tolerance(0.01),
+    "held_force_N": Tolerance(relative=0.01),
+    "held_force_error_percent": Tolerance(0.1),
+}
+
+
+@dataclass(frozen=True)
+class FormatKey:
+    """A key of a table, as docs/guide/reference describes it."""
+
+    key: str
+    form: str
+    default: str
+    meaning: str
+    unit: str = ""
+    range: str = ""
+    required: bool = False
+
+
+@dataclass(frozen=True)
+class FormatTable:
+    """A table of an experiment with its keys, as docs/guide/reference describes them."""
+
+    path: str
+    header: str
+    meaning: str
+    keys: tuple[FormatKey, ...]
+    when: str = ""  # condition under which the table has these keys
 
 
 def _number(
@@ -55,19 +78,18 @@ def _number(
     unit: str = "",
     range_: str = ">= 0",
     form: str = "number or { ... }",
-) -> dict[str, str | bool]:
-    return _key(key, form, "not compared", meaning, unit, range_)
+) -> FormatKey:
+    return FormatKey(key, form, "not compared", meaning, unit, range_)
 
 
-FORMAT: tuple[dict[str, Any], ...] = (
-    {
-        "path": "expect",
-        "header": "[expect]",
-        "meaning": "What must come out: `forceaxis test` compares the run with it. A bare number "
+FORMAT = (
+    FormatTable(
+        path="expect",
+        header="[expect]",
+        meaning="What must come out: `forceaxis test` compares the run with it. A bare number "
         "is met within the tolerance that its line names; 1 % of 0 is 0, so a `final_value` below "
         "1e-9 of the largest value counts as 0.",
-        "when": "",
-        "keys": (
+        keys=(
             _number(
                 "verdict",
                 "What [verdict] finds. `unstable` also matches `not_met` and `never_in_contact`, "
@@ -104,13 +126,13 @@ FORMAT: tuple[dict[str, Any], ...] = (
                 "Error of that force, of the set-point at the end of the run; 0.1 percentage "
                 "points.",
             ),
-            _key(
+            FormatKey(
                 "signal",
                 "column of the trace",
                 "force of the first contact, else encoder",
                 "What final_value, settle_s and overshoot are of.",
             ),
-            _key(
+            FormatKey(
                 "from_s",
                 "number",
                 "0",
@@ -118,7 +140,7 @@ FORMAT: tuple[dict[str, Any], ...] = (
                 "s",
                 ">= 0",
             ),
-            _key(
+            FormatKey(
                 "final_s",
                 "number",
                 "a tenth of what follows from_s",
@@ -126,7 +148,7 @@ FORMAT: tuple[dict[str, Any], ...] = (
                 "s",
                 ">= 0",
             ),
-            _key(
+            FormatKey(
                 "band",
                 "number or { absolute = ... }",
                 "0.05",
@@ -136,31 +158,28 @@ FORMAT: tuple[dict[str, Any], ...] = (
                 ">= 0",
             ),
         ),
-    },
-    {
-        "path": "expect.KEY",
-        "header": "[expect] KEY = { ... }",
-        "meaning": "A number with its tolerance, or its limits: `{ value = 69.7, tolerance = 0.5 "
+    ),
+    FormatTable(
+        path="expect.KEY",
+        header="[expect] KEY = { ... }",
+        meaning="A number with its tolerance, or its limits: `{ value = 69.7, tolerance = 0.5 "
         "}` or `{ min = 60, max = 80 }`, one or both.",
-        "when": "",
-        "keys": (
-            _key("value", "number", "min or max", "What is expected."),
-            _key("tolerance", "number", "as above", "Largest difference.", "", ">= 0"),
-            _key("relative", "number", "as above", "The same as a part of value.", "", ">= 0"),
-            _key("min", "number", "no limit", "At least this."),
-            _key("max", "number", "no limit", "At most this."),
+        keys=(
+            FormatKey("value", "number", "min or max", "What is expected."),
+            FormatKey("tolerance", "number", "as above", "Largest difference.", "", ">= 0"),
+            FormatKey("relative", "number", "as above", "The same as a part of value.", "", ">= 0"),
+            FormatKey("min", "number", "no limit", "At least this."),
+            FormatKey("max", "number", "no limit", "At most this."),
         ),
-    },
+    ),
 )
-KEYS, OF_NUMBER = ([key["key"] for key in table["keys"]] for table in FORMAT)
+KEYS, OF_NUMBER = ([key.key for key in table.keys] for table in FORMAT)
 
-NOTHING = {"settle_s": "never", "overshoot": "undefined"}  # results for which there is no number
-
-
+# Texts of results that are not numbers: the signal does not settle, or there is no step.
+NOTHING = {"settle_s": "never", "overshoot": "undefined"}
+# Keys that say how `signal` is evaluated; the other keys are compared with the run.
 HOW = ("signal", "from_s", "final_s", "band")
-
-
-LARGEST = 1e18
+LARGEST_NUMBER = 1e18
 
 
 @dataclass(frozen=True)
@@ -172,12 +191,30 @@ class Number:
     high: float
     value: float | None = None
 
+    @classmethod
+    def around(cls, value: float, allowed: Tolerance) -> "Number":
+        """The range of a value with its tolerance."""
+        width = allowed.of(value)
+        return cls(value - width, value + width, value)
+
     def __str__(self) -> str:
         if self.value is None:
             low = f"at least {self.low:.6g}" if math.isfinite(self.low) else ""
             high = f"at most {self.high:.6g}" if math.isfinite(self.high) else ""
             return " and ".join(filter(None, (low, high)))
         return f"{self.value:.6g} +-{self.high - self.value:.3g}"
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """The keys of a number in [expect] that is given as a table; None: the table does not have this
+    key."""
+
+    value: float | None = None
+    tolerance: float | None = None
+    relative: float | None = None
+    min: float | None = None
+    max: float | None = None
 
 
 Expected: TypeAlias = str | Number
@@ -204,10 +241,8 @@ class Measured:
     signal: str
     from_s: float
     final_s: float
-    start: float
     final: float
     width: float  # half of the settling band, which is final +- width
-    contacts: list[str]
 
 
 @dataclass(frozen=True)
@@ -260,11 +295,10 @@ class ExpectationCheck:
 
 @dataclass(frozen=True)
 class Examined:
-    """A finished run and the checks of its [expect]; without the table `checks` is empty and
-    `expect` is None."""
+    """A finished run and the checks of its [expect]; without the table `checks` is empty."""
 
     run: runs.Run
-    expect: Expectation | None
+    expect: Expectation
     measured: Measured
     checks: list[ExpectationCheck]
 
@@ -290,46 +324,54 @@ class Reader:
         """Raise InputError with the file and the key."""
         raise InputError(f"{self.file}: expect{key and '.'}{key}: {message}")
 
-    def number(self, key: str, value: Any, low: float = -LARGEST) -> float:
+    def number(self, key: str, value: TomlValue, low: float = -LARGEST_NUMBER) -> float:
         """A plain number of at least `low`."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, "expected a number")
-        if not low <= value <= LARGEST:  # NaN too
-            self.fail(key, f"expected a number from {low:g} to {LARGEST:g}, got {value:g}")
+        if not low <= value <= LARGEST_NUMBER:  # NaN too
+            self.fail(key, f"expected a number from {low:g} to {LARGEST_NUMBER:g}, got {value:g}")
         return float(value)
 
-    def wanted(self, key: str, value: Any) -> Expected:
+    def wanted(self, key: str, value: TomlValue) -> Expected:
         """The expectation for a number: a Number, or the text for a missing number."""
-        low = -LARGEST if key in ("final_value", "held_force_N") else 0.0
+        low = -LARGEST_NUMBER if key in ("final_value", "held_force_N") else 0.0
         if isinstance(value, str) and key in NOTHING:
             if value != NOTHING[key]:
                 self.fail(key, f'expected a number or "{NOTHING[key]}", got "{value}"')
             return value
         if not isinstance(value, dict):
-            value = {"value": self.number(key, value, low)}
+            expected = self.number(key, value, low)
+            return Number.around(expected, TOLERANCES[key])
         toml.expect_keys(value, OF_NUMBER, lambda name, text: self.fail(f"{key}.{name}", text))
-        given = {n: self.number(f"{key}.{n}", v, -LARGEST) for n, v in value.items()}
-        if "min" in given or "max" in given:
+        given = NumberTable(**{n: self.number(f"{key}.{n}", v) for n, v in value.items()})
+        if given.min is not None or given.max is not None:
             return self.limits(key, given, low)
-        if "value" not in given:
+        if given.value is None:
             self.fail(key, "expected value or min or max; add value = ...")
-        expected = self.number(f"{key}.value", given["value"], low)
-        if "tolerance" in given and "relative" in given:
+        expected = self.number(f"{key}.value", given.value, low)
+        if given.tolerance is not None and given.relative is not None:
             self.fail(key, "expected tolerance or relative, not both")
-        if "relative" in given and expected == 0:
-            self.fail(f"{key}.relative", "expected tolerance beside a value of 0, a part of 0 is 0")
-        allowed = {n: v for n, v in given.items() if n != "value"} or TOLERANCES[key]
-        ((name, width),) = allowed.items()
-        width = self.number(f"{key}.{name}", width, 0.0)
-        if name == "relative":
-            width *= abs(expected)
-        return Number(expected - width, expected + width, expected)
+        if given.relative is not None:
+            if expected == 0:
+                self.fail(
+                    f"{key}.relative",
+                    "expected `tolerance` instead, because a fraction of the value 0 is 0",
+                )
+            relative = self.number(f"{key}.relative", given.relative, 0.0)
+            return Number.around(expected, Tolerance(relative=relative))
+        if given.tolerance is not None:
+            tolerance = self.number(f"{key}.tolerance", given.tolerance, 0.0)
+            return Number.around(expected, Tolerance(tolerance))
+        return Number.around(expected, TOLERANCES[key])
 
-    def limits(self, key: str, given: Mapping[str, float], low: float) -> Number:
+    def limits(self, key: str, given: NumberTable, low: float) -> Number:
         """The Number from the keys min and max."""
-        if len(given) != len(given.keys() & {"min", "max"}):
+        if (given.value, given.tolerance, given.relative) != (None, None, None):
             self.fail(key, "expected either min and max or value with its tolerance, not both")
-        limits = Number(given.get("min", -math.inf), given.get("max", math.inf))
+        limits = Number(
+            -math.inf if given.min is None else given.min,
+            math.inf if given.max is None else given.max,
+        )
         if limits.low > limits.high:
             self.fail(key, f"expected min below max, got {limits.low:g} and {limits.high:g}")
         if limits.high < low:
@@ -337,32 +379,31 @@ class Reader:
         return limits
 
 
-def read(file: str | Path, data: Mapping[str, Any]) -> Expectation | None:
-    """Reads the Expectation from `_core.inputs`; None without [expect]. Raises InputError."""
-    table, reader = data["expect"], Reader(file)
-    if table is None:
-        return None
+def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation:
+    """The Expectation of a table [expect]. has_verdict: the experiment has [verdict]. Raises
+    InputError."""
+    reader = Reader(file)
     toml.expect_keys(table, KEYS, reader.fail)
-    _check_texts(reader, table, bool(data.get("criterion")))
-    number = reader.number
+    _check_texts(reader, table, has_verdict)
     band, absolute = table.get("band", 0.05), False
     if isinstance(band, dict):
         if list(band) != ["absolute"]:
             reader.fail("band", "expected a fraction of the step or { absolute = ... }")
         band, absolute = band["absolute"], True
+    final_s = table.get("final_s")
     return Expectation(
         wanted={
             k: v if k in TEXTS else reader.wanted(k, v) for k, v in table.items() if k not in HOW
         },
         signal=table.get("signal"),
-        from_s=number("from_s", table.get("from_s", 0), 0.0),
-        final_s=number("final_s", table["final_s"], 0.0) if "final_s" in table else None,
-        band=number("band", band, 0.0),
+        from_s=reader.number("from_s", table.get("from_s", 0), 0.0),
+        final_s=None if final_s is None else reader.number("final_s", final_s, 0.0),
+        band=reader.number("band", band, 0.0),
         band_is_absolute=absolute,
     )
 
 
-def _check_texts(reader: Reader, table: Mapping[str, Any], has_verdict: bool) -> None:
+def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
     """Check the keys whose values are texts. has_verdict: the experiment has [verdict]. Raises
     InputError."""
     for key, texts in (("verdict", VERDICTS), ("fault", objects.BY_NAME["fault"].enum)):
@@ -379,10 +420,10 @@ def _check_texts(reader: Reader, table: Mapping[str, Any], has_verdict: bool) ->
         reader.fail("signal", "expected the name of a column of the trace")
 
 
-def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measured:
+def measure(done: runs.Run, expect: Expectation) -> Measured:
     """Results of a run by the definitions in FORMAT. Raises InputError if [expect] does not apply
     to the run."""
-    reader, result = Reader(done.experiment), done.result
+    reader, result, contacts = Reader(done.experiment), done.result, done.contacts
     rate = _core.TICKS_PER_SECOND
     signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
     if signal not in done.columns:
@@ -399,8 +440,7 @@ def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measure
     first = math.ceil(expect.from_s * rate - 1e-9)
     values = done.columns[signal][first:].astype(float)
     if len(values) < 2:
-        end_s = done.columns["time_s"][-1]
-        reader.fail("from_s", f"expected a time before the end, {end_s:g} s")
+        reader.fail("from_s", f"expected a time before the end, {done.time_s[-1]:g} s")
     lasts_s = (len(values) - 1) / rate
     final_s = lasts_s / 10 if expect.final_s is None else expect.final_s
     if final_s > lasts_s + 1e-9:
@@ -426,23 +466,21 @@ def measure(done: runs.Run, expect: Expectation, contacts: list[str]) -> Measure
         "final_value": final,
         "held_force_N": held.held_N if held else None,
         "held_force_error_percent": held.error_percent if held else None,
-        "settle_s": (last + 1) / rate if settled else NOTHING["settle_s"],
+        "settle_s": (last + 1) / rate if settled else "never",
         "overshoot": max(0.0, beyond) / abs(step) if abs(step) > rounding else "undefined",
         "trace_hash": result.trace_hash,
     }
-    return Measured(got, signal, expect.from_s, final_s, start, final, width, contacts)
+    return Measured(got, signal, expect.from_s, final_s, final, width)
 
 
 def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
     """Runs one experiment and compares it with its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
-    given = _core.inputs(str(file), list(overrides))
-    expect = read(file, given)  # an invalid table is reported before the run
+    inputs = read_inputs(file, overrides)
+    # an invalid table is reported before the run
+    expect = read(file, inputs.expect or {}, inputs.criterion is not None)
     done = runs.run(file, overrides)
-    how = expect or read(file, {"expect": {}})
-    assert how is not None
-    measured = measure(done, how, given["contacts"])
-    wanted = expect.wanted if expect else {}
+    measured = measure(done, expect)
     checks = [
         ExpectationCheck(
             key,
@@ -451,7 +489,7 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
             unit_of(key, measured.signal, done),
             why(key, done.result),
         )
-        for key, value in wanted.items()
+        for key, value in expect.wanted.items()
     ]
     return Examined(done, expect, measured, checks)
 

@@ -13,21 +13,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 
-from forceaxis import _core, objects, paths, toml
+from forceaxis import objects, paths, toml
 from forceaxis._core import InputError
 from forceaxis.experiments import run as runs
 from forceaxis.experiments import summary as words
+from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.run_result import Array, Converter, HeldForce
-from forceaxis.results import to_json
+from forceaxis.linear.plant_facts import ParameterFacts
+from forceaxis.results import JsonObject, to_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["Event", "Experiment", "Result"]
+
+TomlTables: TypeAlias = Mapping[str, Any]  # the tables of an experiment's file
+# A value of a parameter or object: a number, a text with a unit, or a NumPy scalar.
+Value: TypeAlias = float | str | np.generic | np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
 IN_MEMORY = "(in memory)"
 # Quantities that the codes of a converter represent, by their names in a result.
@@ -50,7 +56,7 @@ class Experiment:
     Its format is described in docs/guide/reference/experiment.md. The simulation begins with run().
     """
 
-    def __init__(self, source: str | Mapping[str, Any], folder: str | Path = ".") -> None:
+    def __init__(self, source: str | TomlTables, folder: str | Path = ".") -> None:
         """Makes an experiment from TOML text, or from a dict with the same tables.
 
         The path of its model is relative to `folder`. Values may be NumPy scalars and arrays.
@@ -75,17 +81,15 @@ class Experiment:
 
     def _set(self, file: Path, text: str | None) -> None:
         self._file, self._text = file, text
-        found = _core.inputs(str(file), [], text=text)
-        self.title: str = found["title"]
-        self.model = Path(found["model"])
+        found = read_inputs(file, text=text)
+        self.title: str = found.title
+        self.model = found.model
         #: (value, unit) of each parameter of the model, with the experiment's [set] applied.
-        self.parameters: dict[str, tuple[float, str]] = {
-            name: (p["value"], p["unit"]) for name, p in found["parameters"].items()
-        }
+        self.parameters: dict[str, ParameterFacts] = found.parameters
         #: Objects of the firmware that the experiment writes before the first tick.
-        self.firmware: dict[str, float] = found["firmware"]
+        self.firmware: dict[str, float] = found.firmware
 
-    def run(self, overrides: Mapping[str, Any] | None = None, /, **values: Any) -> Result:
+    def run(self, overrides: Mapping[str, Value] | None = None, /, **values: Value) -> Result:
         """Simulates the experiment with changed values.
 
         A keyword is an object of the firmware, a parameter of the model, `duration_s` or `seed`.
@@ -101,7 +105,7 @@ class Experiment:
         texts = [f"{name}={_text_of(name, value)}" for name, value in given.items()]
         return Result(runs.run(self._file, texts, text=self._text))
 
-    def _full_names(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def _full_names(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """The values under the names of --set. Raises InputError with all unknown names."""
         known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
 
@@ -142,8 +146,8 @@ class Result:
         """Stores a finished run."""
         self._run = run
         #: The content of `forceaxis run --json`.
-        self.summary: dict[str, Any] = run.summary
-        self.time_s: Array = run.columns["time_s"]
+        self.summary: JsonObject = run.summary
+        self.time_s: Array = run.time_s
         self.units: dict[str, str] = self._units()
 
     def _units(self) -> dict[str, str]:
@@ -184,7 +188,7 @@ class Result:
         return list(self._run.result.because)
 
     @property
-    def missed(self) -> list[dict[str, Any]]:
+    def missed(self) -> list[dict[str, str | float | None]]:
         """The limits that the run did not keep: limit, verdict, value, bound and unit of each."""
         return [to_json(limit) for limit in self._run.result.missed]
 
@@ -246,7 +250,7 @@ class Result:
         """Iterate over the names that have values."""
         return iter(self.units)
 
-    def __contains__(self, name: object) -> bool:
+    def __contains__(self, name: str) -> bool:
         """Whether the result has values of this name."""
         return name in self.units
 
@@ -279,14 +283,14 @@ class Result:
         return f"<Result of {self.title!r}: {'; '.join(parts)}>"
 
 
-def _toml_of(tables: Mapping[str, Any]) -> str:
+def _toml_of(tables: TomlTables) -> str:
     try:
         return str(toml.write_text(tables))
     except (AttributeError, TypeError) as error:
         raise InputError(f"{IN_MEMORY}: expected tables, texts and numbers, {error}") from None
 
 
-def _text_of(name: str, value: Any) -> str:
+def _text_of(name: str, value: Value) -> str:
     """The value of an override in the form of --set. Raises InputError."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

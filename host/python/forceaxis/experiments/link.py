@@ -6,7 +6,6 @@ compute its hash; different hashes mean that records were changed during the tra
 """
 
 import contextlib
-import functools
 import json
 import os
 import secrets
@@ -18,7 +17,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Self
+from types import TracebackType
+from typing import IO, Any, NamedTuple, Self, TypeAlias
 
 from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
@@ -34,6 +34,8 @@ from forceaxis.experiments.run_result import (
 )
 from forceaxis.words import option_words
 
+CoreOutcome: TypeAlias = dict[str, Any]  # a result of _core.run_many
+NodeDocument: TypeAlias = dict[str, Any]  # a JSON object that axis_node prints
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
 _CHECKOUT = Path(__file__).resolve().parents[4]
@@ -111,6 +113,35 @@ def _has_can(interface: str) -> bool:
     return True
 
 
+@dataclass(frozen=True)
+class NodeReport:
+    """Report of an axis_node process about one run."""
+
+    pid: int
+    trace_hash: str
+    refused: list[RefusedWrite]
+    records: dict[str, int]  # event of records -> number of records
+
+
+@dataclass(frozen=True)
+class LinkDetails:
+    """Speed of a run over a connection and its records, as _core.run_linked returns them."""
+
+    ticks_per_s: float
+    real_time: float  # simulated time / elapsed time
+    overruns: int
+    statistics: dict[str, int]  # event of records -> number of records
+
+
+@dataclass(frozen=True)
+class ChipDetails:
+    """Speed of a run on an emulated chip, as _core.run_on_chip returns it."""
+
+    interrupts: int  # in which the chip has computed a tick
+    ticks: int
+    ticks_per_s: float
+
+
 @dataclass
 class AxisNode:
     """An axis_node process that runs the firmware for a series of runs."""
@@ -140,7 +171,12 @@ class AxisNode:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         stdin, stdout = self._pipes
         with contextlib.suppress(OSError):
             stdin.close()
@@ -179,13 +215,11 @@ class AxisNode:
         except OSError:
             raise LinkError(f"axis_node (pid {self.process.pid}) ended") from None
 
-    def _report(self, timeout_s: float) -> dict[str, Any]:
+    def _report(self, timeout_s: float) -> NodeDocument:
         """The JSON object that the process prints next. Raises InputError, LinkError."""
-        report: dict[str, Any] = json.loads(self._line(timeout_s))
-        if report.get("status") == 2:
-            raise InputError(report["error"])
-        if "error" in report:
-            raise LinkError(report["error"])
+        report: NodeDocument = json.loads(self._line(timeout_s))
+        if error := report.get("error"):
+            raise (InputError if report.get("status") == 2 else LinkError)(error)
         return report
 
     def begin(self, run_id: int, experiment: str | Path, overrides: Sequence[str]) -> None:
@@ -202,10 +236,17 @@ class AxisNode:
             self._text = f"{line}\n".encode() + self._text
             self._report(0)
 
-    def end(self) -> dict[str, Any]:
-        """Ends the run and returns the report of the node."""
+    def end(self) -> NodeReport:
+        """Ends the run and returns the report of the node. Raises InputError, LinkError."""
         self._send("\n")
-        return self._report(self.link.timeout_s + 5)
+        report = self._report(self.link.timeout_s + 5)
+        axis = report["axes"][0]
+        return NodeReport(
+            pid=report["pid"],
+            trace_hash=axis["trace_hash"],
+            refused=read_refused(axis["refused"]),
+            records=report["statistics"],
+        )
 
 
 def new_run_id() -> int:
@@ -220,7 +261,7 @@ def run_with(
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
-        result, details = _core.run_linked(
+        result, given = _core.run_linked(
             str(experiment),
             list(overrides),
             link.kind,
@@ -238,21 +279,20 @@ def run_with(
         if isinstance(error, InputError):
             raise
         raise ParameterError("inject", str(error)) from None
-    report = node.end()
-    axis = report["axes"][0]
+    details, report = LinkDetails(**given), node.end()
     found = LinkReport(
         kind=link.kind,
         where=(link.lcm_url or _core.lcm_url_of(run_id)) if link.kind == "lcm" else link.can,
         run_id=run_id,
-        pids=ProcessIds(os.getpid(), report["pid"]),
-        hashes=TraceHashes(result.trace_hash, axis["trace_hash"]),
-        same=result.trace_hash == axis["trace_hash"],
-        ticks_per_s=details["ticks_per_s"],
-        real_time=details["real_time"],
-        repeated=details["statistics"]["repeated"],
-        statistics=RecordCounts(details["statistics"], report["statistics"]),
+        pids=ProcessIds(os.getpid(), report.pid),
+        hashes=TraceHashes(result.trace_hash, report.trace_hash),
+        same=result.trace_hash == report.trace_hash,
+        ticks_per_s=details.ticks_per_s,
+        real_time=details.real_time,
+        repeated=details.statistics["repeated"],
+        statistics=RecordCounts(details.statistics, report.records),
     )
-    return LinkedRun(result, found, read_refused(axis["refused"]))
+    return LinkedRun(result, found, report.refused)
 
 
 def run_on_chip(
@@ -262,18 +302,17 @@ def run_on_chip(
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
         try:
-            result, details = _core.run_on_chip(
+            result, given = _core.run_on_chip(
                 str(experiment), list(overrides), *emulator.pipes, timeout_s=5.0, trace=trace
             )
         except TransportError as error:
             raise LinkError(f"{error}; {emulator.last_words()}") from None
-    emulated = chip.emulated_image(board)
+    details, emulated = ChipDetails(**given), chip.emulated_image(board)
     where = f"{emulated.machine} in {emulated.program}"
-    ticks_per_s = details["ticks_per_s"]
     report = replace(
-        _report_here(link.kind, where, result, emulator.process.pid, ticks_per_s),
-        interrupts=details["interrupts"],
-        ticks=details["ticks"],
+        _report_here(link.kind, where, result, emulator.process.pid, details.ticks_per_s),
+        interrupts=details.interrupts,
+        ticks=details.ticks,
     )
     return LinkedRun(result, report, read_refused(result.refused))
 
@@ -314,38 +353,37 @@ def run_many(
     link: LinkOptions,
     jobs: Sequence[tuple[str, Sequence[str]]],
     progress: Callable[[int, int], None] | None = None,
-) -> list[dict[str, Any]]:
+) -> list[CoreOutcome]:
     """Runs (experiment, overrides) pairs one after another, with one axis_node.
 
     The results have the form of _core.run_many. Raises as run_with.
     """
-    outcomes: list[dict[str, Any]] = []
-    one: Callable[..., LinkedRun]
+    outcomes: list[CoreOutcome] = []
     with contextlib.ExitStack() as stack:
-        if link.kind in CHIPS:  # the chip is powered up again for each run
-            one = functools.partial(run_on_chip, link)
-        else:
-            one = functools.partial(run_with, stack.enter_context(AxisNode(link)))
+        # the chip is powered up again for each run
+        node = None if link.kind in CHIPS else stack.enter_context(AxisNode(link))
         for experiment, overrides in jobs:
-            result, report, _ = one(experiment, overrides, trace=False)
+            result, report, _ = (
+                run_with(node, experiment, overrides, trace=False)
+                if node
+                else run_on_chip(link, experiment, overrides, trace=False)
+            )
             expect_same(report)
-            outcomes.append({name: getattr(result, name) for name in OUTCOME})
+            outcomes.append(
+                {
+                    "verdict": result.verdict,
+                    "missed": result.missed,
+                    "fault": result.fault,
+                    "metrics": result.metrics,
+                    "criterion": result.criterion,
+                    "overridden": result.overridden,
+                    "trace_hash": result.trace_hash,
+                    "edge_margin": result.edge_margin,
+                }
+            )
             if progress:
                 progress(len(outcomes), len(jobs))
     return outcomes
-
-
-# The keys of a result of _core.run_many.
-OUTCOME = (
-    "verdict",
-    "missed",
-    "fault",
-    "metrics",
-    "criterion",
-    "overridden",
-    "trace_hash",
-    "edge_margin",
-)
 
 
 def expect_same(report: LinkReport) -> None:

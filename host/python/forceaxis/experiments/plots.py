@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -77,6 +77,7 @@ EVENTS = {
 }
 # marks within this share of the figure's width overlap; largest number of overlapping marks
 CLOSE, MANY = 0.015, 3
+LINE_WIDTH = THIN["linewidth"]
 CONTACT = "#dbe6f1"
 IN_LINE = 5  # keys of a legend
 
@@ -139,8 +140,9 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
         if len(row) == 1 and line.names:
             met, values = np.unique(values, return_inverse=True)
             ax.set_yticks(range(len(met)), [line.names.get(int(v), str(v)) for v in met])
-        stepped: dict[str, Any] = {"drawstyle": "steps-post"} if values.dtype.kind in "iu" else {}
-        ax.plot(time_s, values, label=line.label, **(THIN | stepped))
+        (drawn,) = ax.plot(time_s, values, label=line.label, linewidth=LINE_WIDTH)
+        if values.dtype.kind in "iu":
+            drawn.set_drawstyle("steps-post")
     units = ", ".join(dict.fromkeys(line.unit for line in row if line.unit))
     label = row[0].label.replace("_", "_\n", len(row[0].label) // 20)
     ax.set_ylabel(units if len(row) > 1 else f"{label}\n{units}", parse_math=False)
@@ -152,18 +154,18 @@ def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
     """Draws the demanded force: steps, or ramps if the force demand has a slope; nothing without a
     demand."""
     setpoints = marks.setpoints
-    look: dict[str, Any] = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
     if marks.demand is not None:
-        times, newton = (np.asarray(v, float) for v in marks.demand)
-        none = newton == 0  # no demand if both ends of a line are 0
-        inside = none & np.append(True, none[:-1]) & np.append(none[1:], True)
-        ax.plot(times, np.where(inside, np.nan, newton), **look)
+        times_s, force_N = (np.asarray(v, float) for v in marks.demand)
+        none = force_N == 0  # no demand if both ends of a line are 0
+        none = none & np.append(True, none[:-1]) & np.append(none[1:], True)
+        drawstyle = "default"
     else:
-        begin, newton = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
-        newton = np.where(newton == 0, np.nan, newton)
-        ax.plot(begin, newton, drawstyle="steps-post", **look)
+        times_s, force_N = np.array([*setpoints, (time_s[-1], setpoints[-1][1])]).T
+        none, drawstyle = force_N == 0, "steps-post"
+    force_N = np.where(none, np.nan, force_N)
+    ax.plot(times_s, force_N, color=WANTED, linestyle="--", linewidth=0.8, drawstyle=drawstyle)
     ax.set_xlim(time_s[0], time_s[-1])
 
 
@@ -206,27 +208,32 @@ def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
         a, b, verdict = marks.window
         a, b = max(a, low), min(b, high)
         ax.broken_barh(
-            [(a, b - a)], (0, 1), transform=across, color=AREA.get(verdict, AREA["failed"]),
-            alpha=0.55, linewidth=0, zorder=0.5,
+            [(a, b - a)], (0, 1), transform=across, color=area_of(verdict), alpha=0.55,
+            linewidth=0, zorder=0.5,
         )  # fmt: skip
+
+
+def area_of(verdict: str) -> str:
+    """The colour of an area with this verdict."""
+    return AREA.get(verdict, AREA["failed"])
 
 
 def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
     """A mark above the rows for each event inside the figure. Events that are too close together
     for separate marks get a line from the first to the last. The legend contains their number."""
-    look: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+    across = ax.get_xaxis_transform()
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
         for cluster in clusters(times, CLOSE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MANY:
                 height = 1.03 + 0.012 * level  # lines of different kinds at different heights
-                ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, **look)
+                ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
+                        clip_on=False)  # fmt: skip
             else:
                 ends = cluster
-            ax.plot(
-                ends, [1.03] * len(ends), marker, color=colour, markersize=4, linestyle="", **look
-            )
+            ax.plot(ends, [1.03] * len(ends), marker, color=colour, markersize=4, linestyle="",
+                    transform=across, clip_on=False)  # fmt: skip
 
 
 def clusters(times: Sequence[float], close: float) -> list[list[float]]:
@@ -244,25 +251,23 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
     """Handles of the legend for the elements of the figure."""
     low, high = time_s[0], time_s[-1]
     found: list[Artist] = []
-    look: dict[str, Any]
     if any(newton for _, newton in marks.setpoints) and any(
         line.controlled for row in rows for line in row
     ):
-        look = {"color": WANTED, "linestyle": "--", "linewidth": 0.8}
         label = "set-point" if marks.demand is None else "demand"
-        found.append(plt.Line2D([], [], label=label, **look))
+        found.append(plt.Line2D([], [], label=label, color=WANTED, linestyle="--", linewidth=0.8))
     if any(b > low and a < high for a, b in marks.contacts):
         found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT, label="contact"))
     if marks.window and marks.window[1] > low and marks.window[0] < high:
         verdict = marks.window[2]
-        colour = AREA.get(verdict, AREA["failed"])
-        found.append(plt.Rectangle((0, 0), 1, 1, color=colour, label=f"judged: {verdict}"))
+        label = f"judged: {verdict}"
+        found.append(plt.Rectangle((0, 0), 1, 1, color=area_of(verdict), label=label))
     for kind, (marker, colour) in EVENTS.items():
         texts = [text for t, k, text in marks.events if k == kind and low <= t <= high]
         if texts:
             label = ", ".join(dict.fromkeys(texts)) + (f" ({len(texts)})" if texts[1:] else "")
-            look = {"marker": marker, "linestyle": "", "markersize": 4, "color": colour}
-            found.append(plt.Line2D([], [], label=label, **look))
+            found.append(plt.Line2D([], [], label=label, marker=marker, linestyle="", markersize=4,
+                                    color=colour))  # fmt: skip
     return found
 
 
@@ -312,7 +317,7 @@ def comparison(
         style(ax)
         for name, values in row.items():
             unit, factor = unit_of(name)
-            ax.plot(time_s, values * factor, label=name, alpha=0.75, **THIN)
+            ax.plot(time_s, values * factor, label=name, alpha=0.75, linewidth=LINE_WIDTH)
         ax.set_ylabel(f"{name}\n{unit}" if len(row) == 1 else unit, fontsize=8)
         ax.set_xlim(time_s[0], time_s[-1])
         if len(row) > 1:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
-from forceaxis import _core, objects
+from forceaxis import objects
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
+from forceaxis.experiments.inputs import Inputs, read_inputs
 from forceaxis.words import suggestion
 
 MOST_POINTS = 1_000_000
@@ -151,7 +152,7 @@ def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) 
 
 def check_names(
     experiment: Path,
-    inputs: "_core.Inputs",
+    inputs: Inputs,
     overrides: Sequence[str],
     axes: Sequence[SweepParameter],
 ) -> None:
@@ -168,19 +169,17 @@ def check_names(
         taken.add(axis.name)
 
 
-def _problem_of(
-    name: str, experiment: Path, inputs: "_core.Inputs", overrides: Sequence[str]
-) -> str:
+def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence[str]) -> str:
     """Text about the expected names instead of `name`; empty if the name can be swept."""
     room, dot, key = name.partition(".")
     if not dot:
-        if name not in inputs["parameters"]:
+        if name not in inputs.parameters:
             return (
                 "a parameter of the model, firmware.OBJECT, experiment.KEY or verdict.KEY"
-                f"{meant(name, inputs['parameters'])}"
+                f"{meant(name, inputs.parameters)}"
             )
-        value = inputs["parameters"][name]["value"]
-        if name in _core.inputs(str(experiment), [*overrides, f"{name}={value!r}"])["unused"]:
+        value = inputs.parameters[name].value
+        if name in read_inputs(experiment, [*overrides, f"{name}={value!r}"]).unused:
             return "a parameter that the model uses, this one changes nothing here"
     elif room == "firmware":
         if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
@@ -194,7 +193,7 @@ def _problem_of(
     return ""
 
 
-def unit_of(name: str, inputs: "_core.Inputs") -> str:
+def unit_of(name: str, inputs: Inputs) -> str:
     """The unit of a swept parameter, or ""."""
     room, _, key = name.partition(".")
     if room == "firmware":
@@ -202,5 +201,5 @@ def unit_of(name: str, inputs: "_core.Inputs") -> str:
     elif key:
         unit = {"s": "s", "t": "count"}.get(key[-1], "") if key != "seed" else ""
     else:
-        unit = inputs["parameters"][name]["unit"]
+        unit = inputs.parameters[name].unit
     return "" if unit == "1" else unit

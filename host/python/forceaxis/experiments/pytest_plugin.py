@@ -15,11 +15,13 @@ pytest runs every *.toml with an [expect] table below these folders as a test.
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
+    from _pytest._code.code import TerminalRepr, TracebackStyle
+
     from forceaxis.experiments.expect import ExpectationCheck, Measured
     from forceaxis.experiments.run import Run
 
@@ -66,7 +68,11 @@ class ExperimentItem(pytest.Item):
     def runtest(self) -> None:
         CheckedExperiment(self.path).check()
 
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+    def repr_failure(
+        self,
+        excinfo: pytest.ExceptionInfo[BaseException],
+        style: "TracebackStyle | None" = None,
+    ) -> "str | TerminalRepr":
         from forceaxis._core import InputError, SimulationError
 
         if excinfo.errisinstance((AssertionError, InputError, SimulationError)):

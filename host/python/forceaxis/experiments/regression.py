@@ -5,16 +5,18 @@ import functools
 import os
 import time
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from forceaxis import _core, paths, toml
+from forceaxis import paths, toml
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, rewrite
+from forceaxis.experiments.inputs import read_inputs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,25 +50,51 @@ class RegressionOutcome:
         """Texts about values that pass but need another form in the file, one line each."""
         return [c.warning for c in self.checks if c.warning]
 
-    def summary(self) -> dict[str, Any]:
-        """The entry that `--json` prints."""
-        checks = [
-            {
-                "key": c.key,
-                "expected": str(c.expected),
-                "obtained": c.obtained,
-                "passed": c.passed,
-            }
-            for c in self.checks
-        ]
-        return {
-            "experiment": self.name,
-            "status": self.status,
-            "seconds": round(self.seconds, 3),
-            "message": self.message,
-            "warnings": self.warnings,
-            "checks": checks,
-        }
+    def summary(self) -> "OutcomeSummary":
+        """The outcome as JSON contains it."""
+        return OutcomeSummary(
+            experiment=self.name,
+            status=self.status,
+            seconds=round(self.seconds, 3),
+            message=self.message,
+            warnings=self.warnings,
+            checks=[
+                CheckSummary(c.key, str(c.expected), c.obtained, c.passed) for c in self.checks
+            ],
+        )
+
+
+@dataclass(frozen=True)
+class CheckSummary:
+    """An expected value and the value of the run, as JSON contains them."""
+
+    key: str
+    expected: str
+    obtained: expect.Obtained
+    passed: bool
+
+
+@dataclass(frozen=True)
+class OutcomeSummary:
+    """The result of one test as JSON contains it."""
+
+    experiment: str
+    status: str
+    seconds: float
+    message: str
+    warnings: list[str]
+    checks: list[CheckSummary]
+
+
+@dataclass(frozen=True)
+class RegressionCounts:
+    """Numbers of tests by their status."""
+
+    passed: int
+    updated: int
+    failed: int
+    error: int
+    skipped: int
 
 
 def is_test(file: Path) -> bool | None:
@@ -162,8 +190,8 @@ def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
             paths.replace_text(file, new)
         elif outcome.status == "passed":
             return
-        expected = expect.read(file, _core.inputs(str(file)))
-        assert expected is not None
+        inputs = read_inputs(file)
+        expected = expect.read(file, inputs.expect or {}, inputs.criterion is not None)
     except InputError as error:
         outcome.status, outcome.message = "error", str(error)
         return
@@ -245,11 +273,9 @@ def figure(examined: expect.Examined) -> "Figure":
     """Figure of the expected peak, final value and settling over the trace."""
     from forceaxis.experiments import plots
 
-    assert examined.expect is not None  # without [expect] nothing can differ
     measured, wanted = examined.measured, examined.expect.wanted
-    columns = examined.run.columns
-    time_s = columns["time_s"]
-    forces = [f"{name}.force" for name in measured.contacts]
+    columns, time_s = examined.run.columns, examined.run.time_s
+    forces = [f"{name}.force" for name in examined.run.contacts]
     names = [[measured.signal]]
     if "peak_force_N" in wanted and forces != names[0]:
         names.append(forces)
@@ -262,13 +288,11 @@ def figure(examined: expect.Examined) -> "Figure":
         if isinstance(level := wanted.get(key), expect.Number)
         and isinstance(value := measured.values[key], float)
     ]
-    settling = None
-    if "settle_s" in wanted:
-        band = [measured.final + side * measured.width for side in (-1, 1)]
-        due, got = wanted["settle_s"], measured.values["settle_s"]
+    settling, due, got = None, wanted.get("settle_s"), measured.values["settle_s"]
+    if due is not None:
         settling = plots.Settling(
             measured.from_s,
-            band,
+            [measured.final - measured.width, measured.final + measured.width],
             (due.low, due.high) if isinstance(due, expect.Number) else None,
             got if isinstance(got, float) else None,
         )
@@ -277,10 +301,10 @@ def figure(examined: expect.Examined) -> "Figure":
     return plots.comparison(time_s, rows, levels, settling, text, examined.run.title)
 
 
-def counts(outcomes: Sequence[RegressionOutcome]) -> dict[str, int]:
-    """The number of outcomes of each kind."""
-    kinds = ("passed", "updated", "failed", "error", "skipped")
-    return {kind: sum(o.status == kind for o in outcomes) for kind in kinds}
+def counts(outcomes: Sequence[RegressionOutcome]) -> RegressionCounts:
+    """The numbers of outcomes by their status."""
+    numbers = Counter(o.status for o in outcomes)
+    return RegressionCounts(**{kind.name: numbers[kind.name] for kind in fields(RegressionCounts)})
 
 
 def status(outcomes: Sequence[RegressionOutcome]) -> int:
@@ -296,9 +320,9 @@ def write_junit(outcomes: Sequence[RegressionOutcome], file: Path) -> None:
         "testsuite",
         name="forceaxis",
         tests=str(len(outcomes)),
-        failures=str(number["failed"]),
-        errors=str(number["error"]),
-        skipped=str(number["skipped"]),
+        failures=str(number.failed),
+        errors=str(number.error),
+        skipped=str(number.skipped),
         time=f"{sum(o.seconds for o in outcomes):.3f}",
     )
     for outcome in outcomes:

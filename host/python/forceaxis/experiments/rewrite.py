@@ -8,7 +8,14 @@ from pathlib import Path
 
 from forceaxis import toml
 from forceaxis._core import InputError
-from forceaxis.experiments.expect import TOLERANCES, Examined, ExpectationCheck, Number, Obtained
+from forceaxis.experiments.expect import (
+    TOLERANCES,
+    Examined,
+    ExpectationCheck,
+    Number,
+    Obtained,
+    Tolerance,
+)
 
 FILLED = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", "trace_hash")
 
@@ -23,7 +30,7 @@ def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[Expectati
     exist."""
     there = [check.key for check in checks]
     lines = [
-        f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key, {})))}\n"
+        f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key)))}\n"
         for key in FILLED
         if values[key] is not None and key not in there
     ]
@@ -49,12 +56,12 @@ def updated(text: str, examined: Examined) -> str:
         raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
     table = document["expect"]
     for check in [c for c in examined.checks if not c.passed or c.warning]:
-        entry, allowed = table[check.key], TOLERANCES.get(check.key, {})
+        entry, allowed = table[check.key], TOLERANCES.get(check.key)
         if isinstance(check.expected, Number) and check.expected.value is None:
             continue
         if isinstance(entry, dict) and isinstance(check.obtained, float):
-            own = {k: v for k, v in entry.items() if k != "value"}
-            entry["value"] = written(check.obtained, own or allowed)
+            own = {name: float(number) for name, number in entry.items() if name != "value"}
+            entry["value"] = written(check.obtained, Tolerance(**own) if own else allowed)
         else:
             table[check.key] = written(check.obtained, allowed)
     return tomlkit.dumps(document)
@@ -83,11 +90,11 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
     return new.replace("\n", "\r\n") if crlf else new
 
 
-def written(value: Obtained, allowed: Mapping[str, float]) -> Obtained:
-    """A value as it is written to the file: the shortest number within a hundredth of its
-    tolerance."""
-    if not isinstance(value, float):
+def written(value: Obtained, allowed: Tolerance | None) -> Obtained:
+    """A value as it is written to the file: a number with the fewest decimals that is within a
+    hundredth of its tolerance. allowed: the tolerance; None for a text."""
+    if not isinstance(value, float) or allowed is None:
         return value
-    near = float(allowed.get("tolerance", allowed.get("relative", 0.01) * abs(value))) / 100
+    near = allowed.of(value) / 100
     short = (round(value, decimals) for decimals in range(17))
     return next((s for s in short if abs(s - value) <= near), value)

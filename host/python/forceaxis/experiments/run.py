@@ -6,12 +6,15 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from forceaxis import _core, objects, paths
 from forceaxis.experiments import link, run_result
-from forceaxis.experiments.run_result import Columns, ReplayedJournal, RunResult
+from forceaxis.experiments.run_result import Array, Columns, ReplayedJournal, RunResult
 from forceaxis.experiments.summary import reasons, warnings
+from forceaxis.results import JsonObject, to_json
 from forceaxis.words import option_words
 
 
@@ -24,7 +27,7 @@ class Run:
     result: RunResult
     columns: Columns  # one value a tick
     events: list[tuple[float, str, str, str]]  # (time_s, element, from, to)
-    plot: dict[str, Any]  # the experiment's table [plot] with its keys of rows, from_s, to_s
+    plot: run_result.PlotTable
     shows: str  # the expected behaviour as described in the file
     # (from time_s, N) of each force set-point; [] without a force
     setpoints: list[tuple[float, float]]
@@ -40,14 +43,30 @@ class Run:
         return f"Fig {figure}: {title}" if figure else title
 
     @property
+    def time_s(self) -> Array:
+        """The time of each tick in s, (n,)."""
+        return self.columns["time_s"]
+
+    @property
+    def in_plot(self) -> NDArray[np.bool_]:
+        """Whether each tick is within the range of [plot], (n,). The whole run is shown if it ended
+        before this range."""
+        time_s, plot = self.time_s, self.plot
+        start = time_s[0] if plot.from_s is None else plot.from_s
+        stop = time_s[-1] if plot.to_s is None else plot.to_s
+        inside = (time_s >= start) & (time_s <= stop)
+        return np.asarray(inside if inside.any() else ~inside)
+
+    @property
     def units(self) -> dict[str, str]:
         """Object of [trace] -> its unit."""
         return self.result.objects
 
     @property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> JsonObject:
         """The result as `forceaxis run --json` prints it."""
-        return run_result.json_of(self.result)
+        found: JsonObject = to_json(self.result)
+        return found
 
 
 def run(
@@ -83,14 +102,16 @@ def replay(journal: Path) -> Run:
     Raises InputError.
     """
     result, report = _core.replay(str(journal))
-    replayed = report.pop("replayed")
+    ticks = report.pop("replayed")
+    replayed = ReplayedJournal(
+        **report,
+        traced=len(result.tick) > 0,
+        same=result.trace_hash == report["trace_hash"],
+    )
     command = ["forceaxis", "replay", paths.display(journal)]
-    done = finished(Path(report["experiment"]), result, command)
-    traced = len(result.tick) > 0
-    same = done.result.trace_hash == report["trace_hash"]
-    about = ReplayedJournal(**report, traced=traced, same=same)
-    ticks = done.result.ticks if traced else replayed
-    done.result = replace(done.result, ticks=ticks, replay=about)
+    done = finished(Path(replayed.experiment), result, command)
+    ticks = done.result.ticks if replayed.traced else ticks
+    done.result = replace(done.result, ticks=ticks, replay=replayed)
     return done
 
 
@@ -136,7 +157,7 @@ def finished(
         result=found,
         columns=columns | result.columns(),
         events=result.events,
-        plot=result.plot,
+        plot=run_result.PlotTable(**result.plot),
         shows=result.shows,
         setpoints=result.setpoints,
         impulses=result.impulses,

@@ -5,13 +5,14 @@ there.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from forceaxis.results import json_field, to_json
+from forceaxis.results import json_field
 
+CoreTable: TypeAlias = Mapping[str, Any]  # a dict of the compiled module
 Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of any type of number
 Columns: TypeAlias = dict[str, Array]  # name of a signal, an object or a figure -> its values
 
@@ -196,6 +197,16 @@ class ReplayedJournal(JournalFacts):
 
 
 @dataclass(frozen=True)
+class PlotTable:
+    """The table [plot] of an experiment."""
+
+    # names of the columns in each row of the figure
+    rows: list[list[str]] = field(default_factory=lambda: [["encoder"], ["adc0"], ["dac"]])
+    from_s: float | None = None  # None: from the start of the run
+    to_s: float | None = None  # None: to the end of the run
+
+
+@dataclass(frozen=True)
 class RunResult:
     """The result of a run: verdict, quantities, hashes of the inputs."""
 
@@ -231,33 +242,27 @@ class RunResult:
         return self.converters.get("adc0")
 
 
-def read_converters(given: Mapping[str, Mapping[str, Any]]) -> Converters:
+def read_converters(given: Mapping[str, CoreTable]) -> Converters:
     """The converters of a model."""
     return {column: Converter(**converter) for column, converter in given.items()}
 
 
-def read_metrics(given: Mapping[str, Any]) -> Metrics:
+def read_metrics(given: CoreTable) -> Metrics:
     """The metrics of a run."""
     held = given["held_force"]
     return Metrics(**{**given, "held_force": HeldForce(**held) if held else None})
 
 
-def read_criterion(given: Mapping[str, Any] | None) -> Criterion | None:
+def read_criterion(given: CoreTable | None) -> Criterion | None:
     """The table [verdict] of an experiment."""
     return Criterion(**given) if given else None
 
 
-def read_missed(given: Sequence[Mapping[str, Any]]) -> list[MissedLimit]:
+def read_missed(given: Sequence[CoreTable]) -> list[MissedLimit]:
     """The limits that a run has not kept."""
     return [MissedLimit(**limit) for limit in given]
 
 
-def read_refused(given: Sequence[Mapping[str, Any]]) -> list[RefusedWrite]:
+def read_refused(given: Sequence[CoreTable]) -> list[RefusedWrite]:
     """The writes that the firmware refused."""
     return [RefusedWrite(**write) for write in given]
-
-
-def json_of(result: RunResult) -> dict[str, Any]:
-    """The result in the form of `forceaxis run --json`."""
-    found: dict[str, Any] = to_json(result)
-    return found

@@ -1,27 +1,34 @@
-"""Run one experiment at many points: a grid, random points, or bisection to a stability boundary.
+"""Runs one experiment at many points: a grid, random points, or bisection to a stability boundary.
 
-Each finished run is a line of FOLDER/journal.jsonl; its key is a hash of its parameters, the input
-files, firmware and simulator. A run with a line in the journal is not repeated. Points run on
-threads of this process or, in groups, on a Dask cluster; order and place have no effect on a
-result.
+Each finished run is a line of FOLDER/journal.jsonl. The key of the line is a hash of the
+parameters, the input files, the firmware and the simulator. A run with a line in the journal is not
+repeated. Points run on threads of this process or, in groups, on a Dask cluster; the order and the
+place of the runs have no effect on a result.
 """
 
 import contextlib
 import csv
+import fcntl
+import hashlib
 import json
+import math
 import os
+import re
 import shlex
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, NoReturn, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from forceaxis import _core, objects, paths
-from forceaxis._core import InputError
+from forceaxis import _core, objects, paths, progress
+from forceaxis._core import InputError, SimulationError
 from forceaxis.errors import ParameterError
-from forceaxis.experiments import alone
+from forceaxis.experiments import isolated
+from forceaxis.experiments.inputs import Inputs, read_inputs
 from forceaxis.experiments.points import (
     GridValues,
     Point,
@@ -34,29 +41,33 @@ from forceaxis.experiments.points import (
     random_points,
     unit_of,
 )
-from forceaxis.experiments.run_result import Columns, read_converters
+from forceaxis.experiments.run_result import Columns, CoreTable
 from forceaxis.experiments.sweep_result import (
+    METRICS,
+    Boundary,
     FailedPoint,
-    LonePoint,
+    IsolatedPoint,
+    PointOutcome,
+    Row,
     Sweep,
     SweepCounts,
+    SweepPlan,
     SweepResult,
 )
-from forceaxis.experiments.sweep_runs import (
-    Cluster,
-    Here,
-    Journal,
-    Row,
-    Runner,
-    boundaries,
-    identity_of,
-    run_columns,
-)
 from forceaxis.experiments.verdicts import VERDICTS, stability
+from forceaxis.results import to_json
 from forceaxis.words import counted, option_words
 
 FILES = ("results.csv", "results.npz", "results.parquet", "plot.png", "plot.svg", "sweep.json")
 SHOWN_FAILURES = 10
+
+Identity: TypeAlias = dict[str, str]  # name of a hash -> the hash
+Jobs: TypeAlias = Sequence[list[str]]  # the overrides of each run
+JournalLine: TypeAlias = dict[str, Any]  # a JSON object of the journal
+# Function that receives (number of a job, result of _core.run_many).
+Finished: TypeAlias = Callable[[int, CoreTable], None]
+# Function that receives (number of finished jobs, number of all jobs).
+Progressed: TypeAlias = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -93,30 +104,6 @@ class SweepRequest:
         return shlex.join(["forceaxis", "sweep", paths.display(self.experiment), *words])
 
 
-@dataclass(frozen=True)
-class SweepPlan:
-    """The points of a request: `axes`, a value of each for every point, and the searched
-    parameter."""
-
-    axes: list[SweepParameter]
-    points: list[Point]
-    search: SweepParameter | None
-
-    @property
-    def swept(self) -> list[SweepParameter]:
-        """Every parameter that changes between runs."""
-        return [*self.axes, *([self.search] if self.search else [])]
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the axes."""
-        return [axis.name for axis in self.axes]
-
-    def rows(self, points: Sequence[Point]) -> list[Row]:
-        """Points as {name: value}."""
-        return [dict(zip(self.names, point, strict=True)) for point in points]
-
-
 def plan(request: SweepRequest) -> SweepPlan:
     """The points of a request. Raises ParameterError."""
     if request.grid and request.random:
@@ -141,15 +128,18 @@ def plan(request: SweepRequest) -> SweepPlan:
     return SweepPlan(axes, points, searches[0] if searches else None)
 
 
-def checked_inputs(request: SweepRequest, planned: SweepPlan) -> "_core.Inputs":
+def checked_inputs(request: SweepRequest, planned: SweepPlan) -> Inputs:
     """The inputs of the experiment. Raises InputError if the planned parameters cannot be swept."""
     experiment, overrides = Path(request.experiment), list(request.overrides)
-    inputs = _core.inputs(str(experiment), overrides)
+    inputs = read_inputs(experiment, overrides)
     check_names(experiment, inputs, overrides, planned.swept)
-    if inputs["unjudged"]:
-        raise InputError(inputs["unjudged"])
-    if planned.search and inputs["criterion"] is None:
-        raise InputError(f"{experiment}: verdict: expected a [verdict] to bisect by; add one")
+    if inputs.unjudged:
+        raise InputError(inputs.unjudged)
+    if planned.search and inputs.criterion is None:
+        raise InputError(
+            f"{experiment}: verdict: expected a table [verdict], because `bisect` searches for a "
+            "change of the verdict; add the table"
+        )
     return inputs
 
 
@@ -169,8 +159,12 @@ def sweep(
     experiment, overrides = Path(request.experiment), list(request.overrides)
     identity = identity_of(experiment, overrides)
     threads = threads or os.cpu_count() or 1
-    axes, search, rows = planned.axes, planned.search, planned.rows(planned.points)
-    single, closer = [], {}
+    axes, search = planned.axes, planned.search
+    rows = [planned.row(point) for point in planned.points]
+    outcomes: list[PointOutcome] = []
+    found: list[Boundary] = []
+    closer: dict[Point, PointOutcome] = {}
+    single: list[int] = []  # indices of isolated points
     started = time.monotonic()
     with contextlib.ExitStack() as stack:
         place = (
@@ -183,28 +177,39 @@ def sweep(
         journal = Journal(None if out is None else out / "journal.jsonl", identity)
         stack.callback(journal.close)
         runner = Runner(journal, identity, place)
-        found = boundaries(runner, rows, search) if search else run_columns(runner(rows))
+        if search:
+            found = boundaries(runner, rows, search)
+        else:
+            outcomes = runner(rows)
         if not (search or request.random):
-            single = alone.find(axes, stabilities(found))
+            single = isolated.find(axes, [stability(outcome.verdict) for outcome in outcomes])
         if request.refine and single:
-            near = [p for i in single for p in alone.around(axes, planned.points[i])]
-            near_rows = planned.rows(list(dict.fromkeys(near)))
-            closer = columns_of(planned.names, near_rows) | run_columns(runner(near_rows))
+            near = [p for i in single for p in isolated.around(axes, planned.points[i])]
+            points = list(dict.fromkeys(near))
+            closer = dict(zip(points, runner([planned.row(p) for p in points]), strict=True))
     seconds = time.monotonic() - started
 
-    columns = {"index": np.arange(len(rows))} | columns_of(planned.names, rows) | found
-    failed = [i for i, error in enumerate(columns["error"]) if error]
+    errors = [point.error for point in (found if search else outcomes)]
+    failures = [FailedPoint(i, rows[i], error) for i, error in enumerate(errors) if error]
     result = SweepResult(
         experiment=paths.display(experiment),
-        title=inputs["title"],
+        title=inputs.title,
         parameters={a.name: unit_of(a.name, inputs) for a in planned.swept},
-        counts=counts_of(columns, runner, search, len(failed)),
-        failures=[
-            FailedPoint(i, rows[i], str(columns["error"][i])) for i in failed[:SHOWN_FAILURES]
-        ],
-        warnings=warnings(columns),
+        counts=SweepCounts(
+            points=len(rows),
+            runs=runner.asked,
+            resumed=runner.asked - runner.ran,
+            failed=len(failures),
+            **(
+                {"boundaries": sum(math.isfinite(one.stable) for one in found)}
+                if search
+                else {v: sum(outcome.verdict == v for outcome in outcomes) for v in VERDICTS}
+            ),
+        ),
+        failures=failures[:SHOWN_FAILURES],
+        warnings=warnings(outcomes),
         refined=request.refine,
-        alone=[lone_point(rows[i], str(columns["verdict"][i]), axes, closer) for i in single],
+        alone=[isolated_point(planned, i, outcomes[i].verdict, closer) for i in single],
         seed=request.seed if request.random else None,
         **identity,
         objects_hash=objects.OBJECTS_HASH,
@@ -215,11 +220,11 @@ def sweep(
     fixed = all(a.name.startswith(("firmware.", "verdict.")) for a in planned.swept)
     done = Sweep(
         result,
-        columns,
-        axes,
-        search,
-        runs=[(v, o) for (v,), o in runner.seen] if search and not axes else [],
-        converters=read_converters(inputs["converters"]) if fixed else {},
+        planned,
+        outcomes,
+        found,
+        search_runs=[(v, o) for (v,), o in runner.seen] if search and not axes else [],
+        converters=inputs.converters if fixed else {},
         closer=closer,
     )
     if out is not None:
@@ -227,57 +232,34 @@ def sweep(
     return done
 
 
-def columns_of(names: Sequence[str], rows: Sequence[Row]) -> Columns:
-    """The parameters of some points as columns."""
-    return {name: np.array([row[name] for row in rows], dtype=float) for name in names}
-
-
-def stabilities(columns: Columns) -> list[str]:
-    """For each point "stable", "unstable" or "": the values that are compared to find isolated
-    points."""
-    return [stability(str(verdict)) for verdict in columns["verdict"]]
-
-
-def lone_point(
-    row: Row, verdict: str, axes: Sequence[SweepParameter], closer: Columns
-) -> LonePoint:
-    """An isolated point. closer: the points around it, {} if they were not run."""
+def isolated_point(
+    planned: SweepPlan, index: int, verdict: str, closer: Mapping[Point, PointOutcome]
+) -> IsolatedPoint:
+    """The isolated point with this index. closer: outcomes of the points around isolated points;
+    empty if these points were not run."""
+    point = planned.points[index]
     if not closer:
-        return LonePoint(row, verdict)
-    near = alone.around(axes, [row[a.name] for a in axes])
-    points = list(zip(*(closer[a.name].tolist() for a in axes), strict=True))
-    verdicts = [closer["verdict"][points.index(p)] for p in near]
-    alike = sum(stability(v) == stability(verdict) for v in verdicts)
-    return LonePoint(row, verdict, len(near), int(alike))
+        return IsolatedPoint(planned.row(point), verdict)
+    near = [closer[p].verdict for p in isolated.around(planned.axes, point)]
+    alike = sum(stability(v) == stability(verdict) for v in near)
+    return IsolatedPoint(planned.row(point), verdict, len(near), alike)
 
 
-def warnings(columns: Columns) -> list[str]:
-    """A warning about points whose set-point is outside the range of ADC 0."""
-    beyond = np.flatnonzero(np.isfinite(columns.get("setpoint_beyond_N", np.array([]))))
-    if not len(beyond):
+def warnings(outcomes: Sequence[PointOutcome]) -> list[str]:
+    """A warning about points whose force set-point is outside the range of ADC 0."""
+    beyond = [i for i, outcome in enumerate(outcomes) if outcome.setpoint_beyond_N is not None]
+    if not beyond:
         return []
-    first, N = int(beyond[0]), columns["setpoint_beyond_N"][beyond[0]]
-    points = counted(len(columns["index"]), "point")
+    force_N = outcomes[beyond[0]].setpoint_beyond_N
     return [
-        f"{len(beyond)} of {points}: expected a set-point within the force "
-        f"reading, got {N:.4g} N at the first, index {first}; they are never stable"
+        f"{len(beyond)} of {counted(len(outcomes), 'point')}: expected a set-point within the "
+        f"force reading, got {force_N:.4g} N at the first, index {beyond[0]}; they are never stable"
     ]
 
 
-def counts_of(
-    columns: Columns, runner: Runner, search: SweepParameter | None, failed: int
-) -> SweepCounts:
-    """The numbers of points and runs, and of their results."""
-    if search:
-        results = {"boundaries": int(np.isfinite(columns["boundary"]).sum())}
-    else:
-        results = {v: int((columns["verdict"] == v).sum()) for v in VERDICTS}
-    resumed = runner.asked - runner.ran
-    return SweepCounts(len(columns["index"]), runner.asked, resumed, failed, **results)
-
-
 def write(done: Sweep, out: Path) -> None:
-    """Writes FILES, and closer.csv if points around isolated points were run: all files or none."""
+    """Writes FILES to the folder `out`, and closer.csv if points around isolated points were run:
+    all of these files or none."""
     import pyarrow
     import pyarrow.parquet
 
@@ -291,7 +273,7 @@ def write(done: Sweep, out: Path) -> None:
     with paths.replacing(out, *names) as (table, npz, parquet, png, svg, summary, *closer):
         write_table(table, done.columns)
         for file in closer:
-            write_table(file, done.closer)
+            write_table(file, done.closer_columns)
         with npz.open("wb") as stream:
             np.savez_compressed(stream, **done.columns)  # type: ignore[arg-type]
         pyarrow.parquet.write_table(pyarrow.table(done.columns), parquet)
@@ -301,9 +283,323 @@ def write(done: Sweep, out: Path) -> None:
 
 
 def write_table(file: Path, columns: Columns) -> None:
-    """Writes columns as CSV; NaN becomes an empty field."""
+    """Writes columns as CSV; nan becomes an empty field."""
     with file.open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(columns)
         for row in zip(*(c.tolist() for c in columns.values()), strict=True):
             writer.writerow(["" if v != v else v for v in row])
+
+
+def identity_of(experiment: str | Path, overrides: Sequence[str]) -> Identity:
+    """Hashes of the common inputs of all points: experiment, model, firmware and simulator."""
+    return {
+        "inputs_hash": read_inputs(experiment, overrides).inputs_hash,
+        "firmware_hash": _core.FIRMWARE_HASH,
+        "simulator_hash": _core.SIMULATOR_HASH,
+    }
+
+
+@dataclass(frozen=True)
+class JournalEntry:
+    """A line of the journal: the run of one point. `outcome` contains either `error` alone or the
+    other fields of a PointOutcome."""
+
+    key: str
+    parameters: Row
+    outcome: dict[str, str | float | None]
+
+
+class Journal:
+    """Results of finished runs by key, in a file to which lines are only added, one JSON object per
+    line.
+
+    The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
+    that is not a journal of these inputs is not changed.
+    """
+
+    def __init__(self, path: Path | None, identity: Identity) -> None:
+        self.known: dict[str, PointOutcome] = {}
+        self.file: IO[bytes] | None = None
+        if path is None:
+            return
+        self.file = path.open("a+b")
+        try:
+            self._read(path, self.file, identity)
+        except BaseException:
+            self.file.close()
+            raise
+
+    def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
+        """Reads a journal of this identity, or begins a new one. Raises InputError."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{path}: expected no other sweep at work in this folder; give another folder"
+            ) from None
+        file.seek(0)
+        data = file.read()
+        whole = data[: data.rfind(b"\n") + 1]
+        lines = [read_line(line) for line in whole.splitlines()]
+        # a new file, or a process killed during its first line
+        if not lines and self._line(identity).startswith(data):
+            file.truncate(0)
+            file.write(self._line(identity))
+            file.flush()
+            return
+        if not lines or not set(identity) <= set(lines[0]):
+            raise InputError(
+                f"{path}: line 1: expected a journal of forceaxis sweep; give another folder"
+            )
+        for name in identity:
+            if lines[0][name] != identity[name]:
+                what = {"inputs_hash": "experiment, model and overrides"}.get(name, name[:-5])
+                raise InputError(
+                    f"{path}: {name}: expected the same {what} as the runs in this folder, "
+                    f"{lines[0][name][:12]}, got {identity[name][:12]}; give another folder"
+                )
+        file.truncate(len(whole))
+        for line in lines[1:]:
+            if "key" in line and "outcome" in line:
+                self.known[line["key"]] = PointOutcome(**line["outcome"])
+
+    @staticmethod
+    def _line(entry: Identity | JournalEntry) -> bytes:
+        return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
+
+    def add(self, key: str, values: Row, outcome: PointOutcome) -> None:
+        """Record one finished run."""
+        self.known[key] = outcome
+        if self.file:
+            entry = asdict(outcome)
+            error = entry.pop("error")
+            self.file.write(
+                self._line(JournalEntry(key, values, {"error": error} if error else entry))
+            )
+
+    def flush(self) -> None:
+        """Writes buffered lines to the operating system, so that they survive the end of the
+        process."""
+        if self.file:
+            self.file.flush()
+
+    def close(self) -> None:
+        """Writes buffered lines and releases the folder."""
+        if self.file:
+            self.file.close()
+
+
+def read_line(line: bytes) -> JournalLine:
+    """The JSON object of a line; empty if the line contains no JSON object."""
+    try:
+        entry = json.loads(line)
+    except ValueError:
+        return {}
+    return entry if isinstance(entry, dict) else {}
+
+
+def outcome_of(result: CoreTable) -> PointOutcome:
+    """The outcome of a point from a result of _core.run_many."""
+    if "error" in result:
+        return PointOutcome(error=result["error"])
+    metrics, margin = result["metrics"], result["edge_margin"]
+    return PointOutcome(
+        verdict=result["verdict"],
+        fault=result["fault"],
+        **{name: metrics[name] for name in METRICS},
+        edge_margin=margin if math.isfinite(margin) else None,
+        trace_hash=result["trace_hash"],
+    )
+
+
+class Place(Protocol):
+    """The place at which the runs of a sweep are executed."""
+
+    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
+        """Executes the jobs. Calls finished() for each, and progressed() from time to time."""
+
+
+class Runner:
+    """Returns the outcomes of points; runs the points that the journal does not contain."""
+
+    def __init__(self, journal: Journal, identity: Identity, place: Place) -> None:
+        self.journal = journal
+        self.salt = ":".join(identity.values())
+        self.place = place
+        self.asked = 0  # number of outcomes that were returned
+        self.ran = 0  # number of runs that the journal did not contain
+        # (values, outcome) of all points
+        self.seen: list[tuple[tuple[float, ...], PointOutcome]] = []
+
+    def key(self, values: Row) -> str:
+        """Key of a run: hash of its inputs, and its values in the order of their names."""
+        text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
+        return hashlib.sha256((self.salt + text).encode()).hexdigest()
+
+    def __call__(self, rows: Sequence[Row]) -> list[PointOutcome]:
+        """The outcomes of the rows, in their order."""
+        keys = [self.key(row) for row in rows]
+        missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
+        # Sorted by model, so that the modes of each model are computed once.
+        of_model = [name for name in (rows[0] if rows else ()) if "." not in name]
+        todo = sorted(missing.items(), key=lambda item: [item[1][name] for name in of_model])
+
+        def finished(i: int, result: CoreTable) -> None:
+            key, values = todo[i]
+            self.journal.add(key, values, outcome_of(result))
+
+        def progressed(done: int, total: int) -> None:
+            self.journal.flush()
+            progress.shown = f"{done}/{total} runs"
+
+        if todo:
+            jobs = [[f"{n}={v!r}" for n, v in values.items()] for _, values in todo]
+            try:
+                self.place(jobs, finished, progressed)
+            finally:
+                progress.shown = ""
+        outcomes = [self.journal.known[k] for k in keys]
+        self.asked += len(rows)
+        self.ran += len(todo)
+        self.seen += [(tuple(r.values()), o) for r, o in zip(rows, outcomes, strict=True)]
+        return outcomes
+
+
+class Here:
+    """Runs on threads of this process."""
+
+    def __init__(self, experiment: str | Path, overrides: list[str], threads: int) -> None:
+        self.experiment = str(experiment)
+        self.overrides = overrides
+        self.threads = threads
+        self.experiments = _core.Experiments()
+
+    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
+        every = [(self.experiment, self.overrides + sets) for sets in jobs]
+        _core.run_many(every, self.threads, progressed, True, finished, self.experiments)
+
+
+class Cluster:
+    """Runs on the workers of a Dask scheduler, which read the experiment by the same path as this
+    process.
+
+    The groups of a lost worker are run again on another worker.
+    """
+
+    def __init__(
+        self, address: str, experiment: Path, overrides: list[str], identity: Identity
+    ) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise ParameterError(
+                "scheduler", "expected the package distributed; pip install forceaxis[cluster]"
+            ) from None
+
+        def fail(error: str | Exception) -> NoReturn:
+            raise ParameterError(
+                "scheduler",
+                f"{address}: expected the address of a running Dask scheduler, "
+                f"tcp://HOST:PORT; {error}",
+            ) from None
+
+        if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
+            fail("start one with `dask scheduler`")
+        self.distributed = distributed
+        self.address = address
+        self.work = (str(experiment.resolve()), overrides, identity)
+        try:
+            self.client = distributed.Client(address, timeout=10, set_as_default=False)
+        except (OSError, ValueError) as error:
+            fail(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.client.close()
+
+    def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
+        cores = sum(self.client.nthreads().values())
+        if cores == 0:
+            raise ParameterError(
+                "scheduler", f"{self.address}: expected workers; start some with `dask worker`"
+            )
+        size = max(1, min(64, len(jobs) // (4 * cores)))
+        futures = {
+            self.client.submit(run_chunk, *self.work, jobs[i : i + size], pure=False): i
+            for i in range(0, len(jobs), size)
+        }
+        done = 0
+        try:
+            for future in self.distributed.as_completed(futures, loop=self.client.loop):
+                start = futures[future]
+                for i, result in enumerate(future.result()):
+                    finished(start + i, result)
+                    done += 1
+                progressed(done, len(jobs))
+        except WorkerDiffers as error:
+            raise ParameterError("scheduler", f"{self.address}: {error}") from None
+        except (InputError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise SimulationError(
+                f"{self.address}: expected every group of points to be run, {error}; the same "
+                "command runs the missing points"
+            ) from error
+        finally:
+            self.client.cancel(list(futures))
+
+
+class WorkerDiffers(Exception):
+    """The forceaxis version or the files of a worker differ from those of this process."""
+
+
+def run_chunk(
+    experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
+) -> list[CoreTable]:
+    """On a worker: results of some points, after a check that its inputs are identical."""
+    import socket
+
+    where = f"worker on {socket.gethostname()}"
+    try:
+        mine = identity_of(experiment, overrides)
+    except InputError as error:
+        raise WorkerDiffers(f"{where}: {error}") from None
+    for name, value in mine.items():
+        if value != identity[name]:
+            raise WorkerDiffers(
+                f"{where}: {name}: expected {identity[name][:12]}, got {value[:12]}; give the "
+                "workers the same files and the same forceaxis"
+            )
+    return list(_core.run_many([(experiment, overrides + sets) for sets in jobs], 1, None, True))
+
+
+def boundaries(runner: Runner, rows: Sequence[Row], search: SweepParameter) -> list[Boundary]:
+    """The stability boundary along `search` for each row of values. The range of `search` is halved
+    until its tolerance is reached."""
+    found = [Boundary(row) for row in rows]
+
+    def verdicts(wanted: Sequence[tuple[Boundary, float]]) -> list[str | None]:
+        """The verdict at each value; None: the run failed."""
+        outcomes = runner([one.row | {search.name: value} for one, value in wanted])
+        for (one, value), outcome in zip(wanted, outcomes, strict=True):
+            one.runs += 1
+            if outcome.error:
+                one.error = f"at {search.name} = {value:g}: {outcome.error}"
+        return [None if outcome.error else outcome.verdict for outcome in outcomes]
+
+    ends = verdicts([(one, value) for one in found for value in (search.low, search.high)])
+    for one, low, high in zip(found, ends[::2], ends[1::2], strict=True):
+        one.begin(search, low, high)
+    while active := [one for one in found if one.is_open(search.tolerance)]:
+        middles = verdicts([(one, one.middle) for one in active])
+        for one, verdict in zip(active, middles, strict=True):
+            one.halve(verdict)
+    return found

@@ -1,29 +1,32 @@
 """Figures of a sweep: verdicts or peak forces over its parameters, and boundaries."""
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import Collection, LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import ArrayLike
 
 from forceaxis import objects
 from forceaxis.drawing import AREA, INK, VERDICT, legend, plain_ticks, style
 from forceaxis.experiments.points import SweepParameter
 from forceaxis.experiments.run_result import Array
-from forceaxis.experiments.sweep_result import Sweep
+from forceaxis.experiments.sweep_result import PointOutcome, Sweep
 from forceaxis.experiments.verdicts import VERDICTS, WORDS
 from forceaxis.words import plain
 
-FAILED = AREA["failed"]
-# Kinds of cells, in the order of their numbers in a map.
+# Key of AREA for a point whose run failed, and for a cell without a result.
+FAILED = "failed"
+# Verdicts of cells, in the order of their numbers in a map.
 KINDS = ("unstable", "stable", "not_met", "never_in_contact")
+ISOLATED = "stands alone"  # label of an isolated point in the legend
 MARKERS = (
     ("stable", "o", "stable"),
     ("unstable", "x", "unstable"),
@@ -37,10 +40,10 @@ def sweep(done: Sweep) -> Figure:
     """Figure of a sweep over its first two parameters."""
     figure, ax = plt.subplots(figsize=(5.6, 4.2))
     style(ax)
-    draw: Callable[[Figure, Axes, Sweep], str] = boundary_plot if done.search else run_plot
+    draw: Callable[[Figure, Axes, Sweep], str] = boundary_plot if done.plan.search else run_plot
     title = draw(figure, ax, done)
-    if len(done.axes) > 2:
-        title += f"; all values of {', '.join(a.name for a in done.axes[2:])} together"
+    if len(done.plan.axes) > 2:
+        title += f"; all values of {', '.join(a.name for a in done.plan.axes[2:])} together"
     title += f"\n{Path(done.result.experiment).name}, {done.result.counts.runs} runs"
     in_newton(ax, done)
     for axis in (ax.xaxis, ax.yaxis):
@@ -57,31 +60,30 @@ def sweep(done: Sweep) -> Figure:
 def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     """Draws verdicts (or peak forces if there are none) over one or two parameters. Returns a text
     about the content."""
-    verdict, peak = done.columns["verdict"], done.columns["peak_force_N"]
-    judged = np.isin(verdict, VERDICTS)
-    share = np.where(judged, verdict == "stable", np.nan)
-    if len(done.axes) == 1:
-        x = done.columns[done.axes[0].name]
-        over_one(ax, done, x, verdict, peak)
+    if len(done.plan.axes) == 1:
+        over_one(ax, done, done.columns[done.plan.axes[0].name], done.outcomes)
         return "Peak contact force"
-    two = done.axes[:2]
+    verdict, peak_N = verdicts_of(done.outcomes), peaks_of(done.outcomes)
+    has_verdict = np.isin(verdict, VERDICTS)
+    share = np.where(has_verdict, verdict == "stable", np.nan)
+    two = done.plan.axes[:2]
     for axis, which in zip(two, "xy", strict=True):
         along(ax, which, axis, done)
     x, y = (done.columns[a.name] for a in two)
     if not all(a.values for a in two):
-        if judged.any():
+        if has_verdict.any():
             scatter_verdicts(ax, x, y, verdict)
             key_below(ax)
             return "Stability of random points"
-        coloured(figure, ax, "peak force, N", ax.scatter(x, y, c=peak, s=14))
+        coloured(figure, ax, "peak force, N", ax.scatter(x, y, c=peak_N, s=14))
         return "Peak contact force of random points"
     edges = [cell_edges(a) for a in two]
-    if not judged.any():
-        cells = averaged(done, peak)
+    if not has_verdict.any():
+        cells = averaged(done, peak_N)
         coloured(figure, ax, "peak force, N", ax.pcolormesh(*edges, cells, cmap="viridis"))
         return "Peak contact force"
     cells = averaged(done, share)
-    if len(done.axes) > 2:
+    if len(done.plan.axes) > 2:
         mesh = ax.pcolormesh(*edges, cells, cmap="RdYlGn", vmin=0, vmax=1)
         coloured(figure, ax, "share of stable runs", mesh)
         return "Share of stable runs"
@@ -89,80 +91,89 @@ def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     for k, kind in enumerate(KINDS):
         number[verdict == kind] = k
     kinds = averaged(done, number)
-    ax.set_facecolor(FAILED)
+    ax.set_facecolor(AREA[FAILED])
     colours = ListedColormap([AREA[kind] for kind in KINDS])
     # The edge of a cell has the colour of the cell, so that vector graphics show no gaps.
     ax.pcolormesh(
         *edges, kinds, cmap=colours, vmin=-0.5, vmax=3.5, edgecolors="face", linewidth=0.4
     )
     ax.add_collection(LineCollection(boundary_edges(cells, *edges), colors=INK, linewidths=1.4))
-    single = mark_alone(ax, done)
+    single = mark_isolated(ax, done)
     shown = [kind for k, kind in enumerate(KINDS) if (kinds == k).any()]
-    kinds_key(ax, [*shown, *["failed"] * bool(np.isnan(kinds).any())], single)
+    kinds_key(ax, [*shown, *[FAILED] * bool(np.isnan(kinds).any())], single)
     return "Stability map"
 
 
-def mark_alone(ax: Axes, done: Sweep) -> list[Artist]:
+def verdicts_of(outcomes: Sequence[PointOutcome]) -> Array:
+    """The verdicts of the outcomes, (n,); "" for a failed run."""
+    return np.array([outcome.verdict for outcome in outcomes], dtype=str)
+
+
+def peaks_of(outcomes: Sequence[PointOutcome]) -> Array:
+    """The peak contact forces of the outcomes in N, (n,); nan for a failed run."""
+    return np.array([outcome.peak_force_N for outcome in outcomes], dtype=float)
+
+
+def mark_isolated(ax: Axes, done: Sweep) -> list[Artist]:
     """Draws a ring around each isolated cell, and the points around it that were also run. Returns
     the handles for the legend."""
     single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
-    ring: dict[str, Any] = {"marker": "o", "markerfacecolor": "none", "color": INK, "linestyle": ""}
-    ax.plot(*np.transpose(single), markersize=13, **ring)
-    label = "stands alone" + ("" if done.closer else ", `refine` looks closer")
-    handles: list[Artist] = [plt.Line2D([], [], label=label, **ring, markersize=8)]
+    ax.plot(*np.transpose(single), "o", markersize=13, markerfacecolor="none", color=INK)
+    label = ISOLATED + ("" if done.closer else ", `refine` looks closer")
+    ring = plt.Line2D([], [], linestyle="", marker="o", markersize=8, markerfacecolor="none",
+                      color=INK, label=label)  # fmt: skip
     if done.closer:
-        x, y = (done.closer[a.name] for a in done.axes)
-        scatter_verdicts(ax, x, y, done.closer["verdict"], size=12)
-    return handles
+        x, y = np.array(list(done.closer)).T
+        scatter_verdicts(ax, x, y, verdicts_of(list(done.closer.values())), size=12)
+    return [ring]
 
 
 def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     """Draws the boundary over the first parameters, or the runs of a search without further
     parameters."""
-    search = done.search
+    search = done.plan.search
     assert search is not None
-    if not done.axes:
-        values = np.array([v for v, _ in done.runs])
-        verdict = np.array([o.get("verdict", "") for _, o in done.runs])
-        peak = np.array([o.get("peak_force_N", np.nan) for _, o in done.runs])
-        over_one(ax, done, values, verdict, peak, search)
-        if np.isfinite(done.columns["boundary"][0]):
-            ax.axvline(done.columns["boundary"][0], color=INK, linewidth=0.8, linestyle="--")
+    if not done.plan.axes:
+        values = np.array([value for value, _ in done.search_runs])
+        over_one(ax, done, values, [outcome for _, outcome in done.search_runs], search)
+        if math.isfinite(last_stable := done.boundaries[0].stable):
+            ax.axvline(last_stable, color=INK, linewidth=0.8, linestyle="--")
         return f"Search for the boundary in {search.name}"
-    boundary, beyond = done.columns["boundary"], done.columns["unstable_at"]
-    if len(done.axes) > 1:
-        two = done.axes[:2]
+    boundary = np.array([one.stable for one in done.boundaries])
+    if len(done.plan.axes) > 1:
+        two = done.plan.axes[:2]
         for axis, which in zip(two, "xy", strict=True):
             along(ax, which, axis, done)
         x, y = (done.columns[a.name] for a in two)
         if all(a.values for a in two):
-            ax.set_facecolor(FAILED)
-            drawn: Any = ax.pcolormesh(*(cell_edges(a) for a in two), averaged(done, boundary))
+            ax.set_facecolor(AREA[FAILED])
+            drawn: Collection = ax.pcolormesh(
+                *(cell_edges(a) for a in two), averaged(done, boundary)
+            )
         else:
             drawn = ax.scatter(x, y, c=boundary, s=14)
         coloured(figure, ax, label_of(search.name, done), drawn)
         return f"Last stable {search.name}"
-    along(ax, "x", done.axes[0], done)
+    along(ax, "x", done.plan.axes[0], done)
     along(ax, "y", search, done)
-    x = done.columns[done.axes[0].name]
+    x = done.columns[done.plan.axes[0].name]
     order = np.argsort(x)
-    x, boundary, beyond = x[order], boundary[order], beyond[order]
-    note = done.columns["note"][order]
-    # Without a change of verdict, the column has one colour.
-    edge = np.where(np.isfinite(boundary), boundary, np.nan)
-    up = np.nansum(np.sign(beyond - boundary)) >= 0  # stable below
-    for i, text in enumerate(note):
-        if text:
-            edge[i] = search.high if text.startswith("no change: stable") == up else search.low
+    x, boundary = x[order], boundary[order]
+    # True if the runs are stable below the boundary
+    up = np.nansum([np.sign(b.unstable - b.stable) for b in done.boundaries]) >= 0
+    edge = boundary.copy()
+    for i, note in enumerate(done.boundaries[k].note for k in order):
+        if note:  # without a change of the verdict, the whole range has one colour
+            edge[i] = search.high if note.startswith("no change: stable") == up else search.low
     below, above = (AREA[kind] for kind in (("stable", "unstable")[:: 1 if up else -1]))
-    ax.set_facecolor(FAILED)
+    ax.set_facecolor(AREA[FAILED])
     ax.fill_between(x, search.low, edge, color=below, linewidth=0)
     ax.fill_between(x, edge, search.high, color=above, linewidth=0)
     ax.plot(x, boundary, color=INK, marker="o", markersize=3, linewidth=1.4)
     ax.set(xlim=(x[0], x[-1]), ylim=(search.low, search.high))
-    kinds_key(ax, ["stable", "unstable", *["failed"] * bool(np.isnan(edge).any())])
+    kinds_key(ax, ["stable", "unstable", *[FAILED] * bool(np.isnan(edge).any())])
     return f"Last stable {search.name}"
 
 
@@ -170,28 +181,27 @@ def over_one(
     ax: Axes,
     done: Sweep,
     x: Array,
-    verdict: Array,
-    peak: Array,
+    outcomes: Sequence[PointOutcome],
     axis: SweepParameter | None = None,
 ) -> None:
     """Draws the peak force over one parameter, with a mark for each verdict; failed runs are at the
     lower edge."""
-    along(ax, "x", axis or done.axes[0], done)
+    along(ax, "x", axis or done.plan.axes[0], done)
     order = np.argsort(x)
-    ax.plot(x[order], peak[order], color=INK, linewidth=0.6, zorder=1)
-    shown = np.where(np.isfinite(peak), peak, 0)
-    judged = np.isin(verdict, VERDICTS)
-    failed = ~np.isfinite(peak)
-    plain = ~judged & ~failed  # no [verdict]
+    verdict, peak_N = verdicts_of(outcomes), peaks_of(outcomes)
+    ax.plot(x[order], peak_N[order], color=INK, linewidth=0.6, zorder=1)
+    shown = np.where(np.isfinite(peak_N), peak_N, 0)
+    failed = ~np.isfinite(peak_N)
+    plain = ~np.isin(verdict, VERDICTS) & ~failed  # the experiment has no [verdict]
     ax.scatter(x[plain], shown[plain], c=INK, marker=".", s=22)
     scatter_verdicts(ax, x[~plain], shown[~plain], np.where(failed, "", verdict)[~plain], size=22)
     ax.set_ylabel("peak contact force, N")
     ax.set_ylim(bottom=0)
-    if not done.search:
+    if not done.plan.search:
         for point in done.result.alone:
-            at = x == point.values[done.axes[0].name]
-            ax.plot(x[at], peak[at], "o", markersize=12, markerfacecolor="none", color=INK,
-                    label="stands alone")  # fmt: skip
+            at = x == point.values[done.plan.axes[0].name]
+            ax.plot(x[at], peak_N[at], "o", markersize=12, markerfacecolor="none", color=INK,
+                    label=ISOLATED)  # fmt: skip
     if ax.get_legend_handles_labels()[1]:
         key_below(ax)
 
@@ -224,26 +234,31 @@ def label_of(name: str, done: Sweep) -> str:
 
 def in_newton(ax: Axes, done: Sweep) -> None:
     """Adds a second scale with the force set-point in N."""
-    shown = [a.name for a in done.axes[:2]]
-    if len(shown) < 2 and done.search:
-        shown.append(done.search.name)
+    shown = [a.name for a in done.plan.axes[:2]]
+    if len(shown) < 2 and done.plan.search:
+        shown.append(done.plan.search.name)
     reading = done.converters.get("adc0")
     if "firmware.force_setpoint" not in shown or not reading or reading.unit != "N":
         return
     newton = reading.per_8_bit_count
-    scale: dict[str, Any] = {
-        "functions": (lambda count: count * newton, lambda force: force / newton)
-    }
+
+    def to_newton(count: ArrayLike) -> ArrayLike:
+        return np.asarray(count) * newton
+
+    def to_count(force_N: ArrayLike) -> ArrayLike:
+        return np.asarray(force_N) / newton
+
     if shown[0] == "firmware.force_setpoint":
-        other = ax.secondary_xaxis("top", **scale)
-        other.set_xlabel("set-point, N", fontsize=8)
+        top = ax.secondary_xaxis("top", functions=(to_newton, to_count))
+        top.set_xlabel("set-point, N", fontsize=8)
+        top.tick_params(which="both", labelsize=8)
     else:
-        other = ax.secondary_yaxis("right", **scale)
-        other.set_ylabel("set-point, N", fontsize=8)
-    other.tick_params(which="both", labelsize=8)
+        right = ax.secondary_yaxis("right", functions=(to_newton, to_count))
+        right.set_ylabel("set-point, N", fontsize=8)
+        right.tick_params(which="both", labelsize=8)
 
 
-def coloured(figure: Figure, ax: Axes, label: str, drawn: Any) -> None:
+def coloured(figure: Figure, ax: Axes, label: str, drawn: Collection) -> None:
     """Adds a colour bar."""
     bar = figure.colorbar(drawn, ax=ax)
     bar.set_label(label, fontsize=8)
@@ -261,7 +276,7 @@ def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
 
 def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> None:
     """A legend of the visible kinds of cells, followed by further handles."""
-    order = (*VERDICTS, "failed")
+    order = (*VERDICTS, FAILED)
     handles = [
         Patch(color=AREA[kind], label=WORDS.get(kind, kind))
         for kind in sorted(shown, key=order.index)
@@ -285,7 +300,7 @@ def cell_edges(axis: SweepParameter) -> Array:
 def averaged(done: Sweep, values: Array) -> Array:
     """Means of the available values; rows by the second parameter, columns by the first."""
     places = [
-        np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.axes[:2]
+        np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.plan.axes[:2]
     ]
     shape = [int(p.max()) + 1 for p in places[::-1]]
     total, count = np.zeros(shape), np.zeros(shape)

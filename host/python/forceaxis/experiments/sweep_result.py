@@ -1,12 +1,144 @@
-"""Result of a sweep: numbers of points, failures, and columns with one row for each point."""
+"""Result of a sweep: its points with their runs or stability boundaries, and its summary."""
 
-from dataclasses import dataclass
-from typing import Any
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from typing import TypeAlias
 
-from forceaxis.experiments.points import SweepParameter
+import numpy as np
+
+from forceaxis.experiments.points import Point, SweepParameter, tidy
 from forceaxis.experiments.run_result import Columns, Converters
-from forceaxis.experiments.sweep_runs import Outcome, Row
-from forceaxis.results import json_field, to_json
+from forceaxis.experiments.verdicts import STABLE
+from forceaxis.results import JsonObject, json_field, to_json
+
+Row: TypeAlias = dict[str, float]  # name of a swept parameter -> its value
+
+
+@dataclass(frozen=True, slots=True)
+class PointOutcome:
+    """Result of the run at one point of a sweep. A failed run has only `error`. Each field is a
+    column of results.csv."""
+
+    verdict: str = ""
+    fault: str = ""
+    error: str = ""
+    peak_force_N: float | None = None
+    final_force_N: float | None = None
+    force_ripple_count: float | None = None
+    position_ripple_count: float | None = None
+    contact_losses: int | None = None
+    contact_losses_run: int | None = None
+    first_contact_s: float | None = None
+    in_contact: bool | None = None
+    reading_range_ticks: int | None = None
+    saturated_ticks: int | None = None
+    setpoint_beyond_N: float | None = None
+    last_adc_change_tick: int | None = None
+    edge_margin: float | None = None
+    trace_hash: str = ""
+
+
+# Fields of a PointOutcome that have the same names in the metrics of a run.
+METRICS = tuple(
+    field.name
+    for field in fields(PointOutcome)
+    if field.type is not str and field.name != "edge_margin"
+)
+
+
+def outcome_columns(outcomes: Sequence[PointOutcome]) -> Columns:
+    """The outcomes as columns of the results: texts, and numbers with nan for None."""
+    return {
+        field.name: np.array(
+            [getattr(outcome, field.name) for outcome in outcomes],
+            dtype=str if field.type is str else float,
+        )
+        for field in fields(PointOutcome)
+    }
+
+
+@dataclass
+class Boundary:
+    """Stability boundary of one point: the change of the verdict along the searched parameter,
+    whose values are in the unit of the parameter."""
+
+    row: Row
+    stable: float = math.nan  # last stable value
+    unstable: float = math.nan  # first value beyond the boundary that is not stable
+    beyond: str = ""  # verdict at `unstable`
+    note: str = ""  # reason for a missing boundary
+    error: str = ""  # of the last run that failed
+    runs: int = 0
+    searching: bool = False  # whether the verdict changes from `stable` to `unstable`
+
+    def begin(self, search: SweepParameter, low: str | None, high: str | None) -> None:
+        """Sets the verdicts at both ends of the range; None: the run failed."""
+        if low is None or high is None:
+            return
+        if (low == STABLE) == (high == STABLE):
+            self.note = (
+                f"no change: {low} from {search.low:g} to {search.high:g}"
+                if low == high
+                else f"no change: {low} at {search.low:g}, {high} at {search.high:g}"
+            )
+            return
+        self.searching = True
+        up = low == STABLE
+        self.stable, self.unstable = (search.low, search.high)[:: 1 if up else -1]
+        self.beyond = high if up else low
+
+    @property
+    def middle(self) -> float:
+        """The value at which the range is halved."""
+        return tidy((self.stable + self.unstable) / 2)
+
+    def is_open(self, tolerance: float) -> bool:
+        """Whether the range is still wider than the tolerance and can be halved."""
+        return (
+            self.searching
+            and abs(self.unstable - self.stable) > tolerance
+            and self.middle not in (self.stable, self.unstable)
+        )
+
+    def halve(self, verdict: str | None) -> None:
+        """Sets the verdict in the middle; None: the run failed, so there is no boundary."""
+        if verdict is None:
+            self.searching, self.stable, self.unstable = False, math.nan, math.nan
+        elif verdict == STABLE:
+            self.stable = self.middle
+        else:
+            self.unstable, self.beyond = self.middle, verdict
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """Points of a sweep: `axes`, a value of each axis for every point, and the parameter whose
+    stability boundary is searched at every point, or None."""
+
+    axes: list[SweepParameter]
+    points: list[Point]
+    search: SweepParameter | None
+
+    @property
+    def swept(self) -> list[SweepParameter]:
+        """Every parameter that changes between runs."""
+        return [*self.axes, *([self.search] if self.search else [])]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the axes."""
+        return [axis.name for axis in self.axes]
+
+    def row(self, point: Point) -> Row:
+        """A point as {name of a parameter: value}."""
+        return dict(zip(self.names, point, strict=True))
+
+    def columns(self, points: Sequence[Point]) -> Columns:
+        """The values of the axes at the points as columns."""
+        values = np.array(points, dtype=float).reshape(len(points), len(self.axes))
+        return dict(zip(self.names, values.T.copy(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -17,8 +149,8 @@ class SweepCounts:
     runs: int
     resumed: int  # runs that were read from the journal
     failed: int
-    boundaries: int | None = json_field(omit_none=True)  # of a search alone
-    stable: int | None = json_field(omit_none=True)  # only in a sweep without a search
+    boundaries: int | None = json_field(omit_none=True)  # None without a search
+    stable: int | None = json_field(omit_none=True)  # None in a search, as the next three
     unstable: int | None = json_field(omit_none=True)
     not_met: int | None = json_field(omit_none=True)
     never_in_contact: int | None = json_field(omit_none=True)
@@ -38,9 +170,10 @@ class FailedPoint:
 
 
 @dataclass(frozen=True)
-class LonePoint:
-    """A point whose verdict differs from that of all neighbours. around and alike: number of points
-    around it that were also run, and of those with its verdict; None: no such points were run."""
+class IsolatedPoint:
+    """A point whose verdict differs from that of all neighbours. `around` and `alike` are the
+    number of points around this point that were also run, and the number of those with the same
+    stability. Both are None if no such points were run."""
 
     values: Row
     verdict: str
@@ -50,50 +183,74 @@ class LonePoint:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The result of a sweep without its columns."""
+    """Summary of a sweep, without the results of the single points."""
 
     experiment: str
     title: str
     parameters: dict[str, str]  # name -> unit
     counts: SweepCounts
-    failures: list[FailedPoint]  # the first SHOWN_FAILURES
+    failures: list[FailedPoint]  # the first ten
     warnings: list[str]
     refined: bool
-    alone: list[LonePoint]
+    alone: list[IsolatedPoint]
     seed: int | None  # of random points
     inputs_hash: str
     firmware_hash: str
     simulator_hash: str
     objects_hash: str
-    where: str  # the runs were done
+    where: str  # place of the runs: number of threads, or address of the Dask scheduler
     seconds: float
     command: str  # command line that repeats the sweep
 
 
-@dataclass
+@dataclass(frozen=True)
 class Sweep:
-    """A finished sweep: its result, and columns with one row for each point.
-
-    Columns: index, the parameters, then of a run: verdict, fault, error, METRICS, edge_margin,
-    trace_hash; of a boundary search: boundary (the last stable value), unstable_at (the first
-    one beyond it that is not stable), beyond (its verdict), note (why there is none), error, runs.
-    NaN and "" stand for nothing.
-    """
+    """A finished sweep: summary, and for each point its outcome or its stability boundary."""
 
     result: SweepResult
-    columns: Columns
-    axes: list[SweepParameter]  # of the points
-    search: SweepParameter | None
-    runs: list[tuple[float, Outcome]]  # (value, result) of the runs of a search without axes
-    converters: Converters  # converters of the model, {} if the sweep changes them
-    closer: Columns  # columns of the points around isolated points
+    plan: SweepPlan
+    outcomes: list[PointOutcome]  # of the points; empty in a search
+    boundaries: list[Boundary]  # of the points; empty without a search
+    search_runs: list[tuple[float, PointOutcome]]  # (value, outcome) of a search without axes
+    converters: Converters  # converters of the model; empty if the sweep changes them
+    closer: dict[Point, PointOutcome]  # points around isolated points
+
+    @cached_property
+    def columns(self) -> Columns:
+        """The columns of results.csv, with one row for each point.
+
+        The columns are index, the parameters, and the fields of PointOutcome; in a search instead
+        of these boundary (last stable value), unstable_at (first value beyond the boundary that is
+        not stable), beyond (verdict there), note (reason for a missing boundary), error, runs. A
+        missing number is nan, a missing text is empty.
+        """
+        found = {"index": np.arange(len(self.plan.points))} | self.plan.columns(self.plan.points)
+        if not self.plan.search:
+            return found | outcome_columns(self.outcomes)
+        return found | {
+            "boundary": np.array([one.stable for one in self.boundaries]),
+            "unstable_at": np.array([one.unstable for one in self.boundaries]),
+            "beyond": np.array([one.beyond for one in self.boundaries], dtype=str),
+            "note": np.array([one.note for one in self.boundaries], dtype=str),
+            "error": np.array([one.error for one in self.boundaries], dtype=str),
+            "runs": np.array([one.runs for one in self.boundaries], dtype=float),
+        }
 
     @property
-    def summary(self) -> dict[str, Any]:
-        """The result in the form of `forceaxis sweep --json`; the values of a point are in one
-        object."""
-        found: dict[str, Any] = to_json(self.result)
-        for points in (found["failures"], found["alone"]):
-            for point in points:
-                point |= point.pop("values")
-        return found
+    def closer_columns(self) -> Columns:
+        """The columns of closer.csv: parameters and outcomes of `closer`."""
+        return self.plan.columns(list(self.closer)) | outcome_columns(list(self.closer.values()))
+
+    @property
+    def summary(self) -> JsonObject:
+        """The result as `forceaxis sweep --json` prints it; the values of a point are keys of the
+        object of the point."""
+        failures = [_flattened(point) for point in self.result.failures]
+        alone = [_flattened(point) for point in self.result.alone]
+        return {**to_json(self.result), "failures": failures, "alone": alone}
+
+
+def _flattened(point: FailedPoint | IsolatedPoint) -> dict[str, float | str | None]:
+    """The fields of a point, followed by the values of its parameters."""
+    found = asdict(point)
+    return found | found.pop("values")

@@ -12,6 +12,7 @@ import numpy as np
 
 from forceaxis import _core, objects, paths, toml
 from forceaxis.experiments import summary
+from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.run import Run
 from forceaxis.experiments.run_result import Array, Converters
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 FILES = ("trace.csv", "trace.npz", "events.csv", "plot.png", "plot.svg", "result.json")
-ROWS = [["encoder"], ["adc0"], ["dac"]]  # rows of the figure if the experiment names none
 WHAT_OF_COLUMN = {"encoder": "position", "dac": "command"}
 PROFILE_FORCE = 4  # mode of operation
 
@@ -34,14 +34,10 @@ def figure(done: Run, codes: bool = False) -> "Figure":
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
-    time_s = done.columns["time_s"]
-    start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
-    inside = (time_s >= start) & (time_s <= stop)
-    if not inside.any():  # an override has made the run end before the range of the plot
-        inside[:] = True
+    time_s, inside = done.time_s, done.in_plot
     rows = [
         [line(done, name, inside, codes) for name in names if name in done.columns]
-        for names in done.plot.get("rows", ROWS)
+        for names in done.plot.rows
     ]
     notes = [(f"with {', '.join(done.overrides)}", GOT)] if done.overrides else []
     marks = marks_of(done)
@@ -96,7 +92,7 @@ def marks_of(done: Run) -> "plots.Marks":
     """Set-points, contact, window of the verdict and events of a run, as plots.Marks."""
     from forceaxis.experiments import plots
 
-    time_s, columns = done.columns["time_s"], done.columns
+    time_s, columns = done.time_s, done.columns
     forces = [columns[f"{name}.force"] for name in done.contacts]
     touching = np.any([f > 0 for f in forces], axis=0) if forces else np.zeros(len(time_s), bool)
     turns = np.flatnonzero(np.diff(touching, prepend=False, append=False))
@@ -109,8 +105,7 @@ def marks_of(done: Run) -> "plots.Marks":
     events += [(at, "impulse", f"impulse {size:g} N s") for at, _, size in done.impulses]
     faulty = np.flatnonzero(columns["fault"])
     if len(faulty):
-        name = objects.BY_NAME["fault"].enum[columns["fault"][faulty[0]]]
-        events.append((time_s[faulty[0]], "fault", f"fault {name}"))
+        events.append((time_s[faulty[0]], "fault", f"fault {done.result.fault}"))
     window = None
     if (criterion := done.result.criterion) and done.result.verdict:
         last = time_s[-1]
@@ -130,19 +125,18 @@ def demand_of(
     from forceaxis.experiments import plots
 
     try:
-        given = _core.inputs(str(done.experiment), list(done.overrides))["firmware"]
+        given = read_inputs(done.experiment, done.overrides).firmware
     except _core.InputError:
         return None
     if given.get("modes_of_operation") != PROFILE_FORCE:
         return None
     slope, rated_mN = (given.get(n, objects.default(n)) for n in ("force_slope", "rated_force"))
     if "force_demand" in done.units:
-        return done.columns["time_s"], done.columns["force_demand"] * rated_mN * 1e-6
+        return done.time_s, done.columns["force_demand"] * rated_mN * 1e-6
     later = toml.read(done.experiment).get("at", [])
     if any("force_slope" in entry.get("firmware", {}) for entry in later):
         return None
-    end_s = done.columns["time_s"][-1]
-    return plots.ramps(done.setpoints, slope * rated_mN * 1e-6, contacts, end_s)
+    return plots.ramps(done.setpoints, slope * rated_mN * 1e-6, contacts, done.time_s[-1])
 
 
 def write(done: Run, out: Path, codes: bool = False) -> None:

@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,20 +16,23 @@ from scipy import optimize, stats
 from forceaxis import linear, paths, progress
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
-from forceaxis.identify.measurement import Complexes, Measurement, Reals
-from forceaxis.identify.procedures import SHARE, header_of, read_columns
+from forceaxis.identify.measurement import CONFIDENCE, Complexes, Measurement, Reals
+from forceaxis.identify.procedures import header_of, read_columns
 from forceaxis.identify.setup import is_number
 from forceaxis.results import to_json
 
-CORRELATED = 0.95  # correlation of two estimates from which a warning is given
-VAGUE = math.log(2)  # half width of an interval of the logarithm from which a warning is given
-ALONE = 1e-7  # smallest singular value of the normalised Jacobian for separate parameters
-BLIND = 1e-9  # smallest relative change of a response that counts as an effect
+WARNED_CORRELATION = 0.95  # correlation of two estimates from which a warning is given
+# half width of an interval of the logarithm from which a warning is given
+WARNED_HALF_WIDTH = math.log(2)
+# smallest ratio of singular values of the normalised Jacobian for separate parameters
+LEAST_SINGULAR_RATIO = 1e-7
+LEAST_EFFECT = 1e-9  # smallest relative change of a response that counts as an effect
 # probability of the chi-square below which other start values are tried and the fit is rejected
-MISFIT = 1e-3
-STARTS = 24
+REJECTED_BELOW = 1e-3
+OTHER_STARTS = 24  # number of other start values
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")  # of a Measurement
-REACH = 3.0  # search range about the logarithm of the start value: a factor of 20 up and down
+# search range about the logarithm of the start value: a factor of 20 up and down
+SEARCH_RANGE = 3.0
 
 
 @dataclass(frozen=True)
@@ -47,10 +50,10 @@ class ParameterFit:
     single: Reals
     joint: Reals
     covariance: Reals
-    chi_square: float  #: has 2 n - p degrees of freedom if the model is correct
-    dof: int
-    points: int
-    warnings: tuple[str, ...]
+    chi_square: float  #: chi-square distributed with `dof` degrees of freedom for a correct model
+    dof: int  #: 2 n - p
+    points: int  #: n
+    warnings: tuple[str, ...] = ()
 
     @property
     def p_value(self) -> float:
@@ -61,7 +64,7 @@ class ParameterFit:
     def rejected(self) -> bool:
         """Whether no values of the parameters explain the data. `values` are then the best fit, but
         not those of the plant, and the intervals are invalid."""
-        return self.p_value < MISFIT
+        return self.p_value < REJECTED_BELOW
 
     @property
     def correlation(self) -> Reals:
@@ -75,149 +78,178 @@ class ParameterFit:
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
-        return float(size / (p * stats.f.ppf(SHARE, p, self.dof)))
+        return float(size / (p * stats.f.ppf(CONFIDENCE, p, self.dof)))
+
+
+class FitProblem:
+    """Least-squares problem of a fit: residuals as functions of the logarithms of the parameters.
+
+    p parameters, n frequencies; `start` (p,) are the logarithms of the start values.
+    """
+
+    def __init__(self, measured: Measurement, starts: Mapping[str, float]) -> None:
+        self.measured = measured
+        self.names = tuple(starts)
+        self.start: Reals = np.log(np.array(list(starts.values()), float))
+        relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
+        # limits the weight of a point to that of a relative error of a tenth
+        self.weights: Reals = 1 / np.hypot(relative, 0.1)
+
+    def model(self, logarithms: Reals) -> Complexes:
+        """The response of the model, (n,)."""
+        values = np.exp(logarithms).tolist()
+        return self.measured.predict(dict(zip(self.names, values, strict=True)))
+
+    def jacobian(self, logarithms: Reals, step: float = 1e-5) -> Complexes:
+        """The derivatives of the response, (n, p), from central differences."""
+        steps = step * np.eye(len(self.names))
+        return np.stack(
+            [(self.model(logarithms + d) - self.model(logarithms - d)) / (2 * step) for d in steps],
+            1,
+        )
+
+    def coarse(self, logarithms: Reals) -> Reals:
+        """Residuals of the logarithm of the ratio, (2 n,). A search with these residuals also
+        converges if the resonances of model and measurement do not overlap yet."""
+        ratio = np.log(self.measured.response / self.model(logarithms))
+        return as_real(np.asarray(ratio * self.weights, complex))
+
+    def likelihood(self, logarithms: Reals) -> Reals:
+        """Residuals whose sum of squares is the chi-square of fit(), (2 n,)."""
+        measured = self.measured
+        error = (measured.response - self.model(logarithms)) / np.sqrt(measured.variance)
+        square = np.maximum(abs(error) ** 2, 1e-30)
+        size = np.sqrt(2 * measured.dof * np.log1p(square / measured.dof) / square)
+        return as_real(np.asarray(error * size, complex))
+
+    def search(self, begin: Reals) -> optimize.OptimizeResult:
+        """Search with the coarse residuals, which converge from distant start values, then with the
+        likelihood."""
+        low, high = self.start - SEARCH_RANGE, self.start + SEARCH_RANGE
+        options = {"bounds": (low, high), "x_scale": "jac", "max_nfev": 60}
+        near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
+        near = np.clip(near, low + 0.01, high - 0.01)
+        return optimize.least_squares(self.likelihood, near, xtol=1e-10, ftol=1e-10, **options)
+
+    def best(self, degrees: int, tries: int) -> optimize.OptimizeResult:
+        """The best of the searches from the start values and, while the result does not explain the
+        data, from up to `tries` other start values."""
+        best = self.search(self.start)
+        enough = stats.chi2.isf(REJECTED_BELOW, degrees)
+        scatter = np.random.default_rng(0).uniform(-1, 1, (tries, len(self.start)))
+        for shift in progress.each(scatter, "starts"):
+            if 2 * best.cost <= enough:
+                break
+            other = self.search(self.start + shift)
+            if other.cost < best.cost:
+                best = other
+        return best
+
+    def expect_effects(self, where: str) -> None:
+        """Raises InputError for a parameter that does not change the response, and for parameters
+        of which only a combination changes the response."""
+        J, measured = self.jacobian(self.start), self.measured
+        influence = abs(J).max(0) / abs(self.model(self.start)).max()
+        for name, size in zip(self.names, influence, strict=True):
+            if size < LEAST_EFFECT:
+                raise InputError(
+                    f"{where}: {name}: expected a parameter that changes the response from "
+                    f"{measured.input} to {measured.output}; fit another parameter, or measure "
+                    "another signal"
+                )
+        check_separate(self.names, as_real(J), where)
+
+
+def as_real(values: NDArray[np.complex128]) -> Reals:
+    """Real parts, followed by the imaginary parts."""
+    return np.concatenate([values.real, values.imag])
 
 
 def fit(
     measured: Measurement,
     starts: Mapping[str, float],
     where: str = "fit",
-    tries: int | None = None,
+    tries: int = OTHER_STARTS,
 ) -> ParameterFit:
     """Fits parameters of a model to a measured frequency response.
 
     measured: a `Measurement`, whose `predict` is the model. starts: {parameter: start value > 0};
     the search varies the logarithms of these parameters. Other parameters have the values of
     `measured.overrides`. tries: number of other start values for a fit that does not explain the
-    data, by default STARTS.
+    data. where: name of the measurement in errors.
 
     With z = |response - model|^2 / variance, where the variance is itself estimated from dof
     complex residuals, minus twice the log likelihood is (dof + 1) / dof times the sum of
-    2 dof ln(1 + z / dof), which has a chi-square distribution with 2 degrees of freedom a point:
-    minimised by least squares (trust region), it is also the test of the fit. Information matrix:
-    with T = dof variance + |response - model|^2, the sum of 2 dof^2 / (dof + 1) Re(J* J) / T, right
-    in the mean over T; the covariance grows with the chi-square where the model is not the plant.
+    2 dof ln(1 + z / dof). This sum has a chi-square distribution with 2 degrees of freedom for each
+    point. The fit minimises the sum by least squares (trust region), and the minimum is also the
+    test of the fit. Information matrix: with T = dof variance + |response - model|^2, the sum of
+    2 dof^2 / (dof + 1) Re(J* J) / T, whose mean over T is correct. The covariance grows with the
+    chi-square if the model does not explain the data.
 
-    Raises InputError for too few points, for a parameter that the response does not depend on and
-    for parameters that only act together.
+    Raises InputError for too few points, for a parameter that does not change the response and for
+    parameters of which only a combination changes the response.
     """
-    names = tuple(starts)
-    first = np.array([starts[name] for name in names], float)
     for name, value in starts.items():
         if not (math.isfinite(value) and value > 0):
             raise InputError(
-                f"{where}: {name}: expected a start above 0, got {value:g}; give a start value"
+                f"{where}: {name}: expected a start value above 0, got {value:g}; give a start "
+                "value"
             )
-    p, n, dof = len(names), len(measured.frequency_hz), measured.dof
+    p, n, dof = len(starts), len(measured.frequency_hz), measured.dof
     if n < p + 2:
         raise InputError(
             f"{where}: expected at least {p + 2} frequencies for {p} parameters, got {n}; measure "
             "a wider band, or with more lines"
         )
-
-    def model(logarithms: Reals) -> Complexes:
-        return measured.predict(dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
-
-    def jacobian(logarithms: Reals, step: float = 1e-5) -> Complexes:
-        steps = step * np.eye(p)
-        return np.stack(
-            [(model(logarithms + d) - model(logarithms - d)) / (2 * step) for d in steps], 1
-        )
-
-    def as_real(values: NDArray[Any]) -> Reals:
-        return np.concatenate([values.real, values.imag])
-
-    def coarse(logarithms: Reals) -> Reals:
-        """Residuals of the logarithm of the ratio; they also converge if resonances do not overlap
-        yet."""
-        return as_real(np.log(measured.response / model(logarithms)) * trust)
-
-    def fine(logarithms: Reals) -> Reals:
-        error = (measured.response - model(logarithms)) / np.sqrt(measured.variance)
-        square = np.maximum(abs(error) ** 2, 1e-30)
-        return as_real(error * np.sqrt(2 * dof * np.log1p(square / dof) / square))
-
-    start = np.log(first)
-
-    def search(begin: Reals) -> optimize.OptimizeResult:
-        """Search with the coarse residuals, which converge from distant start values, then with the
-        likelihood."""
-        options = {"bounds": (start - REACH, start + REACH), "x_scale": "jac", "max_nfev": 60}
-        near = optimize.least_squares(coarse, begin, loss="soft_l1", **options).x
-        near = np.clip(near, start - REACH + 0.01, start + REACH - 0.01)
-        return optimize.least_squares(fine, near, xtol=1e-10, ftol=1e-10, **options)
-
-    influence = abs(jacobian(start)).max(0) / abs(model(start)).max()
-    for name, size in zip(names, influence, strict=True):
-        if size < BLIND:
-            raise InputError(
-                f"{where}: {name}: expected a parameter that the response from {measured.input} to "
-                f"{measured.output} depends on; fit another one, or measure another signal"
-            )
-    check_separate(names, as_real(jacobian(start)), where)
-
-    relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-    # limits the weight of a point to that of a relative error of a tenth
-    trust = 1 / np.hypot(relative, 0.1)
-    best = search(start)
+    problem = FitProblem(measured, starts)
+    problem.expect_effects(where)
     degrees = 2 * n - p
-    enough = stats.chi2.isf(MISFIT, degrees)
-    scatter = np.random.default_rng(0).uniform(-1, 1, (STARTS if tries is None else tries, p))
-    for shift in progress.each(scatter, "starts"):
-        if 2 * best.cost <= enough:
-            break
-        other = search(start + shift)
-        if other.cost < best.cost:
-            best = other
-
-    J = jacobian(best.x)
-    check_separate(names, as_real(J), where)
-    T = dof * measured.variance + abs(measured.response - model(best.x)) ** 2
+    best = problem.best(degrees, tries)
+    J = problem.jacobian(best.x)
+    check_separate(problem.names, as_real(J), where)
+    T = dof * measured.variance + abs(measured.response - problem.model(best.x)) ** 2
     information = 2 * dof**2 / (dof + 1) * (J.conj().T @ (J / T[:, None])).real
     chi_square = 2 * best.cost
     covariance = np.linalg.inv(information) * max(1.0, chi_square / degrees)
     spread = np.sqrt(np.diag(covariance))
-    single = stats.t.ppf((1 + SHARE) / 2, degrees) * spread
-    joint = math.sqrt(p * stats.f.ppf(SHARE, p, degrees)) * spread
-
-    warnings = warnings_of(
-        names, chi_square, degrees, covariance / np.outer(spread, spread), single, best.x - start
+    found = ParameterFit(
+        names=problem.names,
+        starts=np.array(list(starts.values()), float),
+        values=np.exp(best.x),
+        single=stats.t.ppf((1 + CONFIDENCE) / 2, degrees) * spread,
+        joint=math.sqrt(p * stats.f.ppf(CONFIDENCE, p, degrees)) * spread,
+        covariance=covariance,
+        chi_square=float(chi_square),
+        dof=degrees,
+        points=n,
     )
-    return ParameterFit(
-        *(names, first, np.exp(best.x), single, joint, covariance, float(chi_square), degrees, n),
-        tuple(warnings),
-    )
+    return replace(found, warnings=tuple(warnings_of(found)))
 
 
-def warnings_of(
-    names: Sequence[str],
-    chi_square: float,
-    degrees: int,
-    correlation: Reals,
-    single: Reals,
-    moved: Reals,
-) -> list[str]:
-    """Texts of warnings about a fit. moved: change of the logarithms from the start values."""
+def warnings_of(found: ParameterFit) -> list[str]:
+    """Texts of warnings about a fit."""
     warnings = []
-    p_value = stats.chi2.sf(chi_square, degrees)
-    if p_value < 1 - SHARE:
+    if found.p_value < 1 - CONFIDENCE:
         warnings.append(
-            f"the model does not explain the data: chi-square {chi_square:.4g}, {degrees} degrees "
-            f"of freedom, p = {p_value:.1g}; free another parameter or check what is held"
+            f"the model does not explain the data: chi-square {found.chi_square:.4g}, {found.dof} "
+            f"degrees of freedom, p = {found.p_value:.1g}; fit another parameter too, or check the "
+            "parameters that are not fitted"
         )
-    for i, j in zip(*np.nonzero(abs(np.triu(correlation, 1)) > CORRELATED), strict=True):
+    names, correlation = found.names, found.correlation
+    for i, j in zip(*np.nonzero(abs(np.triu(correlation, 1)) > WARNED_CORRELATION), strict=True):
         warnings.append(
             f"{names[i]} and {names[j]} are nearly indistinguishable: "
             f"correlation {correlation[i, j]:.3f}"
         )
-    warnings += [
-        f"{name} is poorly determined" for name, h in zip(names, single, strict=True) if h > VAGUE
-    ]
-    for name, distance in zip(names, abs(moved), strict=True):
-        if distance > REACH - 0.02:
+    for name, half in zip(names, found.single, strict=True):
+        if half > WARNED_HALF_WIDTH:
+            warnings.append(f"{name} is poorly determined")
+    for name, moved in zip(names, abs(np.log(found.values / found.starts)), strict=True):
+        if moved > SEARCH_RANGE - 0.02:
             warnings.append(
-                f"{name} stands at the edge of what was searched, {math.exp(REACH):.0f} times its "
-                "start or that part of it: its interval means nothing; give another start"
+                f"{name} is at the edge of the search range, which extends by a factor of "
+                f"{math.exp(SEARCH_RANGE):.0f} from the start value: the interval of {name} is "
+                "invalid; give another start value"
             )
     return warnings
 
@@ -226,42 +258,55 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
     """Raises InputError, with the names, for parameters of which only a combination changes the
     response."""
     _, size, directions = np.linalg.svd(J / np.linalg.norm(J, axis=0), full_matrices=False)
-    if size[-1] < ALONE * size[0]:
+    if size[-1] < LEAST_SINGULAR_RATIO * size[0]:
         together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
         raise InputError(
-            f"{where}: expected parameters that act on the response each in its own way, got "
-            f"{', '.join(together)}, which do so only together; hold one of them"
+            f"{where}: expected parameters with different effects on the response, got "
+            f"{', '.join(together)}, of which only a combination has an effect; fit all but one of "
+            "them"
         )
 
 
+@dataclass(frozen=True)
+class ResponseSettings:
+    """Keys of a Measurement that replace the recorded keys; None: as recorded. A CSV file needs
+    `output`, `averages` and `dt`, because it does not contain them."""
+
+    input: str | None = None
+    output: str | None = None
+    averages: int | None = None
+    dt: float | None = None  #: sampling period in s
+    scale: float | None = None
+    modes: dict[str, str] | None = None
+
+    def replaced(self) -> dict[str, str | float | dict[str, str]]:
+        """The keys that are not None."""
+        return {key: value for key, value in vars(self).items() if value is not None}
+
+
 def read_response(
-    path: Path | str, model: Path | str, held: linear.Overrides | None = None, **given: Any
+    path: Path | str,
+    model: Path | str,
+    overrides: linear.Overrides | None = None,
+    settings: ResponseSettings | None = None,
 ) -> Measurement:
     """Reads the Measurement in a folder (or response.npz) of `forceaxis measure --out`, or in a CSV
     file.
 
     A CSV file has the columns frequency_hz, magnitude and phase_deg or real and imag, and
-    coherence. `given` contains the other keys: input, output, averages, dt (s), scale; they replace
-    recorded values. `held`, {parameter: value}, is added to the recorded parameters. Raises
+    coherence. `overrides`, {parameter: value}, is added to the recorded parameters. Raises
     InputError.
     """
-    path = Path(path)
+    path, settings = Path(path), settings or ResponseSettings()
     file = path / "response.npz" if path.is_dir() else path
-    given = {key: value for key, value in given.items() if value is not None}
     model = str(linear.find_model(model))
     if file.suffix == ".csv":
-        for key in ("output", "averages", "dt"):
-            if key not in given:
-                raise ParameterError(key, f"expected with a CSV file, {file} does not have it")
-        measured = response_of_csv(file, given["averages"])
-        measured = replace(measured, **given, model=model, overrides=dict(held or {}))
-        return checked(measured, file)
+        return checked(response_of_csv(file, model, overrides or {}, settings), file)
     try:
         with np.load(file) as saved:
-            about = json.loads(str(saved["about"]))
-            arrays = {name: saved[name] for name in ARRAYS}
-            about["overrides"] = about["overrides"] | (held or {})
-            measured = Measurement(**(about | given | {"model": model}), **arrays)
+            recorded = json.loads(str(saved["about"])) | settings.replaced() | {"model": model}
+            measured = Measurement(**recorded, **{name: saved[name] for name in ARRAYS})
+            measured = replace(measured, overrides={**measured.overrides, **(overrides or {})})
     except (
         AttributeError, EOFError, FileNotFoundError, KeyError, TypeError, ValueError,
         zipfile.BadZipFile,
@@ -275,28 +320,28 @@ def read_response(
 def checked(measured: Measurement, file: Path) -> Measurement:
     """Returns the Measurement if a model can be fitted to it. Raises InputError otherwise."""
 
-    def expect(good: object, key: str, text: str) -> None:
+    def expect(good: bool | np.bool_, key: str, text: str) -> None:
         if not good:
             raise InputError(f"{file}: {key}: expected {text}")
 
-    def between(key: str, low: float, high: float) -> None:
-        value = getattr(measured, key)
-        good = is_number(value) and low <= value <= high
-        expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
-
-    for key in ("input", "output", "unit"):
-        expect(isinstance(getattr(measured, key), str), key, "a text")
+    texts = {"input": measured.input, "output": measured.output, "unit": measured.unit}
+    for key, text in texts.items():
+        expect(isinstance(text, str), key, "a text")
     expect(measured.inject in ("volts", "codes"), "inject", "volts or codes")
     expect(measured.window in ("none", "hann"), "window", "none or hann")
     expect(isinstance(measured.free, bool), "free", "true or false")
     table = measured.overrides
     good = isinstance(table, dict) and all(map(is_number, table.values()))
     expect(good, "overrides", "a table of numbers")
-    between("dt", 1e-7, 1.0)
-    between("dof", 1e-3, 1e9)
-    between("averages", 2, 1e9)
-    between("resolution_hz", 0, 1e6)
-    between("scale", -1e12, 1e12)
+    for key, value, low, high in (
+        ("dt", measured.dt, 1e-7, 1.0),
+        ("dof", measured.dof, 1e-3, 1e9),
+        ("averages", measured.averages, 2, 1e9),
+        ("resolution_hz", measured.resolution_hz, 0, 1e6),
+        ("scale", measured.scale, -1e12, 1e12),
+    ):
+        good = is_number(value) and low <= value <= high
+        expect(good, key, f"a number {low:g} to {high:g}, got {value!r}")
     expect(measured.scale != 0, "scale", "a number other than 0, got 0")
     band = measured.band_hz
     good = isinstance(band, list | tuple) and len(band) == 2
@@ -314,17 +359,30 @@ def checked(measured: Measurement, file: Path) -> Measurement:
     expect(
         good and frequency[-1] < highest,
         "frequency_hz",
-        f"rising frequencies above 0 and below {highest:g} Hz, half of the samples' 1 / dt",
+        f"rising frequencies above 0 and below {highest:g} Hz, half of the sampling rate 1 / dt",
     )
     expect(np.all(measured.variance > 0), "variance", "values above 0")
     expect(np.all(measured.response != 0), "response", "values other than 0")
     return measured
 
 
-def response_of_csv(file: Path, averages: int) -> Measurement:
-    """Measurement from a CSV file; its variance is (1 - c) |H|^2 / (c (averages - 1)) with the
-    coherence c."""
+T = TypeVar("T")
 
+
+def response_of_csv(
+    file: Path, model: str, overrides: linear.Overrides, settings: ResponseSettings
+) -> Measurement:
+    """Measurement from a CSV file; its variance is (1 - c) |H|^2 / (c (averages - 1)) with the
+    coherence c. Raises InputError."""
+
+    def required(value: T | None, key: str) -> T:
+        if value is None:
+            raise ParameterError(key, f"expected a value, because {file} does not contain it")
+        return value
+
+    output = required(settings.output, "output")
+    averages = required(settings.averages, "averages")
+    dt = required(settings.dt, "dt")
     polar = "magnitude" in header_of(file)
     parts = ["magnitude", "phase_deg"] if polar else ["real", "imag"]
     f, a, b, coherence = read_columns(file, ["frequency_hz", *parts, "coherence"])
@@ -335,18 +393,23 @@ def response_of_csv(file: Path, averages: int) -> Measurement:
         raise InputError(f"{file}: magnitude: expected values above 0")
     if not np.all((abs(a) < 1e30) & (abs(b) < 1e30)):
         raise InputError(f"{file}: {parts[0]}, {parts[1]}: expected values below 1e30")
-    variance = (1 - coherence) / coherence * abs(response) ** 2 / (averages - 1)
     return Measurement(
-        *(f, response, coherence, variance, np.zeros(len(f))),
+        frequency_hz=f,
+        response=response,
+        coherence=coherence,
+        variance=(1 - coherence) / coherence * abs(response) ** 2 / (averages - 1),
+        floor=np.zeros(len(f)),
         dof=averages - 1,
         averages=averages,
-        input="drive.command",
-        output="",
+        input="drive.command" if settings.input is None else settings.input,
+        output=output,
         unit="",
-        dt=linear.TICK_S,
+        dt=dt,
         inject="volts",
-        model="",
-        overrides={},
+        model=model,
+        overrides=dict(overrides),
+        scale=1.0 if settings.scale is None else settings.scale,
+        modes=settings.modes or {},
     )
 
 

@@ -20,10 +20,9 @@ codes of the firmware have no added noise, only their rounding.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +30,11 @@ from numpy.typing import NDArray
 from forceaxis import _core, linear, objects, progress
 from forceaxis._core import InputError
 from forceaxis.identify.measurement import Complexes, Measurement, Reals
-from forceaxis.identify.setup import CODES, Setup, read_setup
+from forceaxis.identify.setup import CODES, Setup, SetupTable, read_setup
 
-LEFT_BEHIND = 1e-8  # remaining share of a transient at the start of a recording
-FIRST_OF_HANN = 3  # line
-MOST_STEPS = 20_000_000
+TRANSIENT_SHARE = 1e-8  # remaining share of a transient at the start of a recording
+FIRST_HANN_LINE = 3  # number of the first spectral line that is used with a Hann window
+MOST_STEPS = 20_000_000  # of a measurement
 MOST_PARTS = 64  # of a tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
@@ -57,9 +56,7 @@ class ExcitedPlant:
         self.met: Counter[str] = Counter()  # "element: state" -> number of samples
         try:
             model = str(linear.find_model(setup.model))
-            self.plant: Any = _core.Excited(
-                model, dict(overrides), setup.seed, parts, setup.clamped
-            )
+            self.plant = _core.Excited(model, dict(overrides), setup.seed, parts, setup.clamped)
         except _core.SimulationError as error:
             raise InputError(
                 f"{where}: set: expected a plant that can be simulated, {error}"
@@ -198,12 +195,12 @@ def settling_steps(system: linear.System, where: str) -> int:
             f"{where}: model: expected a plant with some damping, one of its modes never settles; "
             "give its springs a damping"
         )
-    return math.ceil(math.log(LEFT_BEHIND) / math.log(slowest)) if slowest > 0 else 1
+    return math.ceil(math.log(TRANSIENT_SHARE) / math.log(slowest)) if slowest > 0 else 1
 
 
 def measure(
     target: str | Path,
-    options: Mapping[str, Any] | None = None,
+    options: SetupTable | None = None,
     plant_set: linear.Overrides | None = None,
 ) -> Measurement:
     """Measures a frequency response of the simulated axis and returns a Measurement.
@@ -307,7 +304,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
         )
     # the two lines next to 0 Hz are left out, because the removal of mean and drift distorts them
     if setup.window == "hann":
-        first = max(first, FIRST_OF_HANN)
+        first = max(first, FIRST_HANN_LINE)
         if last < first:
             raise InputError(
                 f"{where}: resolution_hz: expected a third of the highest frequency or less with "
@@ -424,7 +421,7 @@ def estimate(
     """H1, coherence, variance and quantisation floor from the recorded parts."""
     from scipy import fft
 
-    results = {name: np.empty(len(lines)) for name in ("coherence", "variance", "floor")}
+    coherence, variance, floor = np.empty((3, len(lines)))
     response: Complexes = np.empty(len(lines), complex)
     place, bias = 0, 0.0
     for used, values in chunks:
@@ -454,11 +451,11 @@ def estimate(
         # Hann windows that overlap by half have a correlation of a sixth (Welch 1967).
         shared = 1 + 2 / 36 if setup.window == "hann" else 1.0
         dof = done.averages / shared - 1
-        results["variance"][here] = shared * residual / ((done.averages - 1) * uu)
-        results["coherence"][here] = abs(H) ** 2 * uu / np.maximum(yy, 1e-300)
+        variance[here] = shared * residual / ((done.averages - 1) * uu)
+        coherence[here] = abs(H) ** 2 * uu / np.maximum(yy, 1e-300)
         bias = max(bias, float((noise[0] * done.averages / uu).max()))
-        results["floor"][here] = np.sqrt((noise[1] + abs(H) ** 2 * noise[0]) / uu)
-    if not (results["variance"] > 0).all():
+        floor[here] = np.sqrt((noise[1] + abs(H) ** 2 * noise[0]) / uu)
+    if not (variance > 0).all():
         raise InputError(
             f"{where}: level: expected an output that moves by more than one count, {done.output} "
             "does not; raise the level, or keep the contact by a bias or clamped"
@@ -468,9 +465,9 @@ def estimate(
         done,
         frequency_hz=lines / (values.shape[-1] * done.dt),
         response=np.asarray(response * scale, complex),
-        coherence=np.minimum(results["coherence"], 1.0),
-        variance=results["variance"] * scale**2,
-        floor=results["floor"] * abs(scale),
+        coherence=np.minimum(coherence, 1.0),
+        variance=variance * scale**2,
+        floor=floor * abs(scale),
         dof=dof,
         input_bias=bias,
     )

@@ -13,9 +13,9 @@ from forceaxis.identify.setup import CODES
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-BAND = 0.95
-COHERENT = 0.9
-FLAT = 0.1  # relative spread of the amplitudes in an octave up to which it counts as constant
+CONFIDENCE = 0.95  # probability of all confidence intervals and bands
+COHERENT = 0.9  # coherence above which a point counts as coherent
+FLAT_SPREAD = 0.1  # largest relative spread of the amplitudes in an octave that count as constant
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Measurement:
                 values[row] = 1.0
         return values
 
-    def radius(self, share: float = BAND) -> Reals:
+    def radius(self, share: float = CONFIDENCE) -> Reals:
         """(n,) Distance that contains the true response with the probability `share`."""
         from scipy import stats
 
@@ -166,14 +166,14 @@ class Measurement:
         statistic = float(np.sum(2 * self.dof * np.log1p(ratio / self.dof)))
         p_value = float(stats.chi2.sf(statistic, 2 * len(ratio)))
         coherent = self.coherence > COHERENT
-        inside = ratio <= stats.f.ppf(BAND, 2, 2 * self.dof)
+        inside = ratio <= stats.f.ppf(CONFIDENCE, 2, 2 * self.dof)
         return Comparison(
             points=len(ratio),
             coherent=int(coherent.sum()),
             inside=float(inside[coherent].mean()) if coherent.any() else None,
             statistic=statistic,
             p_value=p_value,
-            fits=p_value >= 1 - BAND,
+            fits=p_value >= 1 - CONFIDENCE,
         )
 
     def readings(self) -> Readings:
@@ -183,7 +183,7 @@ class Measurement:
         through 0 or 180 degrees."""
         size, frequency = abs(self.response), self.frequency_hz
         octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]
-        flat = len(octave) > 1 and np.ptp(octave) <= FLAT * octave[0]
+        flat = len(octave) > 1 and np.ptp(octave) <= FLAT_SPREAD * octave[0]
         low = float(size[0])
         plateau = float(np.median(octave))
         below = np.flatnonzero(size < plateau / math.sqrt(2)) if flat else np.zeros(0, int)

@@ -36,10 +36,10 @@ def response(
         3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
     )
     radius, magnitude = measured.radius(), abs(measured.response)
-    lines: dict[str, Any] = {"marker": "."} if len(f) < 100 else {}
+    marker = "." if len(f) < 100 else ""
     if model is not None:
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
-    size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", **lines)
+    size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", marker=marker)
     low, high = size.get_ylim()
     if high < 10 * low:  # at least a decade, so that a nearly constant magnitude appears constant
         middle = math.sqrt(low * high)
@@ -84,21 +84,17 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     # Points with a very large error are excluded from the range of the axis.
     low, high = np.maximum(size - band, size.min() / 2), np.minimum(size + band, size.max() * 2)
     axes[0].fill_between(f, low, high, color=INK, alpha=0.2, linewidth=0, label="95 % band")
-    rows: list[tuple[Complexes, dict[str, Any], str]] = [
-        (
-            measured.response,
-            {"color": INK, "marker": ".", "linestyle": "", "markersize": 4},
-            "measured",
-        )
-    ]
-    rows.append((start, {"color": FAINT, "linestyle": "--", **THIN}, "start"))
-    rows.append((fitted, {"color": GOT, "linestyle": "-", **THIN}, "fitted"))
-    for values, look, label in rows:
-        axes[0].loglog(f, abs(values), **look, label=label)
+    axes[0].loglog(f, size, ".", color=INK, markersize=4, label="measured")
+    axes[1].semilogx(f, np.degrees(np.angle(measured.response)), ".", color=INK, markersize=4)
+    for values, linestyle, color, label in (
+        (start, "--", FAINT, "start"),
+        (fitted, "-", GOT, "fitted"),
+    ):
+        axes[0].loglog(f, abs(values), linestyle, color=color, label=label, **THIN)
         degrees = np.degrees(np.angle(values))
-        if look.get("linestyle"):  # a gap at the change from -180 to 180 degrees
-            degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
-        axes[1].semilogx(f, degrees, **look)
+        # a gap at the change from -180 to 180 degrees
+        degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
+        axes[1].semilogx(f, degrees, linestyle, color=color, **THIN)
     axes[0].set_ylabel(
         f"{measured.output} / {measured.input}" + (f", {measured.unit}" if measured.unit else ""),
         parse_math=False,

@@ -16,18 +16,16 @@ from scipy import optimize, signal, stats
 
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
+from forceaxis.identify.measurement import CONFIDENCE, Reals
 
-Reals = NDArray[np.float64]
-
-SHARE = 0.95  # of all intervals
-LARGEST = 1e100  # largest number of a CSV file, so that no sum of squares overflows
-FEWEST_CYCLES = 3
-FEWEST_SAMPLES = 30  # of a ring-down; fewer samples of noise may resemble one
-RATES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # start values of decay rate / angular frequency
-NEARLY = 0.9  # share of the largest amplitude at which the ring-down begins
-EXPLAINED = 0.5  # smallest share of a record's variance that a ring-down has to explain
+LARGEST_NUMBER = 1e100  # largest number of a CSV file, so that no sum of squares overflows
+LEAST_CYCLES = 3  # of a ring-down
+LEAST_SAMPLES = 30  # of a ring-down; fewer samples of noise may resemble one
+START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # start values of decay rate / angular frequency
+START_SHARE = 0.9  # share of the largest amplitude at which the ring-down begins
+LEAST_EXPLAINED = 0.5  # smallest share of a record's variance that a ring-down has to explain
 # ratio of the residual density at the mode to white noise, from which a warning is given
-COLOURED = 4
+WARNED_NOISE_RATIO = 4
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ def regression(
     dof = len(y) - A.shape[1]
     variance = np.sum((y - A @ coefficients) ** 2) / dof
     spread = np.sqrt(variance * np.diag(np.linalg.inv(A.T @ A)))
-    return list(zip(coefficients, stats.t.ppf((1 + SHARE) / 2, dof) * spread, strict=True))
+    return list(zip(coefficients, stats.t.ppf((1 + CONFIDENCE) / 2, dof) * spread, strict=True))
 
 
 def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
@@ -122,10 +120,10 @@ def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
                 column.append(float(text))
             except ValueError:
                 column.append(math.nan)
-            if not abs(column[-1]) < LARGEST:
+            if not abs(column[-1]) < LARGEST_NUMBER:
                 raise InputError(
-                    f"{path}: line {line}, {name}: expected a number, got {text!r}"
-                    + (f"; the largest is {LARGEST:g}" if abs(column[-1]) >= LARGEST else "")
+                    f"{path}: line {line}, {name}: expected a number below {LARGEST_NUMBER:g}, "
+                    f"got {text!r}"
                 )
     return [np.array(column) for column in columns]
 
@@ -202,8 +200,8 @@ def likely_frequencies(time: Reals, values: Reals) -> Reals:
     even = np.linspace(time[0], time[-1], len(time))
     bent = signal.detrend(np.interp(even, time, values))
     size = abs(np.fft.rfft(bent, 2 * len(even)))
-    peaks, about = signal.find_peaks(size, height=0)
-    highest = peaks[np.argsort(about["peak_heights"])[::-1][:3]]
+    peaks, _ = signal.find_peaks(size)
+    highest = peaks[np.argsort(size[peaks])[::-1][:3]]
     return np.asarray(np.pi * highest / len(even) / (even[1] - even[0]))
 
 
@@ -220,12 +218,7 @@ def ring_down(
     a plot, is also given. Raises InputError for fewer than 3 periods and for a record that one
     damped sine does not explain.
     """
-    if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
-        raise InputError(f"{where}: time_s: expected at least two rising times, in s")
-    if len(time_s) < FEWEST_SAMPLES:
-        raise InputError(
-            f"{where}: expected at least {FEWEST_SAMPLES} samples, got {len(time_s)}; record longer"
-        )
+    _expect_samples(time_s, where)
     frequencies, unit = likely_frequencies(time_s, values), float(np.std(values))
     if unit == 0 or not len(frequencies):
         raise too_short(where, 0, floor)
@@ -237,23 +230,15 @@ def ring_down(
         starts = [(rate * omega, omega) for omega in omegas for rate in rates]
         return time, fit_damped_sine(time, (values[inside] - values.mean()) / unit, starts)
 
-    # The record before the largest amplitude is excluded; the excitation may take half of a
-    # period.
-    period = 2 * math.pi / frequencies[0]
-    begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
-    level = signal.detrend(values)
-    amplitude = cycle_amplitudes(time_s, level, frequencies[0], begins)
-    first = begins[np.flatnonzero(amplitude >= NEARLY * amplitude.max())[0]]
-    if first > time_s[0]:
-        first = min(first + period / 4, time_s[-1] - period)
+    first = _start_of_decay(time_s, values, frequencies[0])
     inside = time_s >= first
-    if inside.sum() < FEWEST_SAMPLES:
-        raise too_short(where, (time_s[-1] - first) / period, floor)
-    time, found = fitted(inside, frequencies, RATES)
+    if inside.sum() < LEAST_SAMPLES:
+        raise too_short(where, (time_s[-1] - first) * frequencies[0] / (2 * math.pi), floor)
+    time, found = fitted(inside, frequencies, START_RATIOS)
     rate, omega = found.x[:2]
     if rate * time[-1] > -math.log(floor):
         inside &= time_s <= first - math.log(floor) / rate
-        if inside.sum() < FEWEST_SAMPLES:
+        if inside.sum() < LEAST_SAMPLES:
             raise too_short(where, -math.log(floor) / rate * omega / (2 * math.pi), floor)
         time, found = fitted(inside, [omega], [rate / omega])
         rate, omega = found.x[:2]
@@ -261,21 +246,21 @@ def ring_down(
     residuals, n, p = found.fun, inside.sum(), len(found.x)
     spread = np.sum((values[inside] - values[inside].mean()) ** 2) / unit**2
     explained = 1 - (np.sum(residuals**2) / (n - p)) / (spread / (n - 1))
-    if not explained >= EXPLAINED or not 0 < omega < math.pi * (n - 1) / time[-1]:
+    if not explained >= LEAST_EXPLAINED or not 0 < omega < math.pi * (n - 1) / time[-1]:
         raise InputError(
-            f"{where}: expected one vibration that dies out, the best fit explains "
-            f"{100 * max(explained, 0):.3g} % of the record; cut it with --from-s and --to-s, "
-            "filter it, or strike harder"
+            f"{where}: expected one decaying vibration, the best fit explains "
+            f"{100 * max(explained, 0):.3g} % of the record; select a part of the record by "
+            "`from_s` and `to_s`, filter the record, or strike harder"
         )
     cycles = int(time[-1] * omega / (2 * math.pi) + 0.01)
-    if cycles < FEWEST_CYCLES:
+    if cycles < LEAST_CYCLES:
         raise too_short(where, cycles, floor)
 
     white, local, rounding, coloured = noise_of(
         residuals, n - p, omega * time[-1], values[inside], unit
     )
     covariance = np.linalg.inv(found.jac.T @ found.jac)[:2, :2] * max(white, local, rounding)
-    t = stats.t.ppf((1 + SHARE) / 2, n - p)
+    t = stats.t.ppf((1 + CONFIDENCE) / 2, n - p)
 
     def estimate(value: float, gradient: Reals, unit: str = "") -> Estimate:
         return Estimate(float(value), float(t * math.sqrt(gradient @ covariance @ gradient)), unit)
@@ -285,8 +270,8 @@ def ring_down(
     decrement = estimate(turn * rate / omega, turn * by_cycle)
     if decrement.value + 3 * decrement.half < -1e-6:
         raise InputError(
-            f"{where}: expected a vibration that dies out, it grows: decrement {decrement}; cut "
-            "the record with --from-s and --to-s"
+            f"{where}: expected a decaying vibration, got one that grows: decrement {decrement}; "
+            "select a part of the record by `from_s` and `to_s`"
         )
     offset = damped_sine(time, rate, omega)[:, 2:] @ found.x[4:] * unit + values.mean()
     ends = np.array([0.0, (cycles - 1) * turn / omega])
@@ -311,6 +296,26 @@ def ring_down(
     )
 
 
+def _expect_samples(time_s: Reals, where: Path | str) -> None:
+    """Raises InputError for times that do not rise, and for too few samples."""
+    if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
+        raise InputError(f"{where}: time_s: expected at least two rising times, in s")
+    if len(time_s) < LEAST_SAMPLES:
+        raise InputError(
+            f"{where}: expected at least {LEAST_SAMPLES} samples, got {len(time_s)}; record longer"
+        )
+
+
+def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
+    """The time in s at which the free vibration begins: the largest amplitude, and a quarter of a
+    period later if the record begins earlier, because the excitation may take half of a period."""
+    period = 2 * math.pi / omega
+    begins = time_s[time_s <= max(time_s[-1] - period, time_s[0])]
+    amplitude = cycle_amplitudes(time_s, signal.detrend(values), omega, begins)
+    first = begins[np.flatnonzero(amplitude >= START_SHARE * amplitude.max())[0]]
+    return float(min(first + period / 4, time_s[-1] - period) if first > time_s[0] else first)
+
+
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
@@ -331,13 +336,13 @@ def noise_of(
     # residual does not contain; twice the variance of rounding, step^2 / 12, covers them.
     levels = np.unique(values)
     rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
-    return white, local, rounding, local > COLOURED * white and len(near) > 4
+    return white, local, rounding, local > WARNED_NOISE_RATIO * white and len(near) > 4
 
 
 def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
     """The error for a record with too few periods."""
     return InputError(
-        f"{where}: expected a ring-down of at least {FEWEST_CYCLES} cycles, found {int(cycles)}; "
+        f"{where}: expected a ring-down of at least {LEAST_CYCLES} cycles, found {int(cycles)}; "
         f"record longer, strike harder or lower the floor of {floor:g}"
     )
 
@@ -488,15 +493,16 @@ def motor_damping(
 def decrement(
     path: Path | str,
     column: str | None = None,
-    window_s: tuple[float, float] = (-math.inf, math.inf),
+    from_s: float = -math.inf,
+    to_s: float = math.inf,
     floor: float = 0.05,
     *,
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> tuple[RingDown, ModeParameters | None]:
-    """ring_down() of a CSV file with the column time_s, and mode_parameters() for a known mass (kg)
-    or stiffness (N/m). `column` is the column of the signal; it is optional if the file has only
-    one column besides time_s."""
+    """ring_down() of a CSV file with the column time_s, from from_s to to_s in s, and
+    mode_parameters() for a known mass (kg) or stiffness (N/m). `column` is the column of the
+    signal; it is optional if the file has only one column besides time_s."""
     if column is None:
         header = header_of(path)
         others = [name for name in header if name != "time_s"]
@@ -506,7 +512,7 @@ def decrement(
             )
         column = (others or [""])[0]
     time, values = read_columns(path, ["time_s", column])
-    inside = (time >= window_s[0]) & (time <= window_s[1])
+    inside = (time >= from_s) & (time <= to_s)
     found = ring_down(time[inside], values[inside], floor, path)
     if mass is None and stiffness is None:
         return found, None

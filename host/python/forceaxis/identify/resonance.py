@@ -6,24 +6,24 @@ The thesis fits it by eye in five steps, beginning with the lowest resonance; `f
 steps numerically.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize, signal
 
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
+from forceaxis.linear.plant_facts import Overrides
 
-# Ranges of damping ratios in the fit: with a smaller one the peak is narrower than any data, with
+# Range of damping ratios in the fit: with a smaller one the peak is narrower than any data, with
 # a larger one there is no peak.
-ZETA = (1e-5, 1.0)
-# Largest ratio of a resonance's frequency to that of its peak.
-FREEDOM = 1.3
+DAMPING_RATIOS = (1e-5, 1.0)
+# Largest ratio of the frequency of a resonance to the frequency of its peak in the data.
+FREQUENCY_RATIO = 1.3
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,12 @@ class Resonance:
         """R_i at complex s (1/s)."""
         s = np.asarray(s, complex)
         value: Complexes = 1 / _pair(s, self.peak_hz, self.peak_damping)
-        if self.trough_hz is not None:
-            value = value * _pair(s, self.trough_hz, self.trough_damping)
-        return value
+        return value * _pair(s, *self.trough) if self.trough else value
 
 
-def _pair(s: Any, hz: Any, zeta: Any) -> Any:
-    x = s / (2 * np.pi * hz)
-    return x * x + 2 * zeta * x + 1
+def _pair(s: ArrayLike, hz: Reals | float, zeta: Reals | float) -> Complexes:
+    x = np.asarray(s, complex) / (2 * np.pi * hz)
+    return np.asarray(x * x + 2 * zeta * x + 1)
 
 
 @dataclass(frozen=True)
@@ -146,8 +144,10 @@ def fit(
 
 def _checked(
     frequency_hz: ArrayLike, response: ArrayLike, rigid_response: ArrayLike
-) -> tuple[Reals, NDArray[Any], NDArray[Any]]:
-    f, data, rigid = (np.asarray(x) for x in (frequency_hz, response, rigid_response))
+) -> tuple[Reals, Complexes, Complexes]:
+    """The arguments of fit() as arrays. Raises InputError for data that cannot be fitted."""
+    f = np.asarray(frequency_hz, float)
+    data, rigid = (np.asarray(x, complex) for x in (response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
         raise InputError(
             "response: expected as many values of response and rigid-body response as frequencies, "
@@ -175,12 +175,12 @@ def _extremes(
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
 
-    found, about = signal.find_peaks(target, prominence=prominence_db)
+    found, _ = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
     # Assigned before weaker peaks are removed together with their troughs.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
-    strongest = np.sort(np.argsort(about["prominences"])[::-1][:modes])
+    strongest = np.sort(np.argsort(signal.peak_prominences(target, found)[0])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
 
 
@@ -229,10 +229,10 @@ def _match(
             if len(tops):
                 top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
                 moved = pairs[i, 0] / np.sqrt(top)
-                pairs[i, 0] = np.clip(moved, mark / FREEDOM, mark * FREEDOM)
+                pairs[i, 0] = np.clip(moved, mark / FREQUENCY_RATIO, mark * FREQUENCY_RATIO)
             # The size of a peak or trough in dB depends on its own damping.
             over = (model_db(np.array([mark]))[0] - level[i]) * s
-            pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *ZETA)
+            pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *DAMPING_RATIOS)
     return _resonances(best, troughs)
 
 
@@ -259,23 +259,19 @@ def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Reso
 
     guess = np.log(np.array(pairs))
     low, high = guess.copy(), guess.copy()
-    low[:, 0] -= np.log(FREEDOM)
-    high[:, 0] += np.log(FREEDOM)
-    low[:, 1], high[:, 1] = np.log(ZETA)
+    low[:, 0] -= np.log(FREQUENCY_RATIO)
+    high[:, 0] += np.log(FREQUENCY_RATIO)
+    low[:, 1], high[:, 1] = np.log(DAMPING_RATIOS)
     guess[:, 1] = np.clip(guess[:, 1], low[:, 1] + 1e-6, high[:, 1] - 1e-6)
     done = optimize.least_squares(error, guess.ravel(), bounds=(low.ravel(), high.ravel()))
     return _resonances(np.exp(done.x.reshape(-1, 2)), [r.trough_hz for r in start])
 
 
 @dataclass(frozen=True)
-class ResonanceResult:
-    """Resonances of a measured response with errors as in Fit, and the zeros and poles of their
-    product in 1/s, each as (real part, imaginary part)."""
+class ResonanceResult(Fit):
+    """A Fit to a measured response, and the zeros and poles of the product of its resonances in
+    1/s, each as (real part, imaginary part)."""
 
-    resonances: tuple[Resonance, ...]
-    rms_db: float
-    max_db: float
-    phase_error_deg: float | None
     zeros: tuple[tuple[float, float], ...]
     poles: tuple[tuple[float, float], ...]
 
@@ -284,7 +280,7 @@ def of_measurement(
     model: str,
     response: str,
     rigid: str,
-    overrides: Mapping[str, Any],
+    overrides: Overrides,
     modes: int,
     prominence_db: float,
     refine: bool,
@@ -300,10 +296,7 @@ def of_measurement(
     found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)
     zeros, poles, _ = found.cascade().zpk()
     return ResonanceResult(
-        found.resonances,
-        found.rms_db,
-        found.max_db,
-        found.phase_error_deg,
+        **vars(found),
         zeros=tuple((z.real, z.imag) for z in zeros),
         poles=tuple((p.real, p.imag) for p in poles),
     )

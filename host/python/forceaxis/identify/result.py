@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from forceaxis import _core, linear, objects, paths
 from forceaxis.identify import measure
 from forceaxis.identify.measurement import Comparison, Complexes, Measurement, Readings
-from forceaxis.identify.setup import Setup, read_setup
+from forceaxis.identify.setup import Setup, SetupTable, read_setup
 from forceaxis.linear import working
 from forceaxis.results import to_json
 
-STOPS = (".low", ".high")  # ends of the names of the two contacts of a stop
+STOP_CONTACTS = (".low", ".high")  # ends of the names of the two contacts of a stop
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class MeasurementResult(Generic[Summary]):
 
 def run(
     target: str | Path,
-    options: Mapping[str, Any] | None = None,
+    options: SetupTable | None = None,
     plant_set: linear.Overrides | None = None,
     command: str = "",
 ) -> MeasurementResult[MeasurementSummary]:
@@ -88,7 +88,7 @@ def run(
     contacts = {
         name: shares.get("pressed", 0.0)
         for name, shares in measured.states.items()
-        if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(STOPS)
+        if shares.keys() <= {"apart", "pressed", "overlap"} and not name.endswith(STOP_CONTACTS)
     }
     summary = MeasurementSummary(
         measurement=where,
@@ -127,7 +127,9 @@ def run(
     return MeasurementResult(setup, measured, model, summary, title)
 
 
-STUCK = 0.01  # share of the time; a body sticks for a moment when its direction changes
+# Share of the time above which a body counts as stuck; a body sticks for a moment when its
+# direction changes.
+STUCK_SHARE = 0.01
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
@@ -138,18 +140,19 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
     texts = []
     for name, shares in measured.states.items():
         stuck = shares.get(working.STUCK, 0.0)
-        if stuck > STUCK and taken.modes.get(name) == working.SLIDING:
+        if stuck > STUCK_SHARE and taken.modes.get(name) == working.SLIDING:
             texts.append(
-                f"{name} was stuck {100 * stuck:.3g} % of the time, the model has it sliding: "
-                "raise the level until it slides; less shows the friction, not the plant"
+                f"{name} was stuck {100 * stuck:.3g} % of the time, but the model assumes that it "
+                "slides: raise the level until it slides, because a smaller level shows the "
+                "friction instead of the plant"
             )
     for name in working.backlashes(linear.find_model(setup.model)):
         flanks = [measured.states.get(name + flank, {}) for flank in working.FLANKS]
         closed = sum(shares.get(working.CLOSED, 0.0) for shares in flanks)
         if closed < 1 - 1e-9 and all(flanks):
             texts.append(
-                f"{name} was open {100 * (1 - closed):.3g} % of the time, the model has its play "
-                "taken up: press harder by a bias, or lower the level"
+                f"{name} was open {100 * (1 - closed):.3g} % of the time, but the model assumes "
+                "that the backlash is closed: press harder by a bias, or lower the level"
             )
     return texts
 
@@ -161,15 +164,16 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
     for name, share in contacts.items():
         if setup.free and share > 0:
             known = linear.facts(setup.model, measured.overrides).parameters
-            apart = "start further apart (--set approach=0.5, m), " if "approach" in known else ""
+            apart = "start further apart (approach = 0.5, m), " if "approach" in known else ""
             texts.append(
-                f"{name} was pressed {100 * share:.3g} % of the time, the model has it apart: "
-                f"{apart}{moves}"
+                f"{name} was pressed {100 * share:.3g} % of the time, but the model assumes that "
+                f"it is apart: {apart}{moves}"
             )
         if not setup.free and share < 1:
             texts.append(
-                f"{name} was apart {100 * (1 - share):.3g} % of the time, the model has it "
-                f"pressed: press harder by a bias, lower the level, or measure --clamped or --free"
+                f"{name} was apart {100 * (1 - share):.3g} % of the time, but the model assumes "
+                "that it is pressed: press harder by a bias, lower the level, or measure with "
+                "clamped or free contacts"
             )
     texts += _stuck(setup, measured)
     for name, shares in measured.states.items():
@@ -179,8 +183,8 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
     if measured.input_bias > np.median(measured.random_error()) / 3:
         texts.append(
             f"rounding and noise of the input {measured.input} make the response up to "
-            f"{100 * measured.input_bias:.2g} % too small, which the band does not hold: raise the "
-            "level, or take what is injected as input"
+            f"{100 * measured.input_bias:.2g} % too small, which the 95 % band does not contain: "
+            "raise the level, or use the injected signal as input"
         )
     return texts
 
@@ -207,9 +211,9 @@ def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> Non
     }
     arrays_of_model: dict[str, Complexes] = {}
     if done.model is not None:
-        columns["model_magnitude"] = abs(done.model)
-        columns["model_phase_deg"] = np.degrees(np.angle(done.model))
-        arrays_of_model["model"] = done.model
+        degrees = np.degrees(np.angle(done.model))
+        columns |= {"model_magnitude": abs(done.model), "model_phase_deg": degrees}
+        arrays_of_model = {"model": done.model}
     # The other fields of the Measurement, which `fit.read_response` reads.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     names = ["response.csv", "response.npz", "result.json", *["plot.png"] * draw]

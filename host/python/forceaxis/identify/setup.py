@@ -5,12 +5,18 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NoReturn, TypeGuard
+from typing import Any, NoReturn, TypeAlias, TypeGuard
 
 from forceaxis import paths, toml
 from forceaxis._core import InputError
+from forceaxis.toml import TomlValue
 
-CODES = ("adc0", "adc1", "encoder", "dac_code")
+CODES = ("adc0", "adc1", "encoder", "dac_code")  # signals of the firmware
+
+SetupTable: TypeAlias = Mapping[
+    str, Any
+]  # keys of a measurement file, or options that replace them
+Check: TypeAlias = Callable[[TomlValue], bool]
 
 
 @dataclass(frozen=True)
@@ -47,10 +53,10 @@ class Setup:
     set: dict[str, float | str] = field(default_factory=dict)
 
 
-def read_setup(target: str | Path, options: Mapping[str, Any] | None = None) -> tuple[Setup, str]:
+def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
     """(Setup, name of the source) of a measurement file, or of a model; `options` replace keys.
     Raises InputError."""
-    options = {k: v for k, v in (options or {}).items() if v is not None}
+    options = {key: value for key, value in (options or {}).items() if value is not None}
     if not str(target).strip():
         raise InputError("measure: TARGET: expected a measurement or a model, got nothing")
     path = Path(target)
@@ -79,74 +85,83 @@ def read_setup(target: str | Path, options: Mapping[str, Any] | None = None) -> 
     return check(given, where), where
 
 
-# {key: (text about its values, function that checks a value)}.
-KEYS: dict[str, tuple[str, Callable[[Any], object]]] = {
-    "input": ("a signal's name", lambda v: isinstance(v, str) and v),
-    "output": ("a signal's name", lambda v: isinstance(v, str) and v),
-    "inject": ("volts or codes", ("volts", "codes").__contains__),
-    "excitation": ("noise, sine or chirp", ("noise", "sine", "chirp").__contains__),
-    "window": ("none or hann", ("none", "hann").__contains__),
-    "band_hz": (
-        "two rising frequencies below 1e6, [1, 200]",
-        lambda v: len(v) == 2 and all(is_number(x) for x in v) and 0 < v[0] < v[1] < 1e6,
-    ),
-    "resolution_hz": (
-        "a frequency of 0.001 Hz or more",
-        lambda v: is_number(v) and 1e-3 <= v < 1e6,
-    ),
-    "level": ("a number > 0, below 1e6", lambda v: is_number(v) and 0 < v < 1e6),
-    "bias": ("a number between -1e6 and 1e6", lambda v: is_number(v) and abs(v) < 1e6),
-    "averages": ("a whole number 4..4096", lambda v: is_whole(v) and 4 <= v <= 4096),
-    "points": ("a whole number 2..1000", lambda v: is_whole(v) and 2 <= v <= 1000),
-    "bits": ("a whole number 8..16", lambda v: is_whole(v) and 8 <= v <= 16),
-    "scale": (
-        "a number other than 0, below 1e12",
-        lambda v: is_number(v) and v != 0 and abs(v) < 1e12,
-    ),
-    "clamped": ("true or false", lambda v: isinstance(v, bool)),
-    "free": ("true or false", lambda v: isinstance(v, bool)),
-    "seed": ("a whole number 0..2^31 - 1", lambda v: is_whole(v) and 0 <= v < 2**31),
-    "set": (
-        "a table of numbers or quantities",
-        lambda v: (
-            isinstance(v, dict) and all(is_number(x) or isinstance(x, str) for x in v.values())
-        ),
-    ),
-}
-
-
-def is_number(value: object) -> TypeGuard[float]:
+def is_number(value: TomlValue) -> TypeGuard[float]:
     """Whether a value of a file is a finite number."""
     return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
 
 
-def is_whole(value: object) -> TypeGuard[int]:
-    """Whether a value of a file is a whole number."""
-    return not isinstance(value, bool) and isinstance(value, int)
+def _number(low: float, high: float) -> Check:
+    """Checks a number from `low` to below `high`."""
+    return lambda value: is_number(value) and low <= value < high
 
 
-def check(given: Mapping[str, Any], where: str) -> Setup:
+def _whole(low: int, high: int) -> Check:
+    """Checks a whole number from `low` to `high`."""
+    return lambda value: is_number(value) and isinstance(value, int) and low <= value <= high
+
+
+def _magnitude(low: float, high: float) -> Check:
+    """Checks a number with a magnitude above `low` and below `high`."""
+    return lambda value: is_number(value) and low < abs(value) < high
+
+
+def _is_band(value: TomlValue) -> bool:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        return False
+    low, high = value
+    return is_number(low) and is_number(high) and 0 < low < high < 1e6
+
+
+def _is_table(value: TomlValue) -> bool:
+    return isinstance(value, Mapping) and all(
+        is_number(item) or isinstance(item, str) for item in value.values()
+    )
+
+
+def _is_line(value: TomlValue) -> bool:
+    return isinstance(value, str) and bool(value) and value.isprintable()
+
+
+# {key: (text about its values, function that checks a value)}.
+KEYS: dict[str, tuple[str, Check]] = {
+    "input": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
+    "output": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
+    "inject": ("volts or codes", ("volts", "codes").__contains__),
+    "excitation": ("noise, sine or chirp", ("noise", "sine", "chirp").__contains__),
+    "window": ("none or hann", ("none", "hann").__contains__),
+    "band_hz": ("two rising frequencies below 1e6, [1, 200]", _is_band),
+    "resolution_hz": ("a frequency of 0.001 Hz or more", _number(1e-3, 1e6)),
+    "level": (
+        "a number > 0, below 1e6",
+        lambda value: is_number(value) and 0 < value < 1e6,
+    ),
+    "bias": ("a number between -1e6 and 1e6", _magnitude(-1, 1e6)),
+    "averages": ("a whole number 4..4096", _whole(4, 4096)),
+    "points": ("a whole number 2..1000", _whole(2, 1000)),
+    "bits": ("a whole number 8..16", _whole(8, 16)),
+    "scale": ("a number other than 0, below 1e12", _magnitude(0, 1e12)),
+    "clamped": ("true or false", lambda value: isinstance(value, bool)),
+    "free": ("true or false", lambda value: isinstance(value, bool)),
+    "seed": ("a whole number 0..2^31 - 1", _whole(0, 2**31 - 1)),
+    "set": ("a table of numbers or quantities", _is_table),
+}
+
+
+def check(given: SetupTable, where: str) -> Setup:
     """A Setup from the keys of a file, after a check of each key. Raises InputError."""
 
     def fail(key: str, text: str) -> NoReturn:
         raise InputError(f"{where}: {key}: {text}")
 
-    names = [f.name for f in fields(Setup)]
-    toml.expect_keys(given, names, fail)
+    toml.expect_keys(given, [f.name for f in fields(Setup)], fail)
     for key, value in given.items():
-        text, holds = KEYS.get(
-            key, ("a text of one line", lambda v: isinstance(v, str) and v.isprintable())
-        )
-        try:
-            good = holds(value)
-        except TypeError:
-            good = False
-        if not good:
+        text, accepts = KEYS.get(key, ("a text of one line", _is_line))
+        if not accepts(value):
             fail(key, f"expected {text}, got {value!r}")
     setup = Setup(**given)
     codes = setup.inject == "codes"
     if not setup.output:
-        fail("output", "expected the name of a signal; name what is measured")
+        fail("output", "expected the name of the measured signal; add the key")
     low, high = setup.band_hz
     setup = replace(
         setup,
@@ -159,17 +174,25 @@ def check(given: Mapping[str, Any], where: str) -> Setup:
         fail("window", f"expected none with {setup.excitation}, which is measured over a period")
     if setup.free and setup.clamped:
         fail("clamped", "expected either clamped or free contacts")
-    if codes and not (setup.level <= 2048 and setup.level == int(setup.level)):
-        fail("level", f"expected whole codes 1..2048, got {setup.level:g}")
-    if codes and not (-2048 <= setup.bias <= 2047 and setup.bias == int(setup.bias)):
-        fail("bias", f"expected a whole code -2048..2047, got {setup.bias:g}")
-    if codes and setup.level + abs(setup.bias) > 2048:
+    if codes:
+        _check_codes(setup, fail)
+    else:
+        for key, signal in (("input", setup.input), ("output", setup.output)):
+            if signal in CODES:
+                fail(key, f"expected a simulated signal, {signal} needs inject = codes")
+    return setup
+
+
+def _check_codes(setup: Setup, fail: Callable[[str, str], NoReturn]) -> None:
+    """Reports a level or bias in DAC codes that the firmware cannot excite with."""
+    level, bias = setup.level, setup.bias
+    if not (level <= 2048 and level == int(level)):
+        fail("level", f"expected whole codes 1..2048, got {level:g}")
+    if not (-2048 <= bias <= 2047 and bias == int(bias)):
+        fail("bias", f"expected a whole code -2048..2047, got {bias:g}")
+    if level + abs(bias) > 2048:
         fail(
             "level",
-            f"expected level and bias of 2048 codes together at most, where the DAC ends, got "
-            f"{setup.level:g} and {setup.bias:g}",
+            "expected at most 2048 codes as the sum of level and bias, because the range of the "
+            f"DAC ends there, got {level:g} and {bias:g}",
         )
-    for key in ("input", "output"):
-        if not codes and getattr(setup, key) in CODES:
-            fail(key, f"expected a simulated signal, {getattr(setup, key)} needs inject = codes")
-    return setup

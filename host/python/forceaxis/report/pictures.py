@@ -21,11 +21,7 @@ def figure(drawn: Figure) -> Markup:
 def thumbnail(done: Run) -> Markup:
     """The main signal of a run as inline SVG: a force of the model if there is one."""
     name = _shown(done)
-    time_s, values = done.columns["time_s"], np.asarray(done.columns[name], float)
-    start, stop = done.plot.get("from_s", time_s[0]), done.plot.get("to_s", time_s[-1])
-    within = (time_s >= start) & (time_s <= stop)
-    if within.any():
-        values = values[within]
+    values = np.asarray(done.columns[name], float)[done.in_plot]
     held = done.result.metrics.held_force
     setpoint = held.setpoint_N if held and name.rpartition(".")[2] in FORCES else None
     low, high = values.min(), values.max()
@@ -55,7 +51,6 @@ FORCES = ("force", "spring_force")  # last parts of the names of force signals o
 
 def _shown(done: Run) -> str:
     """The column that a thumbnail shows."""
-    rows = done.plot.get("rows", [["encoder"], ["adc0"], ["dac"]])
-    there = [n for row in rows for n in row if n in done.columns]
+    there = [n for row in done.plot.rows for n in row if n in done.columns]
     forces = [n for n in there if n.rpartition(".")[2] in FORCES]
     return next(iter([*forces, *(n for n in there if n == "adc0"), *there]), "adc0")
