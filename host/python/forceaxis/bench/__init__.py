@@ -1,2 +1,2 @@
-"""Benchmarks: the simulator and other simulators; the lock-step rate and the raw rate of its
-transport."""
+"""Benchmarks: speed of the simulator and of other simulators, and rate of the lock-step of plant
+and firmware over a connection."""

@@ -46,29 +46,29 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Runner = Callable[[], TimedRun | None]
-Advance = Callable[[], None]  # called after each step of the benchmark
+Advance = Callable[[], None]  # the progress bar advances by one step
 
 OWN_TOOLS = ("forceaxis", "forceaxis+firmware")
 TOOLS = (*OWN_TOOLS, "odeint", "mujoco", "scipy")
 TICKS = 3000
 SPAN_S = TICKS / _core.TICKS_PER_SECOND
 SETPOINT_B_N = 100
-TURN_S = 0.01  # of one tool
+TURN_S = 0.01  # CPU time during which one tool repeats its run before the next tool
 RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MAX_S = "full_axis", 10_000, 0.020
 ADVICE_MODELS, ADVICE_MAX_S = ("laboratory", "full_axis"), 1.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """A plant and its control law: gain in DAC codes per ADC code, set-point in N."""
+    """A case of the benchmark: an experiment and the gain and set-point of its force loop."""
 
     experiment: str
     signals: tuple[str, str, str]  # contact force, robot's body, workpiece's body
-    gain: int
+    gain: int  # DAC codes per ADC code
     setpoint_N: int
 
     def plant(self) -> _core.BenchCase:
-        """The plant of the case in the compiled module."""
+        """The simulated plant of the case, an object of the compiled module."""
         return _core.BenchCase(paths.EXPERIMENTS / self.experiment, *self.signals)
 
 
@@ -109,7 +109,7 @@ class EventCost:
     run_us: float  # CPU time without events
     event_us: float  # CPU time of one event
     r_squared: float
-    worst_deviation: float  # largest deviation from the straight line, as a share of its value
+    worst_deviation: float  # largest relative deviation of a CPU time from the straight line
     points: list[tuple[int, float]]  # (events, CPU time in us) of each run
 
 
@@ -118,10 +118,10 @@ class AnalysisSpeed:
     """Time of one computation of the linear analysis, with forceaxis and with python-control."""
 
     work: str
-    states: int  # of the system
+    states: int  # number of states of the system
     seconds: float
-    control_seconds: float | None  # None: python-control does not have this computation
-    difference: float | None  # between both results, relative
+    control_seconds: float | None  # time of python-control; None: it cannot compute this
+    difference: float | None  # relative difference between the results of both programs
 
 
 @dataclass(frozen=True)
@@ -143,9 +143,10 @@ CASES = {
     "B": Case("axis_contact_b.toml", AXIS_SIGNALS, 15, SETPOINT_B_N),
     "full": Case("full_axis.toml", ("pad.force", "rotor", "workpiece"), 4, 59),
 }
-# {name: (gains in DAC codes per ADC count, set-points in N)}: 64 x 64 runs, including both ends.
+# Sweeps of 64 x 64 runs: {name: (range of the gain in DAC codes per ADC code, range of the
+# set-point in N)}.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
-SWEEP_SIDE = 64  # number of gains and of set-points
+SWEEP_SIDE = 64  # number of gains and number of set-points in a sweep
 
 
 class Peers:
@@ -168,7 +169,10 @@ class Peers:
             self.missing["scipy"] = "not installed"
 
     def run(self, tool: str, case: Case, full: bool, ticks: int = TICKS) -> TimedRun | None:
-        """One run; None if the tool fails."""
+        """Simulates a case once with another simulator; None if this simulator fails.
+
+        tool: "odeint", "mujoco" or "reference". full: whether the case is "full".
+        """
         assert self._call is not None
         values = np.zeros((4, TICKS + 1))
         codes = np.zeros(TICKS + 1, np.int32)
@@ -185,14 +189,14 @@ class Peers:
 
 
 def own_run(plant: _core.BenchCase, gain: int, setpoint_N: int, firmware: bool = False) -> TimedRun:
-    """One run of the simulator."""
+    """Simulates a case once with forceaxis. firmware: with the firmware as the control law."""
     done = plant.run(gain, setpoint_N, firmware)
     return TimedRun(done["force"], done["count"], done["seconds"], done["events"])
 
 
 def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
-    """{tool: function of one run} of a case. Models are read and modes are built here, so that only
-    the run is timed."""
+    """For each tool, a function that simulates a case once. Models are read and modes are built
+    here, so that only the simulation is timed."""
     case, full = CASES[name], name == "full"
     own = functools.partial(own_run, case.plant(), case.gain, case.setpoint_N)
     every: dict[str, Runner] = {
@@ -207,7 +211,7 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
 
 
 def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
-    """(CPU seconds of successive runs of a tool during TURN_S, the last run)."""
+    """Repeats the run of a tool for TURN_S: (CPU seconds of each run, the last run)."""
     times: list[float] = []
     while True:
         last = once()
@@ -245,7 +249,8 @@ def cases(
 def case_speed(
     case: str, tool: str, seconds: Sequence[float], last: TimedRun, reference: TimedRun | None
 ) -> CaseSpeed:
-    """Speed and accuracy from the CPU seconds of all runs and from the last run."""
+    """Speed and accuracy of a tool in a case, from the CPU seconds of its runs and from its last
+    run."""
     error_N = codes_differ = None
     if reference:
         error_N = float(abs(last.force_N - reference.force_N).max())
@@ -264,7 +269,7 @@ def case_speed(
 
 
 def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
-    """Speed of two sweeps of 4096 runs and of the 55 cells of the thesis."""
+    """Speed of two sweeps of 4096 runs, and of the runs of the 55 cells of the thesis."""
     plant = CASES["A"].plant()
     known = tables.load()
     jobs = [known.job(c) for c in known.cells]
@@ -278,7 +283,7 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         done = plant.sweep(*SWEEPS[name], SWEEP_SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    # name -> (number of runs, function of the number of threads: elapsed time and CPU time in s)
+    # name -> (number of runs, function from number of threads to elapsed time and CPU time in s)
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }
@@ -306,7 +311,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
 
 
 def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
-    """CPU time of case B at several gains as a function of its events: seconds = a + b events."""
+    """CPU time of case B as a function of its number of events, seconds = a + b events, from runs
+    with several gains."""
     plant = CASES["B"].plant()
     seconds: dict[int, list[float]] = {gain: [] for gain in gains}
     for _ in range(max(repeat, 3)):
@@ -328,7 +334,8 @@ def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
 
 
 def fastest(repeat: int, once: Callable[[], T]) -> tuple[float, T]:
-    """(wall time in s of the fastest of `repeat` calls, result of the last call)."""
+    """Calls a function `repeat` times: (elapsed time in s of the fastest call, result of the last
+    call)."""
     times = []
     for _ in range(repeat):
         start = time.perf_counter()
@@ -358,7 +365,7 @@ def critical_gain_by_bisection(sampled: "control.StateSpace") -> float:
 
 
 def fresh_limit(loop: "Loop") -> "Limit":
-    """The limit of a loop, computed without stored intermediate results."""
+    """The limit of a loop, computed without the stored results of earlier computations."""
     return replace(loop).limit()
 
 
@@ -369,7 +376,7 @@ def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     Both use the same matrices. The time of a frequency response of 10,000 frequencies includes the
     transformation of the matrices to Hessenberg form. The critical gain of forceaxis comes with all
     crossings; that of python-control is a bisection on the poles of control.feedback, because
-    stability_margins uses a grid for these loops and does not find it.
+    control.stability_margins uses a grid for these loops and does not find the critical gain.
     """
     from forceaxis import linear
     from forceaxis.design import advise
@@ -379,7 +386,7 @@ def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)
     theirs = system.state_space()
-    # replace() makes a system without stored intermediate results.
+    # replace() returns a system without the stored results of earlier computations.
     seconds, response = fastest(repeat, lambda: replace(system).response(frequency))
     control_seconds, peer = fastest(few, lambda: theirs(2j * np.pi * frequency))
     rows = [
@@ -438,7 +445,8 @@ def run(
 
 
 def check(result: BenchResult) -> list[Requirement]:
-    """The required figures. A figure that was not measured is not reached."""
+    """The required figures of the benchmark. A requirement is not reached if its figure was not
+    measured."""
     row = {(r.case, r.tool): r for r in result.results}
 
     def speed(case: str, tool: str) -> float | None:

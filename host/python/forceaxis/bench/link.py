@@ -37,7 +37,7 @@ class LinkRates:
 
     link: str  # "lcm" or "socketcan"
     raw_per_s: float  # message exchanges per second of the plain programs
-    ticks_per_s: float  # of the lock-step with one axis
+    ticks_per_s: float  # rate of the lock-step with one axis
     share: float  # ticks_per_s / raw_per_s
     real_time: float  # simulated time / elapsed time, one axis
     six_axes_ticks_per_s: float
@@ -52,8 +52,8 @@ def _pin_to_one_cpu() -> None:
 
 @contextlib.contextmanager
 def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
-    """Context of a program on one CPU that has printed its first line; it is ended after the
-    context."""
+    """Starts a program on one CPU and waits for its first line. The program is ended at the end of
+    the context."""
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, preexec_fn=_pin_to_one_cpu
     )
@@ -93,7 +93,8 @@ def raw_rate(kind: str, where: str) -> float:
 
 
 def lock_step(kind: str, axes: int) -> PlantReport:
-    """The report of plant_node about one run. Raises link.LinkError."""
+    """Runs plant and firmware in lock-step and returns the report of plant_node. Raises
+    link.LinkError."""
     run_id = str(link.new_run_id())
     common = [str(EXPERIMENT), "--axes", str(axes), "--link", kind, "--run-id", run_id]
     with _running(link.program("axis_node"), *common) as axis:
@@ -110,7 +111,7 @@ def lock_step(kind: str, axes: int) -> PlantReport:
 
 
 def measure(kind: str, turns: int) -> LinkRates:
-    """Raw rate and lock-step rate of a transport on this machine."""
+    """Measures the raw rate and the lock-step rates of a transport, as medians of some turns."""
     raw, one, six = [], [], []
     for _ in range(turns):
         where = _core.lcm_url_of(link.new_run_id()) if kind == "lcm" else CAN

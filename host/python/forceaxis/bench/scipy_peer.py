@@ -28,7 +28,7 @@ class TimedRun(NamedTuple):
 
     force_N: NDArray[np.float64]  # contact force at each tick
     codes: NDArray[np.int32]  # ADC code of the contact force at each tick
-    seconds: float  # CPU time
+    seconds: float  # CPU time of the run
     events: int | None  # number of switching events; None: unknown
 
 
@@ -83,13 +83,14 @@ class _Plant:
         )
 
     def enter(self, x: State) -> None:
-        """Updates the regions for the state x after a step of the command."""
+        """Updates the regions of current feedback and amplifier for the state x, after a step of
+        the command."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
 
     def guards(self) -> list[Guard]:
-        """The events that end the present regions."""
+        """The events at which the plant leaves its present regions."""
         guards = []
         side = self.amplifier
         if side > -2:
@@ -124,7 +125,8 @@ class _Plant:
 
 
 def run(gain: int, setpoint_N: int, ticks: int) -> TimedRun:
-    """One run from tick 0 to `ticks`. gain: DAC codes per ADC code."""
+    """Simulates the plant and its force loop from tick 0 to `ticks`. gain: DAC codes per ADC
+    code."""
     from scipy.integrate import solve_ivp
 
     plant, x, crossings = _Plant(), np.array([0, 0, -0.005, 0, 0, 0]), 0

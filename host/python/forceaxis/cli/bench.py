@@ -80,12 +80,12 @@ def bench_(
 
 
 def check_line(requirement: Requirement) -> str:
-    """A required figure as a line."""
+    """Return one line: whether a required figure is reached, and the figure."""
     return f"{'held' if requirement.held else 'NOT HELD':12} {requirement.check}"
 
 
 def rates_line(r: bench_link.LinkRates) -> str:
-    """The rates of one transport as a line."""
+    """Return one line: the rates of the lock-step over a transport, and its raw rate."""
     return (
         f"{r.link:12} {r.ticks_per_s:,.0f} ticks/s ({r.real_time:.1f} x real time), "
         f"{r.share:.0%} of a raw ping-pong's {r.raw_per_s:,.0f}/s; six axes "
@@ -95,7 +95,7 @@ def rates_line(r: bench_link.LinkRates) -> str:
 
 
 def bench_text(result: bench.BenchResult) -> str:
-    """The result of the benchmark as a table and lines."""
+    """Return the table of the cases, and one line for each other result of the benchmark."""
     lines = ["case  tool                x real time   us/tick   spread   force error   events"]
     for r in result.results:
         error = "unknown" if r.force_error_N is None else f"{r.force_error_N:.1e} N"

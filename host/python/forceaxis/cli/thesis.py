@@ -61,7 +61,8 @@ def tables_(
 
 
 def tables_text(result: tables.TablesResult) -> str:
-    """The cells with a difference, each with its reason, the fitted constants and the score."""
+    """Return lines: each cell whose simulated verdict differs, with the reason; the fitted
+    constants; the number of cells that agree."""
     lines = []
     for cell in result.cells:
         if cell.agrees:
@@ -141,7 +142,7 @@ def session(out: Path, as_json: bool) -> None:
     link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
 
-    # As an interrupt: the programs are ended and the journal is complete.
+    # SIGTERM has the effect of an interrupt: the programs are ended and the journal is complete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     def report(step: str) -> None:
@@ -158,7 +159,7 @@ def session(out: Path, as_json: bool) -> None:
 
 
 def session_text(found: "SessionResult") -> str:
-    """The observed values of a session, with their units."""
+    """Return the observed values of a session as lines with units."""
     from forceaxis.thesis import session as thesis_session
 
     scales = thesis_session.scales()

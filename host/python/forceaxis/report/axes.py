@@ -25,7 +25,7 @@ from forceaxis.words import plain
 Picture = tuple[str, Markup]  # caption, image
 
 SHOWN_EXPERIMENTS_MAX = 6  # number of experiments up to which the page shows all pictures at once
-# For the map: factors of an experiment's gain and set-point; longest run in ticks.
+# The map of an experiment: factors of its gain and of its set-point, and its longest run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000
@@ -64,7 +64,7 @@ class ModelSection:
 
 
 def limits(model: Path) -> list[str] | None:
-    """The limit of force_gain for each timing, as text; None: no loop."""
+    """The limit of force_gain for each timing, as text; None if the model has no force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
     except _core.InputError:  # the model has no force sensor or no response (stuck, no contact)
@@ -73,7 +73,7 @@ def limits(model: Path) -> list[str] | None:
 
 
 def limit_text(loop: stability.Loop) -> str:
-    """The limit of a loop, in DAC codes per 8-bit count of force."""
+    """The limit of a loop as text, in DAC codes per 8-bit count of force."""
     limit = loop.limit()
     if limit.gain is not None:
         gain = plain(loop.firmware_gain(limit.gain))
@@ -84,7 +84,7 @@ def limit_text(loop: stability.Loop) -> str:
 
 
 def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
-    """{file of a model: its experiments without error}."""
+    """For each model file, the experiments with this model that could be run."""
     found: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:
@@ -120,8 +120,8 @@ def _section(model: Path, entries: Sequence[Entry], with_pictures: bool) -> Mode
 
 
 def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
-    """[(caption, picture)] of the loop gain at the recommended P gain around -1; [] if there is
-    none."""
+    """Caption and picture of the Nyquist curve at the recommended P gain; empty without such a
+    gain."""
     if not recommended.worst:
         return []
     gain = recommended.bank.force_gain
@@ -142,8 +142,8 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
 
 
 def _map(entries: Sequence[Entry]) -> list[Picture]:
-    """[(caption, picture)] of the first experiment with P over gain and set-point; [] if no
-    experiment is short enough for a run at every point."""
+    """Caption and picture of the verdict over gain and set-point, for the first short experiment
+    with a P law; empty if there is no such experiment."""
     for entry in entries:
         given = _core.inputs(str(entry.file))["firmware"]
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
@@ -167,7 +167,7 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
 
 
 def words(model: Path) -> list[str]:
-    """Sentences about a model."""
+    """Sentences that describe a model: bodies, drive, contacts, sensor, modes of vibration."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
     lines = [f"Bodies: {masses}."]

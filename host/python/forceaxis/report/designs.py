@@ -1,5 +1,4 @@
-"""The section of the report on design: the plants of the thesis, each with P and with a bank
-designed over a set."""
+"""The section of the report on design: P law and designed bank for the plants of the thesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# Plants with a force loop, and the number of bits of their ADC.
+# Models with a force loop, and the resolution of their ADC in bits.
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),
@@ -24,7 +23,7 @@ class PlantDesign:
     """The P gain and a designed bank for one of PLANTS."""
 
     model: str
-    bits: int  # of the ADC
+    bits: int  # resolution of the ADC
     over: str  # names of the parameters with a tolerance
     modes: int  # number of modes of operation in the set of plants
     p: reduced.ShortDesign
@@ -33,7 +32,7 @@ class PlantDesign:
 
 
 def plant_design(model: str, bits: int) -> PlantDesign:
-    """The designs for one of PLANTS."""
+    """Computes the P gain and a bank for a plant with tolerances. bits: resolution of the ADC."""
     plants = sets.plant_set(model)
     problem = reduced.ShortSearch(plants, Goal(adc_bits=bits), random=0)
     found = problem.designed()

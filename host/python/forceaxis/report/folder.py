@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 @dataclass
 class Entry:
-    """An experiment with its run, or with the error in one line."""
+    """An experiment of the page, with its run or with the error that prevented the run."""
 
     file: Path
     name: str  # path below the folder, without suffix
-    done: Run | None = None  # None after an error
-    differs: tuple[str, ...] = ()  # differences from [expect], one line each
+    done: Run | None = None  # the finished run; None after an error
+    differs: tuple[str, ...] = ()  # differences between the run and [expect], one line each
     error: str = ""
 
     @property
@@ -79,7 +79,8 @@ class Entry:
 
 
 def figure_order(figure: str) -> tuple[int | str, ...]:
-    """'2.16a, 5.1' becomes (2, 16, 'a'); an entry without a figure is sorted last."""
+    """Key that sorts figure numbers: "2.16a, 5.1" gives (2, 16, "a"). A text without a number is
+    sorted last."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 

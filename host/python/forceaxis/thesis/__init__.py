@@ -1,1 +1,2 @@
-"""The thesis: its stability tables, figures, quoted numbers and session, beside ours."""
+"""The thesis: its stability tables, figures, quoted numbers and laboratory session, repeated with
+the models of its plants."""

@@ -80,7 +80,7 @@ class Claim:
 
 @functools.cache
 def limit(model: str, **overrides: float) -> Limit:
-    """The limit of a model's force loop in continuous time."""
+    """The largest stable gain of a model's force loop in continuous time."""
     return loops.force_loop(model, timing="continuous", overrides=overrides).limit()
 
 
@@ -180,7 +180,8 @@ def base_dip() -> tuple[float, float]:
 
 
 def phase_dip_deg(**overrides: float) -> float:
-    """Largest lag that the moving base adds to the rigid robot's force response, degrees."""
+    """Largest phase lag in degrees that a moving base adds to the force response of the rigid
+    robot."""
     f = np.linspace(5.0, 60.0, 20001)
     with_base = np.unwrap(np.angle(response("fig4_17", "reading", f, overrides=overrides)))
     without = np.unwrap(np.angle(response("fig4_11", "reading", f)))
@@ -204,7 +205,7 @@ def cells() -> list[tables.CellResult]:
 
 
 def highest_stable(test: str, workpiece: str) -> float:
-    """Highest gain of Fig 5.10 whose simulated run is stable."""
+    """Highest gain of a column of Fig 5.10 whose simulated run is stable."""
     return float(
         max(
             c.force_gain
@@ -216,7 +217,7 @@ def highest_stable(test: str, workpiece: str) -> float:
 
 
 def higher_gains_percent(test: str) -> float:
-    """Increase of the highest stable gain by the damped workpiece, percent."""
+    """Increase of the highest stable gain with the damped workpiece, in percent."""
     return 100 * (highest_stable(test, "damped") / highest_stable(test, "original") - 1)
 
 
@@ -474,7 +475,8 @@ def check() -> CheckedClaims:
 
 
 def value(number: float | str, unit: str) -> str:
-    """A number with 3 digits, or without decimals from 1000 on, and its unit; a text as it is."""
+    """A number as text with its unit, with 3 digits or, from 1000 on, without decimals. A text
+    remains as it is."""
     if not isinstance(number, str):
         number = f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
     return f"{number} {unit}".strip()

@@ -1,4 +1,4 @@
-"""Every bode plot, root locus and pole-zero array that the thesis defines, one declarative list."""
+"""List of the Bode plots, root loci and pole-zero arrays of the thesis, and how they are drawn."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,8 @@ Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
 Options = Mapping[str, str | float | tuple[float, float]]  # keyword of a drawing -> its value
 
-# Measured force per command voltage; per force of a perfect actuator, without the drive.
+# Responses from the command voltage to the measured force, from the force of a perfect actuator to
+# the measured force, and from the command voltage to the tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
@@ -41,12 +42,12 @@ class ThesisFigure:
     figure: str  # number of the figure
     kind: str  # a key of DRAWINGS
     title: str
-    see: str  # what the figure shows
+    see: str  # what a reader sees in the figure
     data: Source  # computes what draw() draws
-    options: Options = field(default_factory=dict)  # of the drawing
+    options: Options = field(default_factory=dict)  # further arguments of the drawing function
 
     def draw(self, data: Data | None = None) -> Figure:
-        """The matplotlib figure. data: the result of data(), if it is known."""
+        """Draws the figure. data: the result of data(), if it was already computed."""
         title = f"Fig {self.figure}: {self.title}"
         return DRAWINGS[self.kind](self.data() if data is None else data, title, **self.options)
 
@@ -56,7 +57,7 @@ def responses(
     span_hz: tuple[float, float] = (0.5, 200.0),
     channel: curves.Channel = VOLTAGE,
 ) -> list[curves.Curve]:
-    """One frequency response for each run. channel: its input, output and drive."""
+    """Computes one frequency response for each run. channel: input and output of the response."""
     return [
         curves.model_curve(m, label, replace(channel, overrides=settings or {}), span_hz)
         for m, label, settings in runs
@@ -88,7 +89,7 @@ ARM = beam.TwoLinkArm()
 
 
 def beam_curves() -> list[curves.Curve]:
-    """Fig 2.22: both velocity responses of the distributed beam, exact."""
+    """Fig 2.22: the exact velocity responses of a distributed beam, at its actuator and its tip."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
     roots = roots - 1e-3 * np.abs(roots)  # damping ratio .001: the beam itself has none
@@ -103,7 +104,8 @@ def beam_curves() -> list[curves.Curve]:
 
 
 def beam_arrays() -> list[locus.Array]:
-    """Fig 2.23: both pole-zero arrays through the fourth mode."""
+    """Fig 2.23: the pole-zero arrays of a distributed beam up to its fourth mode, at its actuator
+    and its tip."""
     poles = BEAM.poles(4)
     return [
         locus.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
@@ -148,7 +150,7 @@ def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonanc
 
 
 def resonance_curves() -> list[curves.Curve]:
-    """Fig 4.8: the polynomial model beside the response that it was fitted to."""
+    """Fig 4.8: the response of the lumped model, and the polynomial model that is fitted to it."""
     frequency, data, rigid, fit = fitted_resonances()
     unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
     model = fit.response(frequency, rigid.response(frequency))
@@ -167,7 +169,7 @@ def resonance_array() -> list[locus.Array]:
 
 
 def three_problems() -> list[curves.Curve]:
-    """Fig 6.1: the phase of the rigid axis alone and with a base and an arm (workpiece rigid)."""
+    """Fig 6.1: force responses on a rigid workpiece, with base and arm and of the rigid axis."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
         curves.model_curve(

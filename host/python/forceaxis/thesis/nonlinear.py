@@ -1,5 +1,5 @@
-"""The statements of 2.7 about contact and Coulomb friction, from runs over gain and initial
-condition."""
+"""Section 2.7 of the thesis: the effect of contact and Coulomb friction on stability, from runs
+over gain and initial gap."""
 
 import shlex
 from collections.abc import Sequence
@@ -12,11 +12,13 @@ from forceaxis import _core, paths
 from forceaxis.experiments.verdicts import NOT_STABLE
 from forceaxis.linear import loops
 
-# The map: gains, of the linear limit, and the gaps from which the robot approaches, m.
+# The map of contact: gains as a share of the linear limit, and the initial gaps in m between robot
+# and workpiece.
 GAINS = (0.5, 0.6, 0.7, 0.76, 0.8, 0.84, 0.88, 0.92, 0.96, 1.04, 1.08, 1.12, 1.2, 1.3, 1.5)
 GAPS = (0.0, 3e-5, 1e-4, 3e-4, 6e-4, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2)
 
-# The effect of Coulomb friction: forces, N, and a finer row of gains above the limit.
+# The effect of Coulomb friction: friction forces in N, gains as a share of the linear limit,
+# initial gaps in m.
 COULOMB = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0)
 FRICTION_GAINS = tuple(np.arange(0.96, 1.45, 0.04).round(2).tolist())
 FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
@@ -24,22 +26,22 @@ FRICTION_GAPS = (0.0, 1e-4, 1e-3, 1e-2)
 
 @dataclass
 class ContactMap:
-    """Which runs cycle, over gain (rows, of the linear limit) and initial gap (columns)."""
+    """Runs with a limit cycle, over the gain (rows, GAINS) and the initial gap (columns, GAPS)."""
 
     title: str
-    limit: float  # linear, with the tick's hold
-    hz: float
+    limit: float  # largest stable gain of the linear, sampled loop
+    hz: float  # frequency in Hz at this gain
     cycles: NDArray[np.bool_]
-    command: str  # one of its runs
+    command: str  # command line that repeats one of the runs
 
     def counts(self, above: bool) -> tuple[int, int]:
-        """(runs that cycle, all runs) above or below the linear limit."""
+        """Numbers of runs above or below the linear limit: (with a limit cycle, all)."""
         part = self.cycles[(np.array(GAINS) > 1) == above]
         return int(part.sum()), part.size
 
 
 def flexible_robot(b_rf: float) -> tuple[float, float]:
-    """Linear limit of Fig 2.42 in contact, gain and Hz."""
+    """Largest stable gain of the linear model of Fig 2.42 in contact, and its frequency in Hz."""
     loop = loops.force_loop("fig2_42", overrides={"b_rf": b_rf})
     limit = loop.limit()
     if limit.gain is None or limit.frequency_hz is None:
@@ -54,8 +56,8 @@ def cycles(
     gaps: Sequence[float],
     threads: int,
 ) -> tuple[NDArray[np.bool_], str]:
-    """Verdicts that are not stable, rows of gains (absolute) and columns of gaps, and one run's
-    command."""
+    """(whether each run has a limit cycle, in rows of gains and columns of gaps; command line of
+    one run)."""
     path = paths.EXPERIMENTS / f"{experiment}.toml"
     texts = [f"{name}={value!r}" for name, value in settings.items()]
     jobs = [
@@ -70,7 +72,8 @@ def cycles(
 
 
 def contact_maps(threads: int) -> list[ContactMap]:
-    """Fig 2.42 with a lightly damped arm, with the laboratory's arm, and that with friction."""
+    """Maps of Fig 2.42 with a lightly damped arm, with the arm of the laboratory, and with this arm
+    and friction."""
     maps = []
     for title, experiment, b_rf, settings in (
         ("arm lightly damped, b_rf = 60", "fig2_43_settles", 60.0, {}),
@@ -85,7 +88,8 @@ def contact_maps(threads: int) -> list[ContactMap]:
 
 
 def friction_limits(threads: int) -> list[tuple[float, float]]:
-    """[(F_c, N; gain, of the linear limit, up to which every run of FRICTION_GAPS settles)]."""
+    """For each Coulomb force in N, the largest gain, as a share of the linear limit, at which the
+    runs from all gaps settle."""
     limit, _ = flexible_robot(640.0)
     gains = [g * limit for g in FRICTION_GAINS]
     rows = []

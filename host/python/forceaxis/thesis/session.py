@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 Report = Callable[[str], None]  # called with the name of each step
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
-TRAVEL_COUNTS = 36_000  # of the encoder
+TRAVEL_COUNTS = 36_000  # travel of the move in encoder counts
 SETPOINT = 30.0  # 8-bit counts of force; the force of the thesis's P law settles some counts below
 RECORDED = ["force", "dac_code"]
 GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The thesis's controller has no bumpless transfer.
+    # 0 switches the bumpless transfer off, because the controller of the thesis has none.
     "bump_decay_shift": 0,
 }
 
@@ -51,14 +51,14 @@ GAINS = {
 class ObservedSession:
     """What a client of the gateway observes in a session. Forces are in 8-bit counts."""
 
-    software: int  # object_table_hash of the axis
+    software: int  # value of the object object_table_hash
     position_after_move_cnt: int  # encoder counts
     force_held_cnt: float
     position_in_contact_cnt: int  # encoder counts
-    force_after_cnt: float  # after the impact
-    samples: int  # of the recorder
+    force_after_cnt: float  # force after the impact
+    samples: int  # number of samples of the recorder
     samples_missing: int
-    peak_force_cnt: float  # of the recording
+    peak_force_cnt: float  # largest force in the recording
     states: int  # number of received messages of the state
     messages_lost: int
 
@@ -75,22 +75,22 @@ class NodeHashes:
 class SessionResult(ObservedSession):
     """The result of a session with its programs, and of the replay of its journal."""
 
-    gateway_status: int  # exit status
+    gateway_status: int  # exit status of the gateway
     trace_hash: NodeHashes
     replayed_hash: str
     journal: JournalFacts
     plant_overruns: int  # ticks that the plant computed too late for real time
     fault: str
-    folder: str  # of the files
+    folder: str  # folder of the written files
 
 
 @dataclass(frozen=True)
 class Scales:
-    """The factors from counts and codes to units in the model of the session."""
+    """Physical quantities per count and per code in the model of the session."""
 
-    mm_per_count: float  # of the encoder
-    N_per_count: float  # of the measured force, at 8 bits
-    V_per_code: float  # of the DAC
+    mm_per_count: float  # travel per encoder count
+    N_per_count: float  # measured force per 8-bit count
+    V_per_code: float  # command voltage per DAC code
 
 
 def run(
@@ -144,7 +144,7 @@ def run(
 
 @functools.cache
 def scales() -> Scales:
-    """The scales of the model of the session."""
+    """Reads the scales from the model of the session."""
     converters = read_converters(_core.inputs(str(EXPERIMENT))["converters"])
     return Scales(
         mm_per_count=converters["encoder"].per_code * 1e3,
@@ -247,7 +247,7 @@ def machine(
 
 def _end_with_us() -> None:
     """Called in a new process: the kernel sends it SIGTERM when its parent process ends."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
+    ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1 is PR_SET_PDEATHSIG
 
 
 def _output(name: str, process: subprocess.Popen[str]) -> str:

@@ -27,7 +27,7 @@ from forceaxis.results import from_json, json_field, to_json
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-Job = tuple[str, list[str]]  # experiment file, overrides
+Job = tuple[str, list[str]]  # a run as (experiment file, overrides)
 Point = tuple[int, ...]  # a point of the grid: for each constant, the index of its value
 
 
@@ -69,7 +69,7 @@ class CellResult(Cell):
     criterion: Criterion
     fault: str
     trace_hash: str
-    reason: str | None = json_field(omit_none=True)  # of a difference between both verdicts
+    reason: str | None = json_field(omit_none=True)  # why the two verdicts differ; None: they agree
 
     @property
     def agrees(self) -> bool:
@@ -88,7 +88,7 @@ class CellResult(Cell):
 
 @dataclass(frozen=True)
 class TablesResult:
-    """All cells with their simulated verdicts."""
+    """The cells of all stability tables with their simulated verdicts."""
 
     cells: list[CellResult]
     matched: int  # number of cells whose simulated verdict is the measured verdict
@@ -120,10 +120,10 @@ class Constant:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another interpretation of a sentence of the thesis, as overrides."""
+    """Another interpretation of a sentence of the thesis, as changes of parameters."""
 
     what: str
-    set: list[str]
+    set: list[str]  # overrides "parameter=value"
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class SourcedParameter:
 
 @dataclass(frozen=True)
 class OmittedFigure:
-    """The fit without the cells of one figure, which are then predicted."""
+    """A fit to all figures but one, and how well it predicts the cells of this figure."""
 
     figure: str
     cells: int  # number of cells of the figure
@@ -163,7 +163,7 @@ class FitRecord:
 
     inputs_hash: str  # evidence_hash() of the files of the fit
     grid: dict[str, list[float]]  # constant -> its searched values
-    points: int  # of the grid
+    points: int  # number of points of the grid
     points_with_strikes: int  # points at which the cells of test "disturbance" were run too
     fitted: dict[str, float]  # constant -> its fitted value
     score: int  # number of cells of the fit with the measured verdict
@@ -201,7 +201,7 @@ class Tables:
         return f"{figure} {cell.test}"
 
     def groups(self) -> list[str]:
-        """All groups, in the order of the cells."""
+        """The names of all groups of cells, in the order of the cells."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
     def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
@@ -218,7 +218,7 @@ class Tables:
 
 @functools.cache
 def load() -> Tables:
-    """The tables of tables.toml. Raises InputError."""
+    """Reads tables.toml and the file with the measured cells. Raises InputError."""
     data = toml.read(FILE)
     cells = json.loads((FILE.parent / data["cells"]).read_text())["cells"]
     return from_json(Tables, data | {"cells": cells}, paths.display(FILE))
@@ -232,7 +232,7 @@ def parameters() -> dict[str, SourcedParameter]:
 
 
 def fitted() -> dict[str, float]:
-    """The values of the fitted constants in the parameter file."""
+    """The present values of the fitted constants in sim/models/thesis.toml."""
     values = parameters()
     return {c.name: values[c.name].value for c in load().constants}
 
@@ -263,7 +263,8 @@ def run_jobs(
 
 
 def key_of(cell: Cell) -> str:
-    """A cell as a text, which is also its key in `reasons`."""
+    """A cell as text: figure, test, workpiece, grip, gain and set-point. The text is also the key
+    of the cell in tables.toml."""
     words = [cell.figure, cell.test, cell.workpiece, cell.grip.replace("_", " ")]
     setpoint = cell.force_setpoint or "not stated"
     return f"{', '.join(words)}, gain {cell.force_gain}, set-point {setpoint}"
@@ -288,7 +289,7 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
                 reason=reason,
             )
         )
-    # Parameters that a cell names itself: its damper and its pad.
+    # The damper and the pad of a cell are no printed parameters.
     named = {"b_w", "k_g"}
     return TablesResult(
         cells=cells,
@@ -326,7 +327,7 @@ def plateau(
     threads: int | None = None,
     steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
 ) -> dict[str, list[tuple[float, int]]]:
-    """{constant: [(ratio to its value, score)]}; one constant differs from its value at a time."""
+    """The score with one constant changed at a time: {constant: [(ratio to its value, score)]}."""
     variants = [sets_of({**values, n: value * r}) for n, value in values.items() for r in steps]
     scores = iter(score_with(variants, threads, "plateau"))
     return {name: [(ratio, next(scores)) for ratio in steps] for name in values}
@@ -340,12 +341,12 @@ def readings(values: Mapping[str, float], threads: int | None = None) -> list[tu
 
 
 def latest(sets: Sequence[str]) -> list[str]:
-    """Overrides with the last value of each name."""
+    """Overrides without those whose name occurs again later in the list."""
     return list({text.partition("=")[0]: text for text in sets}.values())
 
 
 def sets_of(values: Mapping[str, float]) -> list[str]:
-    """{parameter: value} as overrides."""
+    """Parameter values as overrides "parameter=value"."""
     return [f"{k}={v!r}" for k, v in values.items()]
 
 
@@ -385,7 +386,7 @@ def criterion_sensitivity(
 
 
 def evidence_hash() -> str:
-    """Hash of the inputs of the fit: grid, cells, models, experiments; no fitted value."""
+    """Hash of the inputs of the fit: grid, cells, models and experiments, without fitted values."""
     tables = load()
     free = {c.name for c in tables.constants}
     fixed = {name: p.value for name, p in parameters().items() if name not in free}
@@ -397,7 +398,7 @@ def evidence_hash() -> str:
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        for table in (experiment, model):  # without descriptions
+        for table in (experiment, model):  # descriptions have no effect on a run
             texts = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
     return digest.hexdigest()
@@ -422,7 +423,7 @@ def fit(threads: int | None = None) -> FitRecord:
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """For the needed coordinates of these points: the score of the group's cells."""
+        """The score of the cells of a group at some points, by the coordinates that they need."""
         wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
         own = [tables.constants[i] for i in needed[group]]
         jobs = [
@@ -508,7 +509,8 @@ def fit(threads: int | None = None) -> FitRecord:
 
 
 def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
-    """Grid points at most one step away in every constant, those outside the grid included."""
+    """The points at most one step away from a point in each constant; some may be outside the
+    grid."""
     steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
     return [
         tuple(a + b for a, b in zip(point, step, strict=True)) for step in itertools.product(*steps)
