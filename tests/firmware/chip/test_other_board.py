@@ -102,7 +102,9 @@ def test_it_is_flashed_as_its_own_and_not_as_another(known):
     plan = flash.plan(known / "out/forceaxis-press.elf")
     assert plan.identity.board == "press-controller"
     assert plan.sectors == [0, 3, 4, 5]
-    with pytest.raises(InputError, match="expected an image for press-controller, this is for nuc"):
+    with pytest.raises(
+        InputError, match="expected an image for the board press-controller, this image is for nuc"
+    ):
         flash.plan(ROOT / f"build/image/{BOARD.image}.elf")
     larger = known / "out/larger.bin"
     binary = (known / "out/forceaxis-press.bin").read_bytes()

@@ -125,7 +125,10 @@ def test_what_the_axis_refuses_is_status_1():
         (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
         (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
         (["--can", "nocan7"], "--can: nocan7: expected a CAN interface that is up"),
-        (["--can", "can0", "--node", "126"], "node 126, own node 126: expected two numbers"),
+        (
+            ["--can", "can0", "--node", "126"],
+            "node 126, own node 126: expected two different node ids",
+        ),
         (["--modbus", "http://x"], "--modbus: http://x: expected tcp://HOST[:PORT], or a serial"),
         (["--sim", "nowhere.toml"], "nowhere.toml"),
     ],
@@ -148,7 +151,9 @@ def test_list_shows_the_simulated_axis():
     assert (row["id"], row["state"], row["fault"]) == (1, "switch on disabled", "none")
     assert row["table"] == OBJECTS_HASH[:8]
     done = forceaxis("axis", "list", "--axis", "1")
-    assert refusal(done, 2) == "expected one bus: --lcm-url URL, --can, --modbus or --sim"
+    assert (
+        refusal(done, 2) == "expected one bus, selected by --lcm-url URL, --can, --modbus or --sim"
+    )
     done = forceaxis("axis", "list", "--lcm-url", "udpm://239.255.76.67:7699?ttl=0", "--json")
     assert (done.returncode, json.loads(done.stdout)) == (1, [])
 
@@ -332,7 +337,7 @@ def test_calibration_by_points(axis):
         actions.calibrate(axis, [(0.0, 0.0), (20.0, 50.0)])
     with pytest.raises(Refused, match="calibration refused linearity, linearity error"):
         actions.calibrate(axis, [(0.0, 0.0), (20.0, 70.0), (40.0, 100.0)])
-    with pytest.raises(InputError, match="expected 2 to 8 points, got 1"):
+    with pytest.raises(InputError, match="expected 2 to 8 calibration points, got 1"):
         actions.calibrate(axis, [(0.0, 0.0)])
 
 

@@ -136,11 +136,15 @@ BAD = {
     "no number": ("velocity_gain = 20.0", "velocity_gain = 'much'", "velocity_gain: expected"),
     "decimals": ("force_slope = 7500", "force_slope = 7500.5", "without decimals"),
     "unknown text": ('"halve_gain"', '"halve"', "contact_unstable_option: expected one of"),
-    "unknown name": ("position_gain", "position_gian", "position_gian: expected an object"),
+    "unknown name": (
+        "position_gain",
+        "position_gian",
+        "position_gian: expected the name of an object",
+    ),
     "twice": ("bank_gain =", "bank_gain_2 = 0\nbank_gain =", "twice"),
     "too few values": ("bank_gain = [4.37, ", "bank_gain = [", "expected a list of 4"),
-    "identity": ("velocity_gain", "stored_node_id = 3\nvelocity_gain", "identity"),
-    "no parameter": ("velocity_gain", "controlword = 15\nvelocity_gain", "stores"),
+    "identity": ("velocity_gain", "stored_node_id = 3\nvelocity_gain", "no node id"),
+    "no parameter": ("velocity_gain", "controlword = 15\nvelocity_gain", "can store"),
     "newer format": ("format = 1", "format = 2", "about.format"),
 }
 

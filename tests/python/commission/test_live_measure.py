@@ -251,8 +251,14 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
     [
         (("measure",), "expected exactly one connection to an axis"),
         (("measure", "--sim", "session"), "expected --free, --force or both"),
-        (("measure", "fig3_9", "--sim", "session"), "expected either TARGET or an axis"),
-        (("measure", "--sim", "session", "--force", "0,3"), "--force: 0,3: expected forces in N"),
+        (
+            ("measure", "fig3_9", "--sim", "session"),
+            "expected either TARGET or the connection to an axis",
+        ),
+        (
+            ("measure", "--sim", "session", "--force", "0,3"),
+            "--force: 0,3: expected forces above 0 in N",
+        ),
     ],
 )
 def test_wrong_input_is_one_line(arguments, says):

@@ -339,7 +339,7 @@ def test_the_laws_of_motion_of_an_experiment(mode, law):
     [
         (["limit", "move"], "expected a mode that controls force, got profile_position"),
         (["limit", "position_step"], "expected a mode that controls force, got position"),
-        (["limit", "tables"], "got the list of tables"),
+        (["limit", "tables"], "list of tables"),
         (["limit", "contact", "--law", "bank"], "expected bank with an experiment that selects"),
         (["limit", "contact", "--set", "firmware.force_bank=2"], "expected bank_2"),
         (["limit", "strike_biquad", "--timing", "continuous"], "it is sampled"),

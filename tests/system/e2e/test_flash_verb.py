@@ -279,7 +279,7 @@ def test_bin_covers_the_parameters(bench, elf):
 def test_a_short_bin_leaves_them(bench, tmp_path):
     path = converted(linked(tmp_path, code=0x08000400, more=0x08001400), "bin")
     assert bench.flash(path, "--yes", "--address", "0x08000000").returncode == 0
-    refused(bench.flash(path, "--yes", "--address", "0x0800c000"), 2, "vector table.*there is none")
+    refused(bench.flash(path, "--yes", "--address", "0x0800c000"), 2, "vector table.*no byte there")
     refused(bench.flash(path, "--yes", "--address", "0x20000000"), 2, "expected addresses 0x0800")
     refused(bench.flash(path, "--yes", "--address", "here"), 2, "address of 32 bits")
 
@@ -369,16 +369,22 @@ def test_openocd_is_missing(bench, elf, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"flash": 0x08010000}, "vector table at 0x08000000, there is none"),
-        ({"more": 0x08080000}, "expected addresses 0x08000000..0x0807ffff.*0x0800c000..0x08080003"),
-        ({"more": 0x07FFFC00, "code": 0x07FFF000}, "expected addresses.*it has 0x07fff000"),
-        ({"code": 0x20000000, "more": 0x20001000}, "expected addresses.*it has 0x20000000"),
+        ({"flash": 0x08010000}, "vector table at 0x08000000, the file has no byte there"),
+        (
+            {"more": 0x08080000},
+            "expected addresses of the flash memory, 0x08000000..0x0807ffff.*0x0800c000..0x08080003",
+        ),
+        ({"more": 0x07FFFC00, "code": 0x07FFF000}, "expected addresses.*the file has 0x07fff000"),
+        ({"code": 0x20000000, "more": 0x20001000}, "expected addresses.*the file has 0x20000000"),
         ({"code": 0x08007FFC, "more": 0x0800C000}, "--erase-parameters: expected"),
         ({"code": 0x08000100, "more": 0x0800BFFC}, "--erase-parameters: expected"),
         ({"stack": 0x20020004}, "with a stack in 0x20000000..0x2001ffff"),
         ({"stack": 0x20000000}, "with a stack in"),
         ({"stack": 0x2001FFFE}, "with a stack in"),
-        ({"board": "emulated"}, "expected an image for nucleo-f446re, this is for emulated"),
+        (
+            {"board": "emulated"},
+            "expected an image for the board nucleo-f446re, this image is for emulated",
+        ),
         ({"kept": ".none"}, "expected one identity of a forceaxis image .FAXI., there is none"),
     ],
 )
@@ -453,13 +459,13 @@ def test_other_machines(bench, tmp_path):
         ("text.hex", b"hello", "hex:1: expected a record of Intel HEX"),
         ("text.bin", b"hello", "expected one identity"),
         ("cut.elf", b"\x7fELF\x01\x01", "the file ends too early"),
-        ("elf.bin", b"\x7fELF\x01\x01", "this is an ELF file"),
-        ("sum.hex", b":0100000001FF\n", "hex:1: expected the checksum"),
+        ("elf.bin", b"\x7fELF\x01\x01", "the file is an ELF file"),
+        ("sum.hex", b":0100000001FF\n", "hex:1: expected a record with a correct checksum"),
         ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got 7"),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
         ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected no record after"),
         ("twice.hex", b":0100000001FE\n:0100000001FE\n:00000001FF\n", "0x00000000 has two"),
-        ("a.txt", b"hello", "expected a file .elf, .hex or .bin"),
+        ("a.txt", b"hello", "expected a file ending in .elf, .hex or .bin"),
     ],
 )
 def test_files_that_are_no_image(bench, tmp_path, name, content, text):

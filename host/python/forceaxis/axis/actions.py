@@ -154,7 +154,7 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
     (measured force in counts, reference force in N). Raises InputError, and Refused with the reason
     from the axis."""
     if len(points) not in CALIBRATION_POINTS:
-        raise InputError(f"calibrate: expected 2 to 8 points, got {len(points)}")
+        raise InputError(f"calibrate: expected 2 to 8 calibration points, got {len(points)}")
     values: dict[str, float] = {}
     for i, (count, newton) in enumerate(points, 1):
         values[f"calibration_reading_{i}"] = count

@@ -121,7 +121,9 @@ class CanLink(RecorderLink):
         timeout_s: float = 1.0,
     ) -> None:
         if node == own_node or not (1 <= node <= 127 and 1 <= own_node <= 127):
-            raise InputError(f"node {node}, own node {own_node}: expected two numbers of 1 to 127")
+            raise InputError(
+                f"node {node}, own node {own_node}: expected two different node ids from 1 to 127"
+            )
         canopen, self._can = libraries()
         self.where = f"node {node} on {interface}"
         self._id, self._own, self._timeout_s = node, own_node, timeout_s

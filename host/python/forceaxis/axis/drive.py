@@ -105,7 +105,9 @@ class Drive(AxisValues):
         invalid value, or a target that the axis would limit (see bounds); Refused; NoAnswer."""
         for name in values:
             if known_object(name).access == "ro":
-                raise InputError(f"{name}: expected an object that can be written, it is read-only")
+                raise InputError(
+                    f"{name}: expected an object that can be written, this object is read-only"
+                )
         raw = quantity.all_raw(self, values)
         bounds.expect_raw(self, raw)
         self.link.write(raw)

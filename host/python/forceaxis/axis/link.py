@@ -93,7 +93,9 @@ class Link(abc.ABC):
         none."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
-            raise InputError(f"{model}: expected a model with an [encoder], it has none")
+            raise InputError(
+                f"{model}: expected a model with an [encoder], there is none; choose another model"
+            )
         self.counts_per_metre = abs(encoder.scale)
 
     @abc.abstractmethod

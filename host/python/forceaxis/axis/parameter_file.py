@@ -211,11 +211,18 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
     """Removes the header from the tables of a file. Raises InputError."""
     about, described = tables.pop("about", {}), tables.pop("objects", {})
     if not isinstance(about, dict):
-        raise InputError(f"{path}: about: expected a table, [about]")
+        raise InputError(
+            f"{path}: expected a table [about], as `forceaxis axis params dump` writes it"
+        )
     if not isinstance(described, dict):
-        raise InputError(f"{path}: objects: expected a table, [objects]")
+        raise InputError(
+            f"{path}: expected a table [objects], as `forceaxis axis params dump` writes it"
+        )
     if about.get("format", FORMAT) != FORMAT:
-        raise InputError(f"{path}: about.format: expected {FORMAT}, take a newer forceaxis")
+        raise InputError(
+            f"{path}: about.format: expected {FORMAT}; use a newer version of forceaxis for this "
+            "file"
+        )
     others, without = about.get("others"), about.get("without", [])
     if others not in (None, "defaults"):
         raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
@@ -232,7 +239,8 @@ def _file_entries(
     for group, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(
-                f"{path}: {group}: expected it in a table such as [axis], with other objects"
+                f"{path}: {group}: expected this object in a table such as [axis]; move it into "
+                "a table"
             )
         yield from table.items()
 
@@ -257,7 +265,10 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
                     continue
                 _expect_same(known, header.objects.get(key))
                 if known.name in values:
-                    raise InputError(f"{known.name}: expected it once, it is named twice")
+                    raise InputError(
+                        f"{known.name}: expected each object once, this object occurs twice; "
+                        "remove one of its values"
+                    )
                 values[known.name] = raw_value(known, value, node_id)
         except InputError as error:
             problems.append(str(error))
@@ -292,7 +303,10 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
     """Raw value of an entry of a file. Raises InputError."""
     if isinstance(value, str) and (match := NODE.fullmatch(value)):
         if not known.node_id:
-            raise InputError(f"{known.name}: expected a number, only COB-IDs follow the node id")
+            raise InputError(
+                f"{known.name}: expected a number; only an object for a COB-ID can depend on the "
+                "node id"
+            )
         return to_raw(known.name, int(match[1], 16) + node_id)
     names = texts(known)
     has_decimals = known.scale == 1 and isinstance(value, float) and not value.is_integer()
@@ -319,10 +333,17 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
             raise InputError(f"{key}: expected a list of {len(elements)} values, got {given}")
         return list(zip(elements, given, strict=True))
     if key in IDENTITY:
-        raise InputError(f"{key}: expected no identity of an axis in a file; set it on its own")
+        raise InputError(
+            f"{key}: expected no node id or bit rate in a file, because they belong to one axis; "
+            "set them by `forceaxis axis set`"
+        )
     if key in objects.BY_NAME:
-        raise InputError(f"{key}: expected a parameter that an axis stores")
-    raise InputError(f"{key}: expected an object of this table, it has none of this name")
+        raise InputError(
+            f"{key}: expected a parameter that the axis can store; remove this object from the file"
+        )
+    raise InputError(
+        f"{key}: expected the name of an object of this firmware, there is none of this name"
+    )
 
 
 def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
@@ -331,7 +352,7 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
     if described is None:
         return
     if not isinstance(described, dict):
-        raise InputError(f"{known.name}: expected a table of what it means in [objects]")
+        raise InputError(f"{known.name}: expected a table that describes this object in [objects]")
     ours = to_json(signature(known))
     least = _described_bound(known, described, "min", known.min)
     most = _described_bound(known, described, "max", known.max)

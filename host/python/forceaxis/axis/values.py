@@ -32,7 +32,9 @@ def known_object(name: str) -> AxisObject:
     """The object of this name. Raises InputError for an unknown name or a CANopen address."""
     known = object_named(name)
     if known is None:
-        raise InputError(f"{name}: expected the name of an object")
+        raise InputError(
+            f"{name}: expected the name of an object; `forceaxis objects` lists the names"
+        )
     return known
 
 

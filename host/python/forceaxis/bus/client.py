@@ -115,7 +115,10 @@ class AxisClient(Closable):
         self, axis: int, url: str | None = None, timeout_s: float = 2.0, retry_s: float = 0.25
     ) -> None:
         if axis not in AXES:
-            raise InputError(f"axis: expected {AXES.start} to {AXES.stop - 1}, got {axis}")
+            raise InputError(
+                f"axis: expected the number of an axis from {AXES.start} to {AXES.stop - 1}, got "
+                f"{axis}"
+            )
         self.axis, self.timeout_s, self.retry_s = axis, timeout_s, retry_s
         self.gaps: dict[str, Gaps] = {}
         self.undecodable = self._command_id = self._heard = self._since = 0
@@ -180,7 +183,7 @@ class AxisClient(Closable):
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:
             if object_named(name) is None:
-                raise InputError(f"{name}: expected the name of an object, to record it")
+                raise InputError(f"{name}: expected the name of an object that can be recorded")
         wanted = {"length": samples, **settings}
         items = [(f"recorder_{n}", to_raw(f"recorder_{n}", v)) for n, v in wanted.items()]
         self._command(axis_command_t.KIND_CAPTURE, items, signals)

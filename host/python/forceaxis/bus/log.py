@@ -98,7 +98,10 @@ class LogWriter:
         try:
             self._file = path.open("xb")
         except FileExistsError:
-            raise InputError(f"{paths.display(path)}: expected a new file, it exists") from None
+            raise InputError(
+                f"{paths.display(path)}: expected the name of a new file, this file exists; "
+                "choose another name"
+            ) from None
         self._flushed = time.monotonic()
 
     def write(self, channel: str, data: bytes, wall_us: int) -> None:
@@ -123,7 +126,7 @@ class LogReader:
             self._data = memoryview(b"" if empty else np.memmap(path, np.uint8, "r").data)
         except (OSError, ValueError) as error:
             raise InputError(
-                f"{paths.display(path)}: expected a log to read, {_why(error)}"
+                f"{paths.display(path)}: expected an LCM log that can be read, got: {_why(error)}"
             ) from None
 
     def __iter__(self) -> Iterator[LogEntry]:

@@ -112,7 +112,9 @@ class ReplaySource:
 
     def record(self, path: Path) -> None:
         """Refuses: a replay is a log already."""
-        raise InputError("expected a bus to record; a replay is a log already")
+        raise InputError(
+            "expected a live bus to record; the messages of a replay are in a log already"
+        )
 
     def stop_recording(self) -> LogWriter | None:
         """None: a replay is never recorded."""

@@ -34,7 +34,9 @@ def board_of(link: str) -> boards.Board:
 def emulated_image(board: boards.Board) -> boards.EmulatedImage:
     """The image for the emulator of a board. Raises InputError for a board without one."""
     if board.emulator is None:
-        raise InputError(f"{board.name}: expected a board with an emulator")
+        raise InputError(
+            f"{board.name}: expected a board that has an emulator; choose another board"
+        )
     return board.emulator
 
 
@@ -54,13 +56,13 @@ def command(
     emulator = emulated_image(board)
     if not image.is_file():
         raise InputError(
-            f"{paths.display(image)}: expected an image, there is none; "
+            f"{paths.display(image)}: expected an image of the firmware, there is no such file; "
             "`tools/image --emulated` builds it"
         )
     if shutil.which(emulator.program) is None:
         raise InputError(
-            f"{emulator.program}: expected it on PATH; "
-            f"install it with `apt install {emulator.package}`"
+            f"{emulator.program}: expected this program on PATH; install it with `apt install "
+            f"{emulator.package}`"
         )
     serial = [w for line in emulator.serial_lines for w in ("-serial", lines.get(line, "null"))]
     words = "".join(f",arg={word}" for word in arguments)

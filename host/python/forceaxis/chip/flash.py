@@ -77,7 +77,9 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
         if board.released.identity == identity.board:
             return board, probe
     names = ", ".join(board.released.identity for board, _ in flashable)
-    raise InputError(f"{image.path}: expected an image for {names}, this is for {identity.board}")
+    raise InputError(
+        f"{image.path}: expected an image for the board {names}, this image is for {identity.board}"
+    )
 
 
 def plan(
@@ -93,12 +95,14 @@ def plan(
     for s in image.segments:
         if s.address not in flash or s.end > flash.stop:
             raise InputError(
-                f"{path}: expected addresses {span(flash)} (flash), "
-                f"it has {span(range(s.address, s.end))}"
+                f"{path}: expected addresses of the flash memory, {span(flash)}, the file has "
+                f"{span(range(s.address, s.end))}"
             )
     stack, reset = image.word(flash.start), image.word(flash.start + 4)
     if stack is None or reset is None:
-        raise InputError(f"{path}: expected a vector table at {flash.start:#010x}, there is none")
+        raise InputError(
+            f"{path}: expected a vector table at {flash.start:#010x}, the file has no byte there"
+        )
     if (
         stack % 4
         or not ram.start < stack <= ram.stop
@@ -238,7 +242,9 @@ def quoted(words: Sequence[str]) -> str:
 
 def expect_openocd() -> None:
     if shutil.which("openocd") is None:
-        raise InputError("openocd: expected it on PATH; install it with `apt install openocd`")
+        raise InputError(
+            "openocd: expected this program on PATH; install it with `apt install openocd`"
+        )
 
 
 def find_probe(plan: Plan) -> tuple[str, str]:

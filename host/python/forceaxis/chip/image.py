@@ -75,19 +75,25 @@ def load(path: Path | str, address: int | None = None) -> Image:
     path = Path(path)
     kind = path.suffix.lower().lstrip(".")
     if kind not in READERS:
-        raise InputError(f"{path}: expected a file .elf, .hex or .bin")
+        raise InputError(f"{path}: expected a file ending in .elf, .hex or .bin")
     if address is not None and kind != "bin":
         raise ParameterError("address", f"expected with a .bin only; {path} has its own addresses")
     if path.stat().st_size > BYTES_MAX:
-        raise InputError(f"{path}: expected an image, which is smaller than {BYTES_MAX} bytes")
+        raise InputError(
+            f"{path}: expected an image of less than {BYTES_MAX} bytes, the file is larger"
+        )
     data = path.read_bytes()
     if kind == "bin":
         address = address or 0
         if data.startswith(b"\x7fELF"):  # openocd would read it as one
-            raise InputError(f"{path}: expected a .bin, this is an ELF file")
+            raise InputError(
+                f"{path}: expected a binary image, the file is an ELF file; rename it to .elf"
+            )
     segments = READERS[kind](path, data, address)
     if not segments:
-        raise InputError(f"{path}: expected an image, the file has no byte for the flash")
+        raise InputError(
+            f"{path}: expected an image of the firmware, the file has no byte for the flash memory"
+        )
     return Image(path, kind, address, joined(path, segments))
 
 
@@ -98,7 +104,9 @@ def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
     for s in sorted(segments):
         end = runs[-1][-1].end if runs else -1
         if s.address < end:
-            raise InputError(f"{path}: expected each byte once, {s.address:#010x} has two")
+            raise InputError(
+                f"{path}: expected each byte once, the address {s.address:#010x} has two"
+            )
         if s.address == end:
             runs[-1].append(s)
         else:
@@ -136,7 +144,9 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
             if what != LOADED or not count:
                 continue
             if offset + count > len(data):
-                raise InputError(f"{path}: expected {offset + count} bytes, it has {len(data)}")
+                raise InputError(
+                    f"{path}: expected at least {offset + count} bytes, the file has {len(data)}"
+                )
             segments.append(Segment(physical, data[offset : offset + count]))
     except (struct.error, IndexError):
         raise InputError(f"{path}: expected an ELF file, the file ends too early") from None
@@ -165,7 +175,7 @@ def hex_record(where: str, line: bytes) -> HexRecord:
     if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
         raise InputError(f"{where}: expected a record of Intel HEX")
     if sum(record) % 256:
-        raise InputError(f"{where}: expected the checksum of the record")
+        raise InputError(f"{where}: expected a record with a correct checksum; the file is damaged")
     return HexRecord(int.from_bytes(record[1:3], "big"), record[3], record[4:-1])
 
 

@@ -140,7 +140,7 @@ def scanned(way: Way) -> list[ScannedAxis]:
 
     given = [bus for bus in (way.can, way.modbus, way.sim) if bus is not None]
     if len(given) > 1 or way.axis is not None:
-        raise InputError("expected one bus: --lcm-url URL, --can, --modbus or --sim")
+        raise InputError("expected one bus, selected by --lcm-url URL, --can, --modbus or --sim")
     if way.can is not None:
         return list(scan.on_can(way.can))
     if way.modbus is not None:

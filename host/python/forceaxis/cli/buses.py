@@ -159,7 +159,9 @@ def encoder_mm(model: str) -> float:
 
     encoder = system.facts(model).encoder
     if not encoder:
-        raise InputError(f"--model {model}: expected a model with an encoder")
+        raise InputError(
+            f"--model {model}: expected a model with an [encoder], got a model without one"
+        )
     return 1e3 / encoder.scale
 
 
@@ -170,7 +172,8 @@ def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
         from forceaxis.bus import monitor_web
     except ImportError:
         raise InputError(
-            "--web: expected textual-serve; install it with `pip install 'forceaxis[web]'`"
+            "--web: expected the package textual-serve; install it with `pip install "
+            "'forceaxis[web]'`"
         ) from None
     ready = lambda url: show([("monitor", url)])  # noqa: E731
     settings = monitor_web.MonitorSettings(**shown)
@@ -258,7 +261,10 @@ def export(log_path: Path, out: Path, csv: bool, npz: bool, as_json: bool) -> No
     kinds = tuple(k for k, wanted in (("csv", csv), ("npz", npz)) if wanted) or ("csv", "npz")
     summary = log_tables.export(log_path, out, kinds)
     if not summary.tables:
-        raise InputError(f"{paths.display(log_path)}: expected messages of forceaxis in this log")
+        raise InputError(
+            f"{paths.display(log_path)}: expected a log with messages of forceaxis, got none; "
+            "choose another file"
+        )
     print_result(summary, as_json, lambda: export_text(summary), out)
     report_damage(summary.damage)
 

@@ -157,7 +157,9 @@ def named(
         if not (name and equals and value):
             raise InputError(f"{option.opts[0]}: {text}: expected {option.metavar}")
         if name in given:
-            raise InputError(f"{option.opts[0]}: {name}: expected each name once")
+            raise InputError(
+                f"{option.opts[0]}: {name}: expected each name once, got it twice; remove one"
+            )
         given[name] = value
     return given
 

@@ -326,8 +326,9 @@ def fit(
     for name in starts:
         if name in held:
             raise InputError(
-                f"--set: {name}: expected a parameter that is held, it is to be fitted; give where "
-                f"to start as --fit {name}={linear.shown(held[name])}"
+                f"--set: {name}: expected a parameter that is not fitted; give the start value "
+                "of a "
+                f"fitted parameter as --fit {name}={linear.shown(held[name])}"
             )
     try:
         with tempfile.TemporaryDirectory() as folder:

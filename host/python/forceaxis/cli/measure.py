@@ -52,7 +52,9 @@ def newtons(context: click.Context, option: click.Parameter, text: str | None) -
     except ValueError:
         forces = (0.0,)
     if not all(0 < force < 1e6 for force in forces):
-        raise InputError(f"--force: {text}: expected forces in N with commas between, above 0")
+        raise InputError(
+            f"--force: {text}: expected forces above 0 in N with commas between them, as 30,75"
+        )
     return forces
 
 
@@ -228,7 +230,9 @@ def measure(
         measure_axis(way, out, as_json, live, options)
         return
     if way != live_options.Way(overrides=way.overrides):
-        raise InputError(f"measure: {target}: expected either TARGET or an axis")
+        raise InputError(
+            f"measure: {target}: expected either TARGET or the connection to an axis, got both"
+        )
 
     if way.overrides:
         options["set"] = linear.overrides(way.overrides)

@@ -125,7 +125,7 @@ class Beam:
         for name in ("bending_stiffness_Nm2", "mass_per_length_kg_per_m", "length_m"):
             value = getattr(self, name)
             if not 1e-12 <= value <= 1e12:
-                raise InputError(f"Beam: {name}: expected a number > 0, 1e-12 to 1e12, got {value}")
+                raise InputError(f"Beam: {name}: expected a number from 1e-12 to 1e12, got {value}")
         if not (np.isfinite(self.damping_s) and self.damping_s >= 0):
             raise InputError(f"Beam: damping_s: expected a number >= 0, got {self.damping_s}")
 
@@ -214,7 +214,7 @@ class Beam:
         if output not in zeros:
             raise InputError(f'beam output: expected "actuator" or "tip", got "{output}"')
         if modes < 1:
-            raise InputError(f"beam modes: expected at least 1, got {modes}")
+            raise InputError(f"beam: expected a number of modes of at least 1, got {modes}")
         return Factored(zeros[output](modes), self.poles(modes)[1:], 1 / self.mass_kg, -1)
 
     def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
@@ -226,7 +226,7 @@ class Beam:
         peak there and its error increases up to the last frequency.
         """
         if modes < through:
-            raise InputError(f"beam modes: expected at least {through}, got {modes}")
+            raise InputError(f"beam: expected a number of modes of at least {through}, got {modes}")
         marks = self.natural_frequencies(through)
         if output == "actuator":
             marks = np.concatenate([marks, self.rate * clamped_free_roots(through) ** 2])
@@ -253,7 +253,7 @@ class Beam:
         parts. With more elements the modes approach those of the beam.
         """
         if elements < 1:
-            raise InputError(f"beam elements: expected at least 1, got {elements}")
+            raise InputError(f"beam: expected a number of elements of at least 1, got {elements}")
         part = self.length_m / (2 * elements)
         m = self.mass_per_length_kg_per_m * part
         masses = np.full(elements + 1, 2 * m)
@@ -346,7 +346,10 @@ class LumpedBeam:
         The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); if both sides are equal there are no zeros.
         """
         if len(self.lengths_m) != 1:
-            raise InputError("LumpedBeam.nonminimum_phase: expected one element; look at the zeros")
+            raise InputError(
+                "LumpedBeam.nonminimum_phase: expected a beam of one element; use the zeros of "
+                "`system` for other beams"
+            )
         return self.tip_offset_m * self.lengths_m[0] / 2 * self.masses_kg[1] > self.inertias_kgm2[0]
 
 
@@ -379,10 +382,15 @@ class TwoLinkArm:
     def __post_init__(self) -> None:
         for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
             if not getattr(self, name) > 0:
-                raise InputError(f"TwoLinkArm: {name}: expected > 0, got {getattr(self, name)}")
+                raise InputError(
+                    f"TwoLinkArm: {name}: expected a number above 0, got {getattr(self, name)}"
+                )
         for name in ("k1", "k2", "d1", "d2"):
             if not getattr(self, name) >= 0:
-                raise InputError(f"TwoLinkArm: {name}: expected >= 0, got {getattr(self, name)}")
+                raise InputError(
+                    f"TwoLinkArm: {name}: expected a number of at least 0, got "
+                    f"{getattr(self, name)}"
+                )
 
     def mass_matrix(self) -> np.ndarray:
         """Mass matrix, 2 x 2, in kg m^2, for (angle of link 1, angle of link 2 relative to link

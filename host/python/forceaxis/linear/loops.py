@@ -209,7 +209,9 @@ class _Plant(NamedTuple):
 def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
     """(signal, unit) that a loop controls. Raises InputError if the model has no such signal."""
     if known.drive is None:
-        raise _core.InputError(f"{where}: drive: expected a model with a drive, there is none")
+        raise _core.InputError(
+            f"{where}: drive: expected a model with a [drive], there is none; choose another model"
+        )
     if output == "reading" and known.reading is None:
         raise no_reading(where)
     signal = known.required_reading.signal if output == "reading" else output
@@ -222,7 +224,10 @@ def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[s
 def _encoder_scale(known: PlantFacts, where: str) -> float:
     """Counts per metre of the encoder."""
     if known.encoder is None:
-        raise _core.InputError(f"{where}: encoder: expected one with a velocity gain")
+        raise _core.InputError(
+            f"{where}: encoder: expected a model with an [encoder] for a loop with velocity "
+            "gain, there is none"
+        )
     return known.required_encoder.scale
 
 

@@ -81,21 +81,29 @@ class PlantFacts:
     def required_drive(self) -> DriveFacts:
         """The drive; raises InputError if the model has no drive."""
         if self.drive is None:
-            raise _core.InputError(f"{self.path}: expected a [drive]")
+            raise _core.InputError(
+                f"{self.path}: expected a model with a [drive], there is none; choose another model"
+            )
         return self.drive
 
     @property
     def required_reading(self) -> SensorFacts:
         """The sensor; raises InputError if the model has no sensor."""
         if self.reading is None:
-            raise _core.InputError(f"{self.path}: expected an [[adc]] of channel 0")
+            raise _core.InputError(
+                f"{self.path}: expected a model with an [[adc]] of channel 0, there is none; "
+                "choose another model"
+            )
         return self.reading
 
     @property
     def required_encoder(self) -> EncoderFacts:
         """The encoder; raises InputError if the model has no encoder."""
         if self.encoder is None:
-            raise _core.InputError(f"{self.path}: expected an [encoder]")
+            raise _core.InputError(
+                f"{self.path}: expected a model with an [encoder], there is none; choose another "
+                "model"
+            )
         return self.encoder
 
 

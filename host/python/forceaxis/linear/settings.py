@@ -65,7 +65,10 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
-        raise _core.InputError(f"{path}: expected a model or an experiment, got the list of tables")
+        raise _core.InputError(
+            f"{path}: expected a model or an experiment, got the file with the list of tables of "
+            "the thesis"
+        )
     table = toml.read(path)
     if not is_experiment(table):
         return ModelSettings(str(path), given)

@@ -126,7 +126,10 @@ class Loop:
     def firmware_gain(self, gain: float) -> float:
         """The firmware's force_gain, DAC codes per 8-bit count, of k = `gain`."""
         if self.codes_per_gain is None:
-            raise _core.InputError("firmware gain: expected the loop of ADC 0's reading")
+            raise _core.InputError(
+                "firmware gain: expected a loop that controls the signal of ADC channel 0; use "
+                "its gain k"
+            )
         return gain * self.codes_per_gain
 
     def optional_firmware_gain(self, gain: float | None) -> float | None:

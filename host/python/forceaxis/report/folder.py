@@ -90,7 +90,7 @@ def files(folder: Path) -> list[Path]:
     none."""
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: expected a folder with experiments, there is none; "
+            f"{folder}: expected a folder with experiments, there is no such folder; "
             "`forceaxis new NAME` writes one"
         )
     below = sorted(p for p in folder.rglob("*.toml") if p.is_file())
