@@ -372,7 +372,7 @@ def test_openocd_is_missing(bench, elf, tmp_path):
         ({"flash": 0x08010000}, "vector table at 0x08000000, the file has no byte there"),
         (
             {"more": 0x08080000},
-            "expected addresses of the flash memory, 0x08000000..0x0807ffff.*0x0800c000..0x08080003",
+            "expected addresses of the flash memory, 0x08000000..0x0807ffff.*0x0800c000..0x0808000",
         ),
         ({"more": 0x07FFFC00, "code": 0x07FFF000}, "expected addresses.*the file has 0x07fff000"),
         ({"code": 0x20000000, "more": 0x20001000}, "expected addresses.*the file has 0x20000000"),
