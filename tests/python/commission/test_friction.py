@@ -131,7 +131,7 @@ def test_friction_of_guide_and_gear_shows_apart(press, tmp_path, newton):
             max(abs(axis.link.axis.extremes[f"position_{end}_cnt"]) for end in ("min", "max"))
             < (5.0 + 2 * tune.TuningOrder.travel_mm) * scale / 1e3
         )
-        found = tune_measure.moving_N(work, work.result("free"))
+        found = tune_measure.moving_N(work, tune.FREE.result(work))
     assert found == pytest.approx(newton, rel=0.05, abs=0.3)
 
 
@@ -184,19 +184,19 @@ def test_friction_is_freed_in_the_fit_and_the_way_between_the_forces_is_told(pre
         for step in STEPS:
             work.run(step)
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
-    found = {rub.name: rub.newton for rub in work.result("fit").friction}
+    found = {rub.name: rub.newton for rub in tune.FIT.result(work).friction}
     assert found == pytest.approx(
         {friction_models.MOVING: 12.0, friction_models.TABLE: 5.0}, rel=0.3
     )
-    values = work.result("fit").values
+    values = tune.FIT.result(work).values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 6.0), rel=0.2)
     assert work.model == tmp_path / "out/model.toml"
     summary = work.summary()
     assert tomlkit.parse(summary.friction_lines)["friction"][0]["name"] == friction_models.MOVING
     text = " ".join(summary.holds)
-    for part in ("N from peak to peak", "not visited", "made the workpiece slide", "sticks"):
+    for part in ("N from peak to peak", "not measured", "made the workpiece slide", "sticks"):
         assert part in text, part
-    assert "add to your model:" in " ".join(said)
+    assert "add to the model:" in " ".join(said)
 
 
 @pytest.mark.long
@@ -217,15 +217,15 @@ def test_a_workpiece_that_does_not_slide_is_refused_and_the_lines_let_the_same_f
         model = known / "model.toml"
         model.write_text(model.read_text() + "\n" + work.refused.lines)
         work = tuning(known, axis, tmp_path / "out", said.append)
-        assert "changed since: the model; kept: free, measure" in said[0]
+        assert "changed since the last run: the model; results kept: free, measure" in said[0]
         for step in ("check", "fit"):
             work.run(step)
         assert json.loads((tmp_path / "out/fit.json").read_text())["result"]["friction"]
-        assert work.result("fit").friction[0].declared
+        assert tune.FIT.result(work).friction[0].declared
         # The mass does not show: a third to three times the model's, unless it is given.
         lows, highs = mass_of(work)
         assert lows < 6.0 * 0.7 / 2.9 and highs > 6.0 * 1.3 * 2.9
-        assert any("so its mass does not show" in line for line in work.summary().holds)
+        assert any("do not show its mass" in line for line in work.summary().holds)
         work = tuning(known, axis, tmp_path / "out", priors=("m_w=6",))
         for step in ("check", "fit"):
             work.run(step)
@@ -238,8 +238,8 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
     with Axis(link(press)) as axis:
         work = tuning(press, axis, tmp_path / "out")
         work.run("check")
-        start = work.result("check").rest.position
-        axis.set(position_gain=work.result("check").settings["position_gain"])
+        start = tune.CHECK.result(work).rest.position
+        axis.set(position_gain=tune.CHECK.result(work).settings["position_gain"])
         axis.enable("profile position")
         axis.move(start + 780)
         axis.disable()
@@ -257,7 +257,7 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
 
 def mass_of(work):
     """(kg, kg): the range that a law is designed for."""
-    over = next(text for text in work.result("fit").over if text.startswith("m_w="))
+    over = next(text for text in tune.FIT.result(work).over if text.startswith("m_w="))
     return tuple(map(float, over.removeprefix("m_w=").split("..")))
 
 
@@ -565,8 +565,8 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
         work.run("check")
         assert any(line.startswith("mode ") and "seals slides" in line for line in said)
         work.run("free")
-        assert tune_measure.moving_N(work, work.result("free")) == pytest.approx(40.0, rel=0.05)
-        checked = work.result("check")
+        assert tune_measure.moving_N(work, tune.FREE.result(work)) == pytest.approx(40.0, rel=0.05)
+        checked = tune.CHECK.result(work)
         law = tune_measure.objects_of(work, checked, checked.law.bank, {})
         law |= tune_measure.reach(work)
         tune_measure.off(axis)
@@ -595,18 +595,18 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
         work = tuning(worn, axis, tmp_path / "out", said.append, **order)
         for step in STEPS:
             work.run(step)
-    assert "left out, since the play of the gear opens there: free, 30N" in said
-    assert any("play of the gear opens at free, 30N" in line for line in work.summary().holds)
-    values = work.result("fit").values
+    assert "left out, because the backlash of the gear opens: free, 30N" in said
+    assert any("backlash of the gear opens at free, 30N" in line for line in work.summary().holds)
+    values = tune.FIT.result(work).values
     assert (values["k_w"], values["m_w"]) == pytest.approx((4e5, 4.0), rel=0.1)
-    (rub,) = work.result("fit").friction
+    (rub,) = tune.FIT.result(work).friction
     assert (rub.name, rub.declared) == ("seals", True)
     assert rub.newton == pytest.approx(40.0, rel=0.05)
     # Dampings, which a response cannot tell from friction: half to twice what the model has.
     given = linear.facts(worn / "model.toml").parameters
-    low, high = (one["b_s"] / given["b_s"][0] for one in work.result("fit").together)
+    low, high = (one["b_s"] / given["b_s"][0] for one in tune.FIT.result(work).together)
     assert low <= 0.5 and high == pytest.approx(2.0)
-    assert work.result("fit").values["b_s"] == low * given["b_s"][0]
+    assert tune.FIT.result(work).values["b_s"] == low * given["b_s"][0]
     assert any(line.startswith("designed for b_s from") for line in said)
     measured = json.loads((tmp_path / "out/measure.json").read_text())
     for level in measured["result"].values():

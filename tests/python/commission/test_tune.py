@@ -573,7 +573,8 @@ def test_a_corrected_order_goes_on_with_what_it_does_not_touch(
     with Axis(link(plants)) as axis:
         tuning = tune.Tuning(axis, order(plants, **changed), designed, said.append)
         name = next(iter(changed))
-        assert said[0].startswith(f"changed since: {name} ") and "is done again" in said[0]
+        assert said[0].startswith(f"changed since the last run: {name} ")
+        assert said[0].endswith("the other steps run again")
         assert all((designed / f"{step}.json").exists() for step in kept)
         assert not any((designed / f"{step}.json").exists() for step in again)
         tuning.run("check")  # which is done again, and leaves what was kept
@@ -633,7 +634,10 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
     with Axis(link(plants)) as axis:
         before = json.loads((designed / tune_folder.TUNE.name).read_text())
         tune.Tuning(axis, order(plants, model=str(model)), designed, said.append)
-        assert said == ["changed since: the model; kept: free, measure; the rest is done again"]
+        assert said == [
+            "changed since the last run: the model; results kept: free, measure; the other steps "
+            "run again"
+        ]
         (designed / tune_folder.TUNE.name).write_text(json.dumps(before | {"serial_number": 99}))
         with pytest.raises(InputError, match="the same axis, got another serial_number"):
             tune.Tuning(axis, order(plants), designed)
@@ -651,7 +655,7 @@ def test_what_a_simulation_took_of_the_gain_is_said_with_why():
     )  # fmt: skip
     text = tune._cut(designed)
     assert text.startswith("P x 0.9: ")
-    for part in ("contact 30 N", "losses 3 of 1", "fS 10 Hz", "left are 9 Hz"):
+    for part in ("contact 30 N", "losses 3 of 1", "fS 10 Hz", "they are 9 Hz"):
         assert part in text
     assert tune._cut(replace(designed, gain_reductions=0)) == ""
 

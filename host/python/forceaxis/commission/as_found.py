@@ -32,9 +32,9 @@ NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
     n for n, o in BY_NAME.items() if n.startswith("recorder_") and o.access == "rw"
 )
-# Objects besides the parameters: a measurement writes them, and other clients may have written
-# them before.
-SET_UP = (
+# Objects that are no parameters but that a measurement writes. Other clients may have written these
+# objects before.
+MEASUREMENT_OBJECTS = (
     "modes_of_operation",
     "target_force",
     *RECORDER_OBJECTS,
@@ -125,9 +125,9 @@ class AxisFolder:
 
 
 def read(axis: Axis) -> RawValues:
-    """{object: raw value} of the parameters and SET_UP, without the consumer heartbeats, which the
-    connection manages. Raises Refused, NoAnswer."""
-    set_up = axis.link.read([name for name in SET_UP if axis.link.reaches(name)])
+    """{object: raw value} of the parameters and of MEASUREMENT_OBJECTS, without the consumer
+    heartbeats, because the connection manages them. Raises Refused, NoAnswer."""
+    set_up = axis.link.read([name for name in MEASUREMENT_OBJECTS if axis.link.reaches(name)])
     found = parameter_set.read(axis) | set_up
     return {n: raw for n, raw in found.items() if not n.startswith("consumer_heartbeat_")}
 
@@ -157,14 +157,14 @@ def kept(folder: AxisFolder) -> Iterator[None]:
 
 
 def expect(folder: AxisFolder, values: RawValues) -> None:
-    """Replaces raw values that the block restores at its end."""
+    """Replaces raw values that kept() restores at the end of its block."""
     held = FOUND.required(folder.folder)
     FOUND.write(folder.folder, AxisState(held.axis, held.values | values))
 
 
 def put_back(folder: AxisFolder) -> int:
-    """Disables the axis and writes every object whose value differs from the file; returns the
-    number of written objects. Raises Refused, NoAnswer."""
+    """Disables the axis and restores the values of FOUND. Writes only objects whose value differs,
+    and returns their number. Raises Refused, NoAnswer."""
     axis, held = folder.axis, FOUND.required(folder.folder).values
     (source,) = axis.link.read(["command_source"]).values()
     if source not in (axis.link.source, NO_OWNER):

@@ -11,7 +11,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Refused
 from forceaxis.bus import client
 from forceaxis.commission.level import noise_of
-from forceaxis.commission.refusal import LEFT, ORPHANED
+from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 
 SAMPLES = 750  # half a second at rest
 READINGS, READING_PERIOD_S = 25, 0.02  # for a connection without recordings
@@ -42,7 +42,7 @@ CAUSES = {
     "following_error": "the axis lags behind: it is held up, or position_gain is too low",
     "force_max": "it met something on its way: make room, or tare it",
     "overspeed": "the axis moved faster than its target: check gains and signs",
-} | dict.fromkeys(ORPHANED, f"its owner fell silent; {LEFT}")
+} | dict.fromkeys(ORPHANED, f"its owner fell silent; {REMEDY_AFTER_KILL}")
 
 
 Value = float | str | None

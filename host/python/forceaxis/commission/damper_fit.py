@@ -21,10 +21,10 @@ from forceaxis.commission.friction_models import FrictionElement
 from forceaxis.commission.measuring import AxisMeasurementSummary
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_fit import (
-    DAMPED,
     SLIDING_ERROR,
+    SLIDING_SPREAD,
     STICKING_ERROR,
-    STUCK,
+    STUCK_DAMPING,
     workpiece_names,
 )
 from forceaxis.identify import fit as fit_response
@@ -241,7 +241,7 @@ def _with_dampers(
     free, stuck = {}, {}
     for damper in dampers:
         if damper.sticks:
-            stuck[damper.friction.damping] = STUCK
+            stuck[damper.friction.damping] = STUCK_DAMPING
         else:
             start = _start_damping(measured, damper.start_N, speed)
             free[damper.friction.damping] = start
@@ -328,7 +328,9 @@ def joint(
         file.write_text(friction_models.damped(model, frictions), encoding="utf-8")
         own = [
             {
-                one.damping: known.Prior(_start_damping(response, one.newton, row.speed), DAMPED)
+                one.damping: known.Prior(
+                    _start_damping(response, one.newton, row.speed), SLIDING_SPREAD
+                )
                 for one in frictions if row.dead_zone
             }
             for response, row in zip(measured, about, strict=True)

@@ -55,6 +55,9 @@ SOFTER = 1.6
 # friction is accepted if it reduces the error of the position by more than this share
 ERROR_REDUCTION_MIN = 0.15
 DISPLACEMENT_MIN_CNT = 0.35  # travel from which friction under the workpiece can be measured
+# half of the force range has to be this multiple of the friction under the workpiece, so that the
+# workpiece slides
+SLIDE_FACTOR = 1.2
 
 # Friction of guide and gear in contact, directions():
 # a block of samples whose force changes faster than this share of the mean slope belongs to a

@@ -17,12 +17,14 @@ Response = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class MeasuringOrder:
-    """What an Analyzer measures; frequencies in Hz, forces in N, times in s, travel in counts."""
+    """Settings of the measurement of an Analyzer. Frequencies are in Hz, forces in N, times in s,
+    the travel in encoder counts."""
 
     band_hz: tuple[float, float] = (1.0, 100.0)
     resolution_hz: float = 1.0
     averages: int = 8
-    fewest: int = 0  #: number of averages that suffices at an error below CERTAIN; 0: all averages
+    #: number of averages that is enough if the error is below CERTAIN; 0: all averages are needed
+    fewest: int = 0
     settle_s: float = 1.0
     force_max_N: float = math.inf
     travel: int = 500  #: distance from the start position of a measurement

@@ -13,21 +13,21 @@ from forceaxis.linear import loops, over
 from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
 
-COEFFICIENTS = 15  # of a bank
-# Width over which |S| is averaged, as a logarithm of the frequency; largest relative error of |S|.
-AVERAGED_LOG, ERROR_MAX = 0.04, 0.1
+COEFFICIENTS_PER_BANK = 15
+AVERAGING_WIDTH = 0.04  # of |S|, as a difference of the logarithms of the frequencies
+ERROR_MAX = 0.1  # largest relative error at which a value of |S| counts as certain
 
 
-def law_in_force(axis: Axis) -> Bank:
+def active_law(axis: Axis) -> Bank:
     """The active Bank of the force modes; the P law is represented as a Bank too. Raises Refused,
     NoAnswer."""
     number, gain = axis.get("force_bank", "force_gain").values()
     if not number:
         return Bank(gain)
     parts = ("sections", "gain", "integral", "velocity_gain")
-    first = COEFFICIENTS * (number - 1) + 1
+    first = COEFFICIENTS_PER_BANK * (number - 1) + 1
     names = [f"bank_{part}_{number}" for part in parts]
-    names += [f"bank_coefficient_{i}" for i in range(first, first + COEFFICIENTS)]
+    names += [f"bank_coefficient_{i}" for i in range(first, first + COEFFICIENTS_PER_BANK)]
     bank = of_settings({"force_bank": number, "force_gain": gain} | axis.get(*names))
     assert bank is not None  # the number of the active bank is not 0
     return bank
@@ -57,17 +57,18 @@ def _loop(
 
 
 def peaks(fitted_axis: FittedAxis, level: Level) -> LoopPeak | None:
-    """Measured Ms, and Ms of the fitted model at the same lines; None if no line is certain."""
+    """The measured Ms, and Ms of the fitted model at the same frequencies; None if |S| is certain
+    at no frequency."""
     measured, tuning = level.measured, fitted_axis.tuning
     fitted, designed = fitted_axis.fitted, fitted_axis.designed
     late = tuning.axis.read("latency_ticks")
-    # With dry friction the axis sticks at some amplitudes and slides at others, so the larger Ms
-    # counts.
+    # With dry friction the axis sticks at some amplitudes and slides at others. The predicted Ms is
+    # the larger one of both states.
     every = designed.modes if fitted.friction and designed.modes else (tuning.states,)
     hz = measured.frequency_hz
-    # The average over a few per cent of the frequency; the maximum of many noisy lines would be
-    # too high.
-    near = (abs(np.log(hz[:, None] / hz)) < AVERAGED_LOG).astype(float)
+    # |S| is averaged over a few per cent of the frequency, because the maximum of many noisy lines
+    # would be too high.
+    near = (abs(np.log(hz[:, None] / hz)) < AVERAGING_WIDTH).astype(float)
     near /= near.sum(1, keepdims=True)
     error = np.sqrt(near**2 @ (near @ level.sensitivity_error**2))
     found = abs(near @ level.sensitivity)

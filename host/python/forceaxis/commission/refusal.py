@@ -5,9 +5,9 @@ from forceaxis.axis.link import NoAnswer
 
 # Faults that occur if the owner of the axis does not write in time.
 ORPHANED = ("heartbeat_lost", "source_lost")
-LEFT = (
-    "a tool that was killed leaves what it had changed: the same `tune` or `measure` with its "
-    "folder puts that back, so does switching the axis off and on"
+REMEDY_AFTER_KILL = (
+    "a tool that was killed leaves what it had changed: to restore the earlier values, run the "
+    "same `tune` or `measure` with its folder again, or switch the axis off and on"
 )
 
 
@@ -31,8 +31,8 @@ def of_link(axis: Axis, error: Exception) -> Refusal:
         return Refusal("no_answer", str(error))
     text = error.text if isinstance(error, Refusal) else str(error)
     if source != axis.link.source or fault in ORPHANED:
-        about = f"it belongs to {owner}, fault {fault}"
-        return Refusal("ownership", f"expected to own the axis all the time, {about}: {text}")
+        about = f"but its owner is {owner} and its fault is {fault}"
+        return Refusal("ownership", f"expected to remain the owner of the axis, {about}: {text}")
     if fault != "none":
-        return Refusal(fault, f"expected no fault: {text}")
+        return Refusal(fault, f"expected an axis without a fault, got {fault}: {text}")
     return error if isinstance(error, Refusal) else Refusal("refused", text)

@@ -17,31 +17,26 @@ from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, S
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-# the slow change of the force begins at this share of the smallest force
-LOWER = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
-# relative force error within which friction may stop an axis without integral action
-RUBS_WITHIN = 0.2
+# The slow change of the force begins at this share of the smallest force.
+LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
+# relative force error at which friction may stop an axis without integral action
+FORCE_TOLERANCE = 0.2
 LEFT_SAMPLES = 750  # half a second
-FIRST = 2  # codes of the first motion out of contact
-NOT_LOOKED = (
-    "bias",
-    "travel",
-    "contact",
-)  # errors of the slow change after which the measurement continues
-# smallest compliance behind the contact, as a share of the contact's own, with which permanent
-# sticking can be detected
-GIVES = 0.3
-# half of the force range has to be this multiple of the friction under the workpiece, so that it
-# slides
-WHOLE = 1.2
+FIRST_CODES = 2  # DAC codes of the first motion out of contact
+# names of the Refusals of the slow change after which the measurement continues
+SKIPPING_REFUSALS = ("bias", "travel", "contact")
+# A workpiece that always sticks can be detected if the compliance behind the contact is at least
+# this share of the contact's own compliance.
+SUPPORT_COMPLIANCE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
 class FoundFriction:
-    """Knowledge of dry friction at a response. moving_N, table_N: of guide and gear, and under the
-    workpiece; None if not known. glide, slow, directions: results of the motion out of contact, of
-    the slow change and of the difference of the codes; None if not measured. left_N: measured force
-    with a target of 0 N. lines: the [[friction]] elements that the model lacks."""
+    """The dry friction that a search has found. moving_N: friction of guide and gear; table_N:
+    friction under the workpiece; None if not known. glide, slow, directions: results of the motion
+    out of contact, of the slow change of the force and of the difference of the codes for rising
+    and falling force; None if not measured. left_N: measured force with a target of 0 N. lines: the
+    [[friction]] elements that the model lacks, as TOML."""
 
     moving_N: float | None = None
     table_N: float | None = None
@@ -50,7 +45,7 @@ class FoundFriction:
     directions: friction.Directions | None = None
     left_N: float | None = None
     lines: str = ""
-    why: str = ""  #: reason why the slow change was not made
+    why: str = ""  #: reason why the force was not changed slowly
 
     @property
     def dead_zone(self) -> float:
@@ -66,8 +61,8 @@ class FoundFriction:
 
 
 class Look:
-    """Searches for friction with an Analyzer. model: a path, or ""; the model converts codes to
-    newtons."""
+    """Search for dry friction with an Analyzer. model: path of the model that converts DAC codes to
+    newtons, or "" without a model."""
 
     def __init__(
         self, analyzer: Analyzer, model: str = "", overrides: linear.Overrides | None = None
@@ -83,13 +78,13 @@ class Look:
             self.newton = 0.0
 
     def apart(self) -> FoundFriction:
-        """Search before the response out of contact, which needs an amplitude that slides. Raises
-        Refusal."""
+        """Searches before the response out of contact, because the response needs an amplitude at
+        which the axis slides. Raises Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
             glide = friction.glide(
-                self.analyzer, most, self.analyzer.say, min(FIRST, most), most, self.newton
+                self.analyzer, most, self.analyzer.say, min(FIRST_CODES, most), most, self.newton
             )
         except Refusal as refusal:
             if refusal.name != "friction" or not own:
@@ -98,24 +93,26 @@ class Look:
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
-        """Search before the responses in contact: a slow change of the force between the forces."""
+        """Searches before the responses in contact, by a slow change of the force between the
+        forces in N."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
-        low = LOWER * min(forces)
+        low = LOWEST_FORCE_SHARE * min(forces)
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * max(forces)
         if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
             return self.found  # measuring the response then raises the refusal
         try:
             high = min(high, most)
-            analyzer.order = replace(analyzer.order, within=RUBS_WITHIN)  # it may stick below
+            # below the force set-point the axis may stick
+            analyzer.order = replace(analyzer.order, within=FORCE_TOLERANCE)
             force, place, codes = friction.record_slow_change(analyzer, low, high)
             analyzer.wait(friction.LEG_S * low / (high - low))  # to a target of 0
         except Refusal as refusal:
-            if refusal.name not in NOT_LOOKED or (
+            if refusal.name not in SKIPPING_REFUSALS or (
                 refusal.name == "contact" and not analyzer.axis.read("contact")
             ):
                 raise
-            analyzer.say(f"not looked for friction under the workpiece: {refusal.text}")
+            analyzer.say(f"friction under the workpiece is not measured: {refusal.text}")
             return self._found(replace(self.found, why=f"{refusal.name}: {refusal.text}"))
         held = analyzer.axis.capture(["force"], samples=LEFT_SAMPLES).values("force")
         left = float(np.mean(held)) * analyzer.newton
@@ -131,7 +128,11 @@ class Look:
         if not self.model:
             return 0.0
         rigid = known.rigid_counts(self.model, self.overrides)
-        return rigid if known.behind_counts(self.model, self.overrides) > GIVES * rigid else 0.0
+        return (
+            rigid
+            if known.behind_counts(self.model, self.overrides) > SUPPORT_COMPLIANCE_SHARE * rigid
+            else 0.0
+        )
 
     def _rate(self) -> float:
         if self.found.glide is not None:
@@ -157,13 +158,13 @@ class Look:
             rubs=found.rubs,
             first=max(self.order.first, codes),
             most=most,
-            within=RUBS_WITHIN if found.rubs else self.order.within,
+            within=FORCE_TOLERANCE if found.rubs else self.order.within,
         )
         return self.found
 
     def expect_sliding(self, level: Level) -> None:
-        """Raises Refusal if the noise never overcame the friction of guide and gear during a
-        response."""
+        """Raises Refusal if the noise of a response never overcame the friction of guide and
+        gear."""
         dead_zone = self.found.dead_zone
         if level.amplitude > dead_zone:
             return
@@ -172,9 +173,9 @@ class Look:
         bounds = "a larger travel" if level.bias_N is None else "larger forces and force_max_N"
         bounds = "a larger level" if self.order.amplitude else bounds
         raise Refusal(
-            "friction", f"expected noise that slides, {level.amplitude} codes {where} are no more "
-            f"than the {dead_zone:.3g} that guide and gear take{newtons}: the response is that of "
-            f"the friction; give {bounds}, or grease the guide",
+            "friction", f"expected a noise at which the axis slides, but {level.amplitude} codes "
+            f"{where} are at most the dead zone of {dead_zone:.3g} codes of guide and gear"
+            f"{newtons}: the response shows the friction alone; give {bounds}, or grease the guide",
             self.found.lines,
         )  # fmt: skip
 
@@ -192,7 +193,7 @@ def summary(found: FoundFriction, level: Level) -> friction.FrictionSummary:
         glide=found.glide,
         directions=directions if has_directions else None,
         workpiece_N=None if apart else found.table_N,
-        workpiece_slides=None if not table else level.swing / 2 > WHOLE * table,
+        workpiece_slides=None if not table else level.swing / 2 > friction.SLIDE_FACTOR * table,
         slow=None if apart else slow,
         left_N=None if apart else found.left_N,
         why=found.why,

@@ -34,7 +34,7 @@ from forceaxis.commission import (
 )
 from forceaxis.commission.as_found import FolderFile
 from forceaxis.commission.level import Level, Rest
-from forceaxis.commission.refusal import LEFT, ORPHANED, Refusal, of_link
+from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL, Refusal, of_link
 from forceaxis.commission.tune_folder import (
     BEFORE,
     MEASURED,
@@ -82,13 +82,14 @@ from forceaxis.results import from_json, to_json
 
 R = TypeVar("R")  # result of a step
 
-LIMIT_FACTOR = 1 / 6  # share of the linear limit that gives the gain for the measurement
-SPREAD_FACTORS = (0.3, 1.0, 3.0)  # factors of the stiffnesses and masses in the set for that limit
+LIMIT_FACTOR = 1 / 6  # gain for the measurement, as a share of the critical gain
+# factors of the stiffnesses and masses in the set of plants for which the critical gain is computed
+SPREAD_FACTORS = (0.3, 1.0, 3.0)
 # integral rates among which the law for the measurement is chosen
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
-CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set, with which a force settles within seconds
+CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set at which a force settles within seconds
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over its prediction
-AVERAGES_FACTOR = 4  # factor of the averages if no line is certain
+AVERAGES_FACTOR = 4  # more averages if |S| is certain at no frequency
 # Highest frequency of the responses, relative to the limiting frequency; that of the verified |S|,
 # relative to fT; largest value of both.
 BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
@@ -98,7 +99,8 @@ CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 IMPACT_PEAK_N = 10.0  # peak force of a first contact from the momentum of the axis alone
 # if the bandwidth is below this multiple of that of P, the text names the limiting bound
 BANDWIDTH_FACTOR = 1.7
-NO_MEMORY = -10  # of REASONS
+NO_MEMORY = -10  # key of REASONS: the axis has no memory for parameters
+EARLIER_LAW_AGAIN = "the axis has its earlier law again"
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def check(tuning: TuningFolder) -> Checked:
     low, high = tuning.order.band_hz
     high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
     return Checked(
-        rest, settings, bank.keys(), (low, high), margins.law_in_force(axis).keys(),
+        rest, settings, bank.keys(), (low, high), margins.active_law(axis).keys(),
         held.latency_ticks,
     )  # fmt: skip
 
@@ -145,34 +147,34 @@ def check_line(tuning: TuningFolder, done: Checked) -> str:
     rest, law = done.rest, done.law.bank
     noise = "" if rest.noise_lsb is None else f", noise {rest.noise_lsb:.2g} codes"
     text = (
-        f"at rest, reading {rest.reading:.2g} force counts{noise}; to be measured with gain "
-        f"{law.force_gain:.3g} and integral {law.integral_rad_per_s:.3g} 1/s"
+        f"at rest, measured force {rest.reading:.2g} counts{noise}; the responses are measured "
+        f"with the gain {law.force_gain:.3g} and the integral rate {law.integral_rad_per_s:.3g} 1/s"
     )
-    return text + (f"; as of the model: {', '.join(done.settings)}" if done.settings else "")
+    return text + (f"; from the model: {', '.join(done.settings)}" if done.settings else "")
 
 
 def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: PlantFacts) -> None:
     """Raises Refusal for a fault, for an ADC that differs from the model, or for forces beyond the
     limits of the axis."""
     if held.fault != "none":
-        left = f"; {LEFT}" if held.fault in ORPHANED else ""
+        left = f"; {REMEDY_AFTER_KILL}" if held.fault in ORPHANED else ""
         raise Refusal(
             "fault", f"expected an axis without a fault, got {held.fault}; "
-            f"`forceaxis axis reset` resets it{left}"
+            f"`forceaxis axis reset` resets the fault{left}"
         )  # fmt: skip
     if facts.reading is None or facts.encoder is None or not facts.contacts:
-        raise InputError(f"{tuning.model}: expected a force reading, an encoder and a contact")
+        raise InputError(f"{tuning.model}: expected a force sensor, an encoder and a contact")
     if held.adc_bits != facts.reading.bits:
         raise Refusal(
-            "adc", f"expected an ADC of {facts.reading.bits} bits as the model's, the axis "
-            f"has {held.adc_bits}: set adc_bits or the model"
+            "adc", f"expected an ADC of {facts.reading.bits} bits as in the model, the axis "
+            f"has {held.adc_bits} bits: correct adc_bits or the model"
         )  # fmt: skip
     largest_N = max(tuning.order.forces)
     most_N = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
     if largest_N >= most_N:
         raise Refusal(
-            "force", f"expected forces below {most_N:.4g} N, whose swing stays below force_max, "
-            f"got {largest_N:g} N"
+            "force", f"expected forces below {most_N:.4g} N, so that force and excitation together "
+            f"stay below force_max, got {largest_N:g} N"
         )  # fmt: skip
     bounds.expect_readable(
         tuning.axis, largest_N, analyzer.SWING, abs(facts.required_reading.per_count)
@@ -187,8 +189,8 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
         return {}
     if not quantity.never_set(held.force_scale, held.calibration_date):
         raise Refusal(
-            "scale", f"expected {scale:.6g} uN a count as the model has, the axis has "
-            f"{held.force_scale:g}: calibrate it, or set the model"
+            "scale", f"expected a force_scale of {scale:.6g} uN/count as in the model, the axis "
+            f"has {held.force_scale:g}: calibrate the axis, or correct the model"
         )  # fmt: skip
     return {"force_scale": max(1, round(scale))}
 
@@ -213,8 +215,8 @@ def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
         return {}
     if own != delivered:
         tuning.say(
-            f"approach_velocity_max becomes {slow} count/s, it was {own:g}: by what is known "
-            f"of the axis its momentum alone would strike with more than {IMPACT_PEAK_N:g} N"
+            f"approach_velocity_max becomes {slow} counts/s, it was {own:g}: with this speed the "
+            f"momentum of the axis alone would cause an impact of more than {IMPACT_PEAK_N:g} N"
         )
     return {"approach_velocity_max": slow}
 
@@ -224,10 +226,10 @@ def _expect_noise(rest: Rest) -> None:
     response."""
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
-            "dither", f"expected readings at rest with a noise of {analyzer.QUIET_LSB:g} codes rms "
-            f"or more, got {rest.noise_lsb:.2g}: rounding without noise hides the response; use an "
-            "ADC of more bits or less filtering; a simulated axis has the noise of its model's "
-            "[[adc]] (sensor_noise_n of its data sheet)"
+            "dither", "expected a noise of the measured force at rest of "
+            f"{analyzer.QUIET_LSB:g} ADC codes rms or more, got {rest.noise_lsb:.2g}: without "
+            "noise the rounding hides the response; use an ADC of more bits or less filtering; a "
+            "simulated axis has the noise of [[adc]] in its model, sensor_noise_n of the data sheet"
         )  # fmt: skip
 
 
@@ -249,7 +251,7 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
         contact = plant.tables.contact
         stiffness = plant.value(contact.stiffness) if contact else None
     if not stiffness or contact is None:
-        raise InputError(f"{model}: contact: expected one, with a stiffness")
+        raise InputError(f"{model}: contact: expected one contact that has a stiffness")
     far = contact.between[1]
     mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
     speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * mass))
@@ -341,7 +343,7 @@ def _cut(designed: DesignResult) -> str:
         f"{chosen} x {simulation.BACKOFF**times:.3g}: contacts simulated with the fitted plant did "
         f"not settle at the designed gain{''.join(why)}"
         + (f"; the search had reached fS {searched.fS_Hz:.3g} Hz and Ms {searched.Ms:.3g}, "
-           f"left are {left.fS_Hz:.3g} Hz and {left.Ms:.3g}"
+           f"after the reduction they are {left.fS_Hz:.3g} Hz and {left.Ms:.3g}"
            if searched and searched.fS_Hz and left.fS_Hz else "")
     )  # fmt: skip
 
@@ -401,12 +403,15 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
         state = axis.read(f"bank_state_{experiment_file.BANK}")
         put_back(tuning)
         raise Refusal(
-            "bank" if state == "valid" else state, f"expected it to be taken, {error}"
+            "bank" if state == "valid" else state, f"expected the axis to accept the bank: {error}"
         ) from None
     certificate = axis.read(f"certificate_state_{experiment_file.BANK}")
     if certificate != "fits":
         put_back(tuning)
-        raise Refusal("certificate", f"expected one that fits, it is {certificate}")
+        raise Refusal(
+            "certificate",
+            f"expected a certificate that matches the axis, its state is {certificate}",
+        )
     as_found.expect(tuning, axis.link.read(list(values)))
     return Written(certificate, len(values))
 
@@ -417,10 +422,10 @@ def write_line(tuning: TuningFolder, done: Written) -> str:
 
 
 def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
-    """Writes the bank again if the axis has lost it in a power cut or a reset."""
+    """Writes the bank again if the axis has lost the bank in a power cut or a reset."""
     names = ("force_bank", f"bank_crc_{experiment_file.BANK}")
     if any(value != designed.objects[name] for name, value in tuning.axis.get(*names).items()):
-        tuning.say("the axis has lost the bank since; it is written again")
+        tuning.say("the axis has lost the bank; the bank is written again")
         write(tuning, designed)
 
 
@@ -457,12 +462,13 @@ def verify(
             levels[f"verified-{force:g}N"] = about
             if about.Ms - 2 * about.Ms_error > about.Ms_predicted + MS_TOLERANCE:
                 raise Refusal(
-                    "verify", f"expected Ms {about.Ms_predicted:.3g} with {force:g} N, at most "
-                    f"{MS_TOLERANCE:g} more, got {about.Ms:.3g} +-{2 * about.Ms_error:.2g}"
+                    "verify", f"expected an Ms of at most {MS_TOLERANCE:g} above its prediction "
+                    f"{about.Ms_predicted:.3g} at {force:g} N, got {about.Ms:.3g} "
+                    f"+-{2 * about.Ms_error:.2g}"
                 )  # fmt: skip
     except Refusal as refusal:
         put_back(tuning)
-        raise Refusal(refusal.name, f"{refusal.text}; the law before is in force again") from None
+        raise Refusal(refusal.name, f"{refusal.text}; {EARLIER_LAW_AGAIN}") from None
     return Verified(levels)
 
 
@@ -491,8 +497,11 @@ def _verified(
             peaks = contact.write(fitted_axis, touched[-1])
             row = VerifiedResponse(**(vars(figures) | vars(peak) | vars(peaks)))
             return row, used
-        tuning.say("no line is sure yet: more averages")
-    raise Refusal("verify", "expected lines at which the loop's response is sure, got none")
+        tuning.say("the sensitivity function is uncertain at all frequencies: more averages")
+    raise Refusal(
+        "verify", "expected frequencies at which the sensitivity function is certain, got none; "
+        "give more averages"
+    )  # fmt: skip
 
 
 def verify_line(tuning: TuningFolder, done: Verified) -> str:
@@ -516,7 +525,7 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
             return Stored(False, str(error))
         put_back(tuning)
         raise Refusal(
-            "store", f"expected it to keep the law, {error}; the law before is in force again"
+            "store", f"expected the axis to store the law: {error}; {EARLIER_LAW_AGAIN}"
         ) from None
     return Stored(True)
 
@@ -546,7 +555,7 @@ class TuningStep(Generic[R]):
         """The result of the step. Raises Refusal if the step is not done."""
         done = self.done(tuning)
         if done is None:
-            raise Refusal(self.name, "expected that step to be done before; do it alone first")
+            raise Refusal(self.name, "expected that this step was done before; run it alone first")
         return done
 
 
@@ -683,8 +692,8 @@ class Tuning(TuningFolder):
         self.kept = frozenset(kept)
         if done:
             self.say(
-                f"changed since: {', '.join(changes.values())}; kept: "
-                f"{', '.join(kept) or 'nothing'}; the rest is done again"
+                f"changed since the last run: {', '.join(changes.values())}; results kept: "
+                f"{', '.join(kept) or 'none'}; the other steps run again"
             )
 
     def _file(self, step: str) -> Path:
@@ -697,8 +706,8 @@ class Tuning(TuningFolder):
         try:
             if len(self.order.forces) < 2:
                 raise Refusal(
-                    "levels", f"expected at least two forces, got {len(self.order.forces)}: what "
-                    "depends on the force cannot be told from what does not; give 30 and 150"
+                    "levels", f"expected at least two forces, got {len(self.order.forces)}: one "
+                    "force does not show which properties depend on the force; give 30 and 150"
                 )  # fmt: skip
             with as_found.kept(self):
                 for self.step in (only,) if only else STEPS:

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -36,27 +35,33 @@ from forceaxis.commission.tune_results import (
     Values,
 )
 from forceaxis.design import model_file
+from forceaxis.design.model_file import Given
 from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.linear import plant_set
 from forceaxis.linear.plant_set import PlantSet
 
-Rubs = tuple[friction_models.FrictionElement, ...]
+Frictions = tuple[friction_models.FrictionElement, ...]
 
-# Standard deviations of the logarithm of a damper in the place of friction, for a sliding axis and
-# for an axis that alternates between sticking and sliding; N s/m of a sticking friction.
-DAMPED, STICKS, STUCK = 0.9, 2.0, 1e6
+# Standard deviation of the logarithm of a damper that replaces friction: for an axis that slides,
+# and for an axis that alternates between sticking and sliding.
+SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
+STUCK_DAMPING = 1e6  # N s/m: damper that replaces the friction of a workpiece that does not slide
 # relative error of a response that is fitted with a damper in the place of friction
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
-RATE_HZ, RATE_ERROR = 0.2, 0.015
-BETWEEN_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
-UNSURE = 0.2  # relative standard error of the mass from which the sines do not determine the mass
-SHAKEN_ERROR = 0.04  # smallest relative error of a workpiece's values from sines
+SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015  # frequency and relative error of _speed_response()
+TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
+# The sines determine the mass of a workpiece if its relative standard error is below this value.
+SINE_MASS_ERROR_MAX = 0.2
+SINE_ERROR_MIN = 0.04  # smallest relative error of a workpiece's values from sines
 REFIT_CHANGE = 0.02  # relative change of the values from sines after which the fit is repeated
-# Tolerances of a design for an axis with dry friction: standard deviations of the prior for the
-# dampings; factor for the mass of a workpiece that does not slide, up and down.
-RELIED, UNWEIGHED = 1.0, 3.0
-DIFFER = 1e-4  # probability below which the responses of two amplitudes count as different
+# Range of the dampings in the design for an axis with dry friction, in standard deviations of the
+# prior to both sides.
+DAMPING_DEVIATIONS = 1.0
+# Range of the mass of a workpiece that does not slide: the prior divided and multiplied by this.
+UNKNOWN_MASS_FACTOR = 3.0
+# Two responses differ if noise alone makes such a difference with a smaller probability.
+DIFFERENCE_PROBABILITY = 1e-4
 
 TRIED = FolderFile("residual.json", list[missing_parts.Tried])
 
@@ -65,55 +70,62 @@ def fit(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -
     """Fits the model's parameters to all responses and to the prior values."""
     order, given = tuning.order, tuning.given
     every = ["free", *(f"{force:g}N" for force in order.forces)]
-    rubs = _rubs(tuning, free, measured)
+    moving_N = tune_measure.moving_N(tuning, free)
+    frictions = friction_models.frictions_of(given, moving_N, measured.between.friction_N)
     path = tuning.folder / RESPONSES_MODEL
     path.unlink(missing_ok=True)
     (tuning.folder / FITTED_MODEL).unlink(missing_ok=True)
-    if rubs:
-        dampers = friction_models.at_both_ends(given, rubs)
+    own: list[dict[str, Prior]] = []  # of each response, as `errors`
+    errors: list[float] = []
+    if frictions:
+        dampers = friction_models.at_both_ends(given, frictions)
         path.write_text(friction_models.damped(given, dampers), encoding="utf-8")
-        model, names = str(path), _closed(tuning, every, rubs, measured)
+        model, names = str(path), _closed(tuning, every, frictions, measured)
+        own = [_dampers(tuning, name, dampers, free, measured) for name in names]
+        errors = [_error(name, frictions) for name in names]
     else:
-        dampers, model = (), str(given)
+        model = str(given)
         names = every + _differing(tuning, measured, every[1:], model)
     responses = [fit_response.read_response(tuning.folder / name, model) for name in names]
-    own = [_own(tuning, name, dampers, free, measured) for name in names] if rubs else []
-    errors = [_error(name, rubs) for name in names] if rubs else []
     sheet = known.priors(model, order.over, order.priors)
-    before = sheet | _workpiece(tuning, rubs, measured)
-    if any(not friction_models.of_workpiece(given, rub) for rub in rubs):
+    before = sheet | _workpiece(tuning, frictions, measured)
+    if len(_under_workpiece(tuning, frictions)) < len(frictions):
         apart = fit_response.read_response(tuning.folder / "free", model)
-        responses.append(_rate(free, apart))
+        responses.append(_speed_response(free, apart))
         own.append({})
         errors.append(joint_fit.MODEL_ERROR)
-    asked: dict[str, Any] = {
-        "own": own, "errors": errors, "states": known.states_of(model, tuning.states)
-    }  # fmt: skip
-    found = joint_fit.joint(model, before, responses, order.over, **asked)
-    again = _workpiece(tuning, rubs, measured, found.best)
+    states = known.states_of(model, tuning.states)
+
+    def fitted(priors: dict[str, Prior]) -> joint_fit.JointFit:
+        return joint_fit.joint(
+            model, priors, responses, order.over, own=own, errors=errors, states=states
+        )
+
+    found = fitted(before)
+    again = _workpiece(tuning, frictions, measured, found.best)
     if any(abs(p.value / before[n].value - 1) > REFIT_CHANGE for n, p in again.items()):
         # the values from sines become more accurate with the fitted stiffness of the sensor
-        before |= again
-        found = joint_fit.joint(model, before, responses, order.over, **asked)
+        found = fitted(before | again)
     if found.rejected:
         raise Refusal(found.rejected, *_explained(tuning, found))
     assert found.plants is not None and found.intervals is not None  # of an accepted fit
-    relied: list[str] = []
-    if rubs:
-        found.values, found.plants, relied = _relied(tuning, found.plants, sheet, rubs, measured)
-    units = {n: unit for n, (_, unit) in linear.facts(model).parameters.items()}
-    intervals = found.intervals
-    rows = {n: ParameterRow(v, intervals[n], units[n]) for n, v in found.best.items()}
+    changes: list[str] = []
+    if frictions:
+        found.plants, changes = _with_tolerances(tuning, found.plants, sheet, frictions, measured)
+        found.values = found.plants.overrides
+    parameters, intervals = linear.facts(model).parameters, found.intervals
+    rows = {n: ParameterRow(v, intervals[n], parameters[n].unit) for n, v in found.best.items()}
     return Fitted(
-        **vars(found.summary()), parameters=rows, friction=rubs, lines=_model_lines(tuning, rubs),
-        left_out=tuple(name for name in every if name not in names) if rubs else (),
-        relied=tuple(relied), together=tuple(found.plants.together),
-        own=dict(zip(names, found.own, strict=False)) if rubs else {},
+        **vars(found.summary()), parameters=rows, friction=frictions,
+        lines=_model_lines(tuning, frictions),
+        left_out=tuple(name for name in every if name not in names) if frictions else (),
+        relied=tuple(changes), together=tuple(found.plants.together),
+        own=dict(zip(names, found.own, strict=False)) if frictions else {},
     )  # fmt: skip
 
 
 def fit_line(tuning: TuningFolder, done: Fitted) -> str:
-    """What `fit` says when it ends: the varied parameters."""
+    """The text that reports the result of `fit`: the varied parameters."""
     named = plant_set.ranges_of(done.model, tuning.order.over)
     rows = done.parameters
     text = ", ".join(f"{n} = {done.values[n]:.5g} {rows[n].unit}" for n in named)
@@ -124,194 +136,200 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
     """(reason for rejecting a fit, TOML of the candidates that would explain the responses)."""
     if found.rejected != "chi2":
         return found.text, ""
-    tuning.say("the model does not explain the responses: trying what it may lack")
+    tuning.say("the model does not explain the responses: parts that it may lack are tried")
     tried = missing_parts.of(found)
     TRIED.write(tuning.folder, tried)
     if not tried:
         return found.text, ""
     names = " or ".join(one.text for one in tried[: missing_parts.SHOWN])
-    text = f"{found.text}; tried, the likeliest first: {names}; add the one that is there"
-    return text, missing_parts.lines_of(tried)
+    text = f"{found.text}; parts that explain them, the most likely first: {names}; add to the "
+    return text + "model the part that the axis has", missing_parts.lines_of(tried)
 
 
-def _rubs(tuning: TuningFolder, free: FreeResponse, measured: MeasuredResponses) -> Rubs:
-    """The frictions of the model, with the newtons that were measured."""
-    moving_N = tune_measure.moving_N(tuning, free)
-    return friction_models.frictions_of(tuning.given, moving_N, measured.between.friction_N)
+def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
+    """The frictions that act under the workpiece; the others act in guide and gear."""
+    return tuple(one for one in frictions if friction_models.of_workpiece(tuning.given, one))
 
 
-def _model_lines(tuning: TuningFolder, rubs: Rubs) -> str:
+def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
     """The friction elements that the model lacks, as TOML. Reports them and writes the completed
     model."""
-    if not rubs:
+    if not frictions:
         return ""
-    text = friction_models.with_friction(tuning.given, rubs)
+    text = friction_models.with_friction(tuning.given, frictions)
     (tuning.folder / FITTED_MODEL).write_text(text, encoding="utf-8")
-    lines = friction_models.toml_lines(rubs)
-    for rub in rubs:
-        tuning.say(f"dry friction of {rub.newton:.3g} N between {' and '.join(rub.between)}")
+    lines = friction_models.toml_lines(frictions)
+    for one in frictions:
+        tuning.say(f"dry friction of {one.newton:.3g} N between {' and '.join(one.between)}")
     if lines:
-        tuning.say("the model lacks it; this tuning goes on with it, add to your model:")
+        tuning.say("the model lacks this friction; the tuning continues with it; add to the model:")
         for line in lines.splitlines():
             tuning.say(line)
     return lines
 
 
 def _closed(
-    tuning: TuningFolder, names: list[str], rubs: Rubs, measured: MeasuredResponses
+    tuning: TuningFolder, names: list[str], frictions: Frictions, measured: MeasuredResponses
 ) -> list[str]:
     """The responses during which the backlash of the gear stays closed. If the force that moves the
     load back is smaller than its friction, the motor moves within the backlash, and no linear model
     describes the response. Raises Refusal if no response in contact remains."""
-    if not known.play_counts(tuning.given):
-        return names
-    newton = sum(rub.newton for rub in rubs if not friction_models.of_workpiece(tuning.given, rub))
-    if not newton:
+    on_table = _under_workpiece(tuning, frictions)
+    newton = sum(one.newton for one in frictions if one not in on_table)
+    if not newton or not known.play_counts(tuning.given):
         return names
     kept = [n for n, level in measured.levels.items() if level.bias_N - level.swing / 2 > newton]
     if not kept:
         raise Refusal(
-            "play", f"expected a force that keeps the play of the gear taken up, {newton:.3g} N of "
-            f"dry friction open it at every one of these: give one of {1.5 * newton:.3g} N or more"
+            "play", "expected a force at which the backlash of the gear stays closed; at each of "
+            f"these forces the dry friction of {newton:.3g} N opens it: give a force of "
+            f"{1.5 * newton:.3g} N or more"
         )  # fmt: skip
     gone = [n for n in names if n not in kept]
     if gone:
-        tuning.say(f"left out, since the play of the gear opens there: {', '.join(gone)}")
+        tuning.say(f"left out, because the backlash of the gear opens: {', '.join(gone)}")
     return kept
 
 
-def _own(
-    tuning: TuningFolder, name: str, rubs: Rubs, free: FreeResponse, measured: MeasuredResponses
-) -> dict[str, Prior]:
+def _dampers(
+    tuning: TuningFolder, name: str, frictions: Frictions, free: FreeResponse,
+    measured: MeasuredResponses,
+) -> dict[str, Prior]:  # fmt: skip
     """{parameter: Prior} of the dampers that replace the frictions in a response."""
-    facts = linear.facts(tuning.given)
-    scale = abs(facts.required_encoder.scale)
-    about: ResponseFigures = free if name == "free" else measured.levels[name]
-    compliance = measured.between.compliance + measured.between.sliding  # counts a newton
-    speed = about.speed_rms / scale
+    scale = abs(linear.facts(tuning.given).required_encoder.scale)
+    response: ResponseFigures = free if name == "free" else measured.levels[name]
+    speed_m_per_s = response.speed_rms / scale
+    if name != "free":  # speed_rms is the rate of the force; compliances in counts/N
+        speed_m_per_s *= measured.between.compliance + measured.between.sliding
+    on_table = _under_workpiece(tuning, frictions)
     found = {}
-    for rub in rubs:
-        on_table = friction_models.of_workpiece(tuning.given, rub)
-        if on_table and name == "free":
+    for one in frictions:
+        if one in on_table and name == "free":
             continue
-        if on_table and about.swing / 2 < 1.2 * rub.newton:
-            found[rub.damping] = Prior(STUCK, DAMPED)
-        elif rub.newton > 0:
-            moves = speed if name == "free" else speed * compliance
-            spread = STICKS if on_table else DAMPED
-            found[rub.damping] = Prior(friction.damping(rub.newton, max(moves, 1e-7)), spread)
+        if one in on_table and response.swing / 2 < friction.SLIDE_FACTOR * one.newton:
+            found[one.damping] = Prior(STUCK_DAMPING, SLIDING_SPREAD)
+        elif one.newton > 0:
+            damping = friction.damping(one.newton, max(speed_m_per_s, 1e-7))
+            spread = STICKING_SPREAD if one in on_table else SLIDING_SPREAD
+            found[one.damping] = Prior(damping, spread)
     return found
 
 
-def _error(name: str, rubs: Rubs) -> float:
+def _error(name: str, frictions: Frictions) -> float:
     """Relative error of a response that no parameter can explain."""
-    sticks = any(rub.name == friction_models.TABLE for rub in rubs) and name != "free"
+    sticks = any(one.name == friction_models.TABLE for one in frictions) and name != "free"
     return STICKING_ERROR if sticks else SLIDING_ERROR
 
 
-def _rate(free: FreeResponse, apart: Measurement) -> Measurement:
+def _speed_response(free: FreeResponse, apart: Measurement) -> Measurement:
     """The speed per code of the sliding axis, as a response with one line. Friction does not change
-    it, because the axis slides in one direction."""
-    exact = complex(free.glide.rate / (2j * np.pi * RATE_HZ))
+    this speed, because the axis slides in one direction."""
+    exact = complex(free.glide.rate / (2j * np.pi * SPEED_RESPONSE_HZ))
     one = np.ones(1)
     return replace(
-        apart, frequency_hz=RATE_HZ * one, response=np.full(1, exact), coherence=one, floor=0 * one,
-        variance=(RATE_ERROR * abs(exact)) ** 2 * one,
+        apart, frequency_hz=SPEED_RESPONSE_HZ * one, response=np.full(1, exact), coherence=one,
+        floor=0 * one, variance=(SPEED_ERROR * abs(exact)) ** 2 * one,
     )  # fmt: skip
 
 
+def _given_priors(tuning: TuningFolder) -> set[str]:
+    """Names of the parameters for which the user gave a prior."""
+    return {text.partition("=")[0] for text in tuning.order.priors}
+
+
 def _workpiece(
-    tuning: TuningFolder, rubs: Rubs, measured: MeasuredResponses, best: Values | None = None
-) -> dict[str, Prior]:
+    tuning: TuningFolder, frictions: Frictions, measured: MeasuredResponses,
+    best: Values | None = None,
+) -> dict[str, Prior]:  # fmt: skip
     """Priors of a workpiece with dry friction, from the travel between the forces and from sines.
-    best: {parameter: value} of an earlier fit, or empty."""
-    if not any(friction_models.of_workpiece(tuning.given, rub) and rub.newton > 0 for rub in rubs):
+    best: {parameter: value} of an earlier fit; None before the first fit."""
+    on_table = _under_workpiece(tuning, frictions)
+    if not any(one.newton > 0 for one in on_table):
         return {}
     sliding, shaken = measured.between.sliding, measured.shaken
     stiffness, mass = workpiece_names(tuning.given)
     sensor, damping = sensor_names(tuning.given)
     if shaken and best and sensor in best:
         shaken = sine_test.of_sines(shaken.rows, best[sensor], best.get(damping or "", 0.0))
-    scale = abs(linear.facts(tuning.given).required_encoder.scale)
-    given = {text.partition("=")[0] for text in tuning.order.priors}
+    facts, given = linear.facts(tuning.given), _given_priors(tuning)
     found: dict[str, Prior] = {}
     if stiffness and sliding:
-        found[stiffness] = Prior(scale / sliding, BETWEEN_ERROR)
-        if shaken:
-            sure = max(SHAKEN_ERROR, shaken.stiffness_error)
-            weights = np.array([BETWEEN_ERROR**-2, sure**-2])
-            values = np.log([found[stiffness].value, shaken.stiffness])
-            found[stiffness] = Prior(
-                float(np.exp(weights @ values / weights.sum())), float(weights.sum() ** -0.5)
-            )
-    if mass and shaken and _mass_shows(shaken):
-        found[mass] = Prior(shaken.mass, max(SHAKEN_ERROR, shaken.mass_error))
-    elif mass and mass not in given:  # see _relied()
-        table = [rub for rub in rubs if friction_models.of_workpiece(tuning.given, rub)]
-        if not all(rub.declared for rub in table):
+        value = abs(facts.required_encoder.scale) / sliding
+        found[stiffness] = Prior(value, TRAVEL_STIFFNESS_ERROR)
+        if shaken:  # the mean of both values, weighted by their errors
+            error = max(SINE_ERROR_MIN, shaken.stiffness_error)
+            weights = np.array([TRAVEL_STIFFNESS_ERROR**-2, error**-2])
+            mean = np.exp(weights @ np.log([value, shaken.stiffness]) / weights.sum())
+            found[stiffness] = Prior(float(mean), float(weights.sum() ** -0.5))
+    if mass and shaken and _determine_mass(shaken):
+        found[mass] = Prior(shaken.mass, max(SINE_ERROR_MIN, shaken.mass_error))
+    elif mass and mass not in given:  # see _with_tolerances()
+        if not all(one.declared for one in on_table):
             raise Refusal(
-                "friction", "expected a workpiece that slides on its table, "
-                f"{table[0].newton:.3g} N of dry friction hold it within the bounds: its mass does "
-                f"not show; add to the model what was found, and give the prior {mass}=KG as it "
-                f"weighs: without, {UNWEIGHED:g} times less and more than the model has are taken",
-                friction_models.toml_lines(rubs),
+                "friction", "expected a workpiece that slides on its table, but dry friction of "
+                f"{on_table[0].newton:.3g} N holds the workpiece within the bounds, so its mass "
+                "cannot be measured; add the friction to the model and give the weighed mass as a "
+                f"prior, {mass}=KG; without the prior, the law is designed for "
+                f"{UNKNOWN_MASS_FACTOR:g} times less and more than the mass of the model",
+                friction_models.toml_lines(frictions),
             )  # fmt: skip
-        found[mass] = Prior(linear.facts(tuning.given).parameters[mass][0], known.MASS_SPREAD)
+        found[mass] = Prior(facts.parameters[mass].value, known.MASS_SPREAD)
     return {name: prior for name, prior in found.items() if name not in given}
 
 
-def _mass_shows(shaken: sine_test.SineTestResult | None) -> bool:
+def _determine_mass(shaken: sine_test.SineTestResult | None) -> bool:
     """Whether the workpiece slid so much under the sines that they determine its mass."""
-    return shaken is not None and shaken.mass_error < UNSURE
+    return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX
 
 
-def _relied(
+def _with_tolerances(
     tuning: TuningFolder,
     plants: PlantSet,
     sheet: dict[str, Prior],
-    rubs: Rubs,
+    frictions: Frictions,
     measured: MeasuredResponses,
-) -> tuple[dict[str, float], PlantSet, list[str]]:
-    """Values and tolerances of a design for an axis with dry friction: (values, PlantSet, a text
-    for each parameter whose value differs from the fit). plants: about the fitted values; sheet:
-    the prior values.
+) -> tuple[PlantSet, list[str]]:
+    """(set of plants of a design for an axis with dry friction, a text for each parameter whose
+    value differs from the fit). plants: the set about the fitted values; sheet: the prior values.
 
     The fit represents dry friction by dampers, one set for each response. The plant of the design
     has no such dampers, because it slides. The fit cannot distinguish friction from damping. All
-    dampings of the design are therefore together at the low or at the high end of the prior, RELIED
-    standard deviations from its value; a fitted value below the low end replaces the low end.
+    dampings of the design are therefore together at the low or at the high end of the prior,
+    DAMPING_DEVIATIONS from its value; a fitted value below the low end replaces the low end.
     """
-    facts = linear.facts(plants.model).parameters
+    parameters = linear.facts(plants.model).parameters
     values, ranges, lines = plants.overrides, dict(plants.ranges), []
-    low: dict[str, float] = {}
-    high: dict[str, float] = {}
+    low: Values = {}
+    high: Values = {}
     for name, prior in sheet.items():
-        if name in values and facts[name][1] == "N s/m" and name not in ranges:
-            ends = [prior.value * math.exp(s * RELIED * prior.spread) for s in (-1, 1)]
-            low[name], high[name] = min(ends[0], values[name]), ends[1]
+        if name in values and parameters[name].unit == "N s/m" and name not in ranges:
+            width = DAMPING_DEVIATIONS * prior.spread
+            low[name] = min(prior.value * math.exp(-width), values[name])
+            high[name] = prior.value * math.exp(width)
             lines.append(
-                f"{name} from {low[name]:.4g} to {high[name]:.4g} N s/m, {values[name]:.4g} were "
-                "fitted: damping cannot be told from dry friction"
+                f"{name} from {low[name]:.4g} to {high[name]:.4g} N s/m, the fitted value is "
+                f"{values[name]:.4g}: the responses do not distinguish damping from dry friction"
             )
     _, mass = workpiece_names(tuning.given)
-    given = {text.partition("=")[0] for text in tuning.order.priors}
-    table = [rub for rub in rubs if friction_models.of_workpiece(tuning.given, rub)]
-    unseen = any(rub.newton > 0 for rub in table) and not _mass_shows(measured.shaken)
-    if unseen and mass in ranges and mass not in given:
+    on_table = _under_workpiece(tuning, frictions)
+    unseen = any(one.newton > 0 for one in on_table) and not _determine_mass(measured.shaken)
+    if unseen and mass in ranges and mass not in _given_priors(tuning):
         value, least, most = ranges[mass]
-        ranges[mass] = (value, least / UNWEIGHED, most * UNWEIGHED)
+        least, most = least / UNKNOWN_MASS_FACTOR, most * UNKNOWN_MASS_FACTOR
+        ranges[mass] = (value, least, most)
         lines.append(
-            f"{mass} from {ranges[mass][1]:.4g} to {ranges[mass][2]:.4g} kg: the workpiece "
-            f"does not slide, so its mass does not show; the prior {mass}=KG narrows that"
+            f"{mass} from {least:.4g} to {most:.4g} kg: the workpiece does not slide, so the "
+            f"responses do not show its mass; a prior {mass}=KG makes the range smaller"
         )
     for line in lines:
         tuning.say(f"designed for {line}")
-    values, together = values | low, ((low, high) if low else ({},))
-    return values, replace(plants, overrides=values, ranges=ranges, together=together), lines
+    together = (low, high) if low else ({},)
+    return replace(plants, overrides=values | low, ranges=ranges, together=together), lines
 
 
-def _name(value: Any) -> str | None:
-    return value if isinstance(value, str) else None
+def _name(given: Given | None) -> str | None:
+    """The name of the parameter that gives a value in a model file; None for a number."""
+    return given if isinstance(given, str) else None
 
 
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
@@ -322,7 +340,8 @@ def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
 
 
 def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
-    """(parameter of the stiffness between workpiece and ground, parameter of its mass), or None."""
+    """(parameter of the stiffness between workpiece and ground, parameter of the workpiece's mass);
+    None for a constant number."""
     tables = model_file.read(model)
     support, body = tables.support, tables.body(tables.workpiece)
     return _name(support.stiffness) if support else None, _name(body.mass) if body else None
@@ -339,8 +358,8 @@ def _differing(
         if not (tuning.folder / small).exists():
             continue
         one, other = (fit_response.read_response(tuning.folder / n, model) for n in (name, small))
-        if _probability(one, other) < DIFFER:
-            tuning.say(f"{name}: the smaller amplitude has another response")
+        if _probability(one, other) < DIFFERENCE_PROBABILITY:
+            tuning.say(f"{name}: the response with the smaller amplitude differs")
             levels[name] = replace(levels[name], differs=True)
             found.append(small)
     if found:
@@ -361,37 +380,37 @@ def _probability(one: Measurement, other: Measurement) -> float:
 
 
 def holds(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
-    """Lines of text: the forces and amplitudes for which the predictions were verified, and those
-    that were not measured. fitted: None before the fit."""
-    between, rubs = measured.between, fitted.friction if fitted else ()
+    """Lines of text: the forces and amplitudes for which the predictions are valid, and those that
+    were not measured. fitted: None before the fit."""
+    between, frictions = measured.between, fitted.friction if fitted else ()
     lines = [
-        f"between {between.low_N:.3g} and {between.high_N:.3g} N the axis was moved slowly: "
-        "forces outside were not visited"
+        f"the axis was moved slowly between {between.low_N:.3g} and {between.high_N:.3g} N: "
+        "forces outside this range were not measured"
     ]
     lines += [f"designed for {line}" for line in (fitted.relied if fitted else ())]
     if fitted and fitted.left_out:
         lines.append(
-            f"the play of the gear opens at {', '.join(fitted.left_out)}: these responses were "
-            "left out, what is promised holds where the play stays taken up"
+            f"the backlash of the gear opens at {', '.join(fitted.left_out)}: these responses were "
+            "left out, and the predictions are valid while the backlash stays closed"
         )
     for level in measured.levels.values():
         text = f"with {level.bias_N:.3g} N: noise of {level.amplitude} codes, "
         text += f"{level.swing:.3g} N from peak to peak"
         if level.small:
             text += f", and {level.small.amplitude} codes, {level.small.swing:.3g} N"
-            same = "another response" if level.differs else "the same response"
-            text += "" if rubs else f", {same}"
+            same = "a different response" if level.differs else "the same response"
+            text += "" if frictions else f", {same}"
         lines.append(text)
     shaken = measured.shaken
-    if rubs and shaken:
+    if frictions and shaken:
         lines.append(
             f"sines of {min(shaken.hz):.3g} to {max(shaken.hz):.3g} Hz with "
             f"{min(shaken.newton):.3g} to {max(shaken.newton):.3g} N made the workpiece slide"
         )
-    if rubs:
+    if frictions:
         lines.append(
-            "dry friction is in the axis: what is promised holds where it slides and, under the "
-            "workpiece, where it sticks; smaller amplitudes see more damping"
+            "the axis has dry friction: the predictions are valid while the axis slides, and while "
+            "the workpiece slides or sticks; smaller amplitudes have more damping"
         )
-    lines.append("larger amplitudes than these were not visited")
+    lines.append("larger amplitudes were not measured")
     return lines
