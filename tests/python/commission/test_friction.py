@@ -461,7 +461,7 @@ def rubbed(press, tmp_path_factory):
 def identified(*words):
     """`identify fit`, which does not search long where a model does not fit."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit_response, "STARTS", 1)
+        patch.setattr(fit_response, "OTHER_STARTS", 1)
         return verbs.forceaxis("identify", "fit", *words)
 
 
