@@ -85,6 +85,44 @@ class CheckedObjects:
 
 
 @dataclass(frozen=True)
+class ConnectionObjects:
+    """CANopen node and owner of an axis."""
+
+    node_id: int
+    command_source: str
+
+
+@dataclass(frozen=True)
+class FaultObjects:
+    """The latched fault, and the owner that stopped the axis."""
+
+    fault: str
+    stopped_by: str
+
+
+@dataclass(frozen=True)
+class FirstMotionObjects:
+    """Result of the firmware's first motion test: distance in encoder counts, largest DAC code,
+    change of the force in force counts; and the latched fault."""
+
+    first_motion_result: str
+    first_motion_moved: int
+    first_motion_code_reached: int
+    first_motion_force: float
+    fault: str
+
+
+@dataclass(frozen=True)
+class MoveObjects:
+    """State of an axis that moves; position in encoder counts."""
+
+    position: int
+    dac_code: int
+    fault: str
+    limit_reason: str
+
+
+@dataclass(frozen=True)
 class MotionCheckResult:
     """The steps of a first motion test; passed: no step failed."""
 
@@ -163,21 +201,19 @@ class MotionCheck:
                           value, limit)  # fmt: skip
 
     def _connection(self) -> None:
-        found = self.axis.get("node_id", "command_source")
-        text = (
-            f"{self.axis.link.where}, node {found['node_id']}, owned by {found['command_source']}"
-        )
-        self._done("connection", "passed", text, found["node_id"])
+        found = self.axis.record(ConnectionObjects)
+        text = f"{self.axis.link.where}, node {found.node_id}, owned by {found.command_source}"
+        self._done("connection", "passed", text, found.node_id)
 
     def _table(self) -> bool:
-        raw = self.axis.link.read(["object_table_hash"])["object_table_hash"]
+        raw = self.axis.link.read_one("object_table_hash")
         theirs, ours = f"0x{raw:08x}", parameter_file.table_hash()
         hint = f", this program has {ours}: take the forceaxis of the axis' firmware"
         return self._evaluate("object table", theirs == ours, theirs, theirs, ours, hint)
 
     def _faults(self) -> None:
-        found = self.axis.get("fault", "stopped_by")
-        fault, by = found["fault"], found["stopped_by"]
+        found = self.axis.record(FaultObjects)
+        fault, by = found.fault, found.stopped_by
         if fault != "none":
             hint = CAUSES.get(fault, "find its cause")
             self._done("faults", "failed", f"{_words(fault)}: {hint}, then `axis reset`", fault,
@@ -314,22 +350,23 @@ class MotionCheck:
             self._put_back(before)
 
     def _first_motion(self) -> bool:
-        names = [f"first_motion_{n}" for n in ("result", "moved", "code_reached", "force")]
         try:
             self.axis.enable("native position")
             error = ""
         except (Refused, NoAnswer) as refusal:
             error = str(refusal)
-        found = self.axis.get(*names, "fault", "position")
-        result, moved = found["first_motion_result"], found["first_motion_moved"]
-        text = (f"{_words(result)}: {moved} encoder counts at code "
-                f"{found['first_motion_code_reached']}, force changed by "
-                f"{found['first_motion_force']:.3g} force counts")  # fmt: skip
+        found = self.axis.record(FirstMotionObjects)
+        result = found.first_motion_result
+        text = (
+            f"{_words(result)}: {found.first_motion_moved} encoder counts at code "
+            f"{found.first_motion_code_reached}, force changed by {found.first_motion_force:.3g} "
+            "force counts"
+        )
         if result == "passed" and not error:
-            seen = abs(found["first_motion_force"]) > self.known.contact_force
+            seen = abs(found.first_motion_force) > self.known.contact_force
             sign = "" if seen else "; the sign of the force shows at the first contact"
             return self._done("first motion", "passed", text + sign, result, "passed")
-        name = found["fault"] if result in ("passed", "running", "not_run") else result
+        name = found.fault if result in ("passed", "running", "not_run") else result
         cause = CAUSES.get(name, error)
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
@@ -342,21 +379,21 @@ class MotionCheck:
                 self.axis.set(position_setpoint=target)
                 passed = 0.0
                 while passed < self.travel / self._speed() / TICKS_PER_S + SETTLE_S:
-                    now = self.axis.get("position", "dac_code", "fault", "limit_reason")
-                    largest = max(largest, abs(now["dac_code"]))
-                    if now["fault"] != "none":
+                    now = self.axis.record(MoveObjects)
+                    largest = max(largest, abs(now.dac_code))
+                    if now.fault != "none":
                         break
                     self.axis.link.wait(READING_PERIOD_S)
                     passed += READING_PERIOD_S
             except (Refused, NoAnswer) as error:
                 self._done("move", "failed", str(error))
                 return
-            if now["fault"] != "none":
-                cause = CAUSES.get(now["fault"], f"at position {now['position']}")
-                self._done("move", "failed", f"{_words(now['fault'])}: {cause}", now["fault"],
+            if now.fault != "none":
+                cause = CAUSES.get(now.fault, f"at position {now.position}")
+                self._done("move", "failed", f"{_words(now.fault)}: {cause}", now.fault,
                            "none")  # fmt: skip
                 return
-            errors.append(now["position"] - target)
+            errors.append(now.position - target)
             if abs(errors[-1]) > ARRIVED_CNT:
                 break
         worst = max(errors, key=abs)
@@ -364,7 +401,7 @@ class MotionCheck:
                     f"{self.travel} encoder counts out and back, {worst} beside its target, "
                     f"at most code {largest}", worst,
                     ARRIVED_CNT,
-                    f", {_words(now['limit_reason'])} limits it: it is held up, or position_gain "
+                    f", {_words(now.limit_reason)} limits it: it is held up, or position_gain "
                     "is too low")  # fmt: skip
 
     def _put_back(self, before: dict[str, int]) -> None:
@@ -420,5 +457,6 @@ def _least(own: float, bound: float) -> float:
     return min(own, bound) if own else bound
 
 
-def _words(name: object) -> str:
-    return str(name).replace("_", " ")
+def _words(name: str) -> str:
+    """The name of a value of an enumeration as words."""
+    return name.replace("_", " ")

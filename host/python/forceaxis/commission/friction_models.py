@@ -1,23 +1,28 @@
 """Models of an axis with the dry friction that was measured on the axis.
 
 In a model file, friction is a [[friction]] element. Frequency responses are linear, so a damper
-replaces the friction, and its size is fitted for each response (see friction): `damped`. `lines`
-are the elements to add to a model.
+replaces the friction in the model of `damped`, and the size of the damper is fitted for each
+response (see module friction). `toml_lines` are the elements to add to a model.
 """
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import tomlkit
 
-from forceaxis import linear, toml
+from forceaxis import linear
 from forceaxis.design import model_file
+from forceaxis.design.model_file import Given, TableEdit
 from forceaxis.linear import working
 
 MOVING, TABLE = "guide_friction", "table_friction"
-WORDS = re.compile(r"[A-Za-z_]\w*")
+NAME = re.compile(r"[A-Za-z_]\w*")
+# keys of a model whose texts contain no names of parameters
+TEXT_KEYS = ("name", "between", "title", "unit", "source")
+# a value of a model file: TOML
+Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
 
 
 @dataclass(frozen=True)
@@ -62,9 +67,9 @@ def frictions_of(
     return tuple(found)
 
 
-def of_workpiece(model: str | Path, rub: FrictionElement) -> bool:
+def of_workpiece(model: str | Path, one: FrictionElement) -> bool:
     """Whether a friction acts under the workpiece."""
-    return model_file.read(model).workpiece in rub.between
+    return model_file.read(model).workpiece in one.between
 
 
 def at_both_ends(
@@ -73,19 +78,20 @@ def at_both_ends(
     """The frictions for `damped`. With a transmission between the drive's body and the body in
     contact, the measurement cannot assign the friction to one side. Each side then receives one
     half, unless the model has friction on both sides."""
-    contact = model_file.read(model).contact
-    near = contact.between[0] if contact else None
-    drive = linear.facts(model).required_drive
-    moving = [rub for rub in found if not of_workpiece(model, rub)]
-    if near in (None, drive.body) or any(near in rub.between for rub in moving):
+    contact, drive = model_file.read(model).contact, linear.facts(model).required_drive
+    if contact is None or contact.between[0] == drive.body:
+        return found
+    tool, workpiece = contact.between
+    moving = [one for one in found if workpiece not in one.between]
+    if any(tool in one.between for one in moving):
         return found
     split = []
-    for rub in found:
-        if rub in moving:
-            rub = replace(rub, newton=rub.newton / 2)
-            place = (near, str(drive.reaction))
-            split.append(replace(rub, name=f"{rub.name}_{near}", between=place))
-        split.append(rub)
+    for one in found:
+        if one in moving:
+            one = replace(one, newton=one.newton / 2)
+            place = (tool, str(drive.reaction))
+            split.append(replace(one, name=f"{one.name}_{tool}", between=place))
+        split.append(one)
     return tuple(split)
 
 
@@ -101,74 +107,51 @@ def toml_lines(found: tuple[FrictionElement, ...]) -> str:
 
 def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
     """The text of the model with the measured friction; its paths are valid from any folder."""
-    document = _document(model)
-    for rub in found:
-        if rub.declared:
-            own = next(f for f in document["friction"] if f["name"] == rub.name)
-            own["coulomb"] = own["stiction"] = float(f"{rub.newton:.4g}")
-        else:
-            values: dict[str, Any] = {"name": rub.name, "between": list(rub.between)}
-            values["coulomb"] = float(f"{rub.newton:.4g}")
-            _add(document, "friction", values)
-    _drop_unused(document, model)
-    return tomlkit.dumps(document)
+    edits = []
+    for one in found:
+        newton = float(f"{one.newton:.4g}")
+        values: dict[str, Given | list[str]] = {"coulomb": newton, "stiction": newton}
+        if not one.declared:
+            values = {"between": list(one.between), "coulomb": newton}
+        edits.append(TableEdit("friction", one.name, values))
+    document = tomlkit.parse(model_file.edited(model, edits))
+    return _without_unused_parameters(document, model)
 
 
 def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
     """The text of the model with a damper in the place of each friction; the damping is 0, as for a
     sliding axis."""
-    document = _document(model)
+    document = model_file.document(model)
     document.pop("friction", None)
-    for rub in found:
-        document["parameters"][rub.damping] = {
+    parameters = document.setdefault("parameters", tomlkit.table())
+    dampers = document.setdefault("damper", tomlkit.aot())
+    for one in found:
+        parameters[one.damping] = {
             "value": 0.0, "unit": "N s/m", "source": "what dry friction takes of a response"
         }  # fmt: skip
-        values = {"name": rub.name, "between": list(rub.between), "damping": rub.damping}
-        _add(document, "damper", values)
-    _drop_unused(document, model)
+        dampers.append(
+            {"name": one.name, "between": list(one.between), "damping": one.damping}
+        )  # fmt: skip
+    return _without_unused_parameters(document, model)
+
+
+def _without_unused_parameters(document: tomlkit.TOMLDocument, model: str | Path) -> str:
+    """The text of a changed model without the parameters that only the frictions of the earlier
+    `model` used, because a model with an unused parameter is invalid."""
+    candidates = _names_in([[f.coulomb, f.stiction] for f in model_file.read(model).frictions])
+    parameters = document.setdefault("parameters", tomlkit.table())
+    others = _names_in({key: part for key, part in document.items() if key != "parameters"})
+    while candidates:
+        used = others | _names_in(list(parameters.values()))
+        unused = (candidates & parameters.keys()) - used
+        candidates = _names_in([parameters.pop(name) for name in unused])
     return tomlkit.dumps(document)
 
 
-def _drop_unused(document: tomlkit.TOMLDocument, model: str | Path) -> None:
-    """Removes the parameters that only the frictions of `model` used, because a model with an
-    unused parameter is invalid."""
-    own = document["parameters"]
-    before = toml.read(linear.find_model(model)).get("friction", ())
-    texts = [value for f in before for key, value in f.items() if key not in ("name", "between")]
-    names = {word for text in texts if isinstance(text, str) for word in WORDS.findall(text)}
-    rest = _texts({key: part for key, part in document.unwrap().items() if key != "parameters"})
-    while names:
-        values = [one.get("value") if isinstance(one, dict) else one for one in own.values()]
-        used = {word for text in rest for word in WORDS.findall(text)}
-        used |= {*WORDS.findall(" ".join(map(str, values)))}
-        gone = {name for name in names & own.keys() if name not in used}
-        names = set()
-        for name in gone:
-            value = own[name].get("value") if isinstance(own[name], dict) else own[name]
-            names |= set(WORDS.findall(str(value)))
-            del own[name]
-
-
-def _texts(part: object) -> list[str]:
-    """The texts in a part of a model that can be names of parameters."""
-    if isinstance(part, dict):
-        kept = [value for key, value in part.items() if key not in ("name", "between", "title")]
-        return [text for value in kept for text in _texts(value)]
-    if isinstance(part, list):
-        return [text for value in part for text in _texts(value)]
-    return [part] if isinstance(part, str) else []
-
-
-def _document(model: str | Path) -> tomlkit.TOMLDocument:
-    """The model file as a document with a table of parameters."""
-    document = model_file.document(model)
-    document.setdefault("parameters", tomlkit.table())
-    return document
-
-
-def _add(document: tomlkit.TOMLDocument, kind: str, values: dict[str, Any]) -> None:
-    if kind not in document:
-        document[kind] = tomlkit.aot()
-    table = tomlkit.table()
-    table.update(values)
-    document[kind].append(table)
+def _names_in(part: Part) -> set[str]:
+    """All words in a part of a model that can be names of parameters."""
+    if isinstance(part, Mapping):
+        return _names_in([v for key, v in part.items() if key not in TEXT_KEYS])
+    if isinstance(part, str):
+        return set(NAME.findall(part))
+    return set().union(*map(_names_in, part)) if isinstance(part, Sequence) else set()

@@ -11,7 +11,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,10 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Recording, Refused
+from forceaxis.axis.values import object_names
 from forceaxis.bus.client import from_raw
 from forceaxis.objects import BY_NAME, OBJECTS, OBJECTS_HASH
+from forceaxis.results import from_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,14 +37,33 @@ SIGNALS = (
     "limit_reason", "digital_inputs",
 )  # fmt: skip
 FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
-ABOUT = ("incident_fault", "incident_error_code", "incident_tick", "incident_later", "incident_crc")
 STATES = ("incident", "incident_kept")
-COMPLETE_S = 5.0  # longest time until the axis has completed an incident and its CRC
+COMPLETE_TIMEOUT_S = 5.0  # longest time until the axis has completed an incident and its CRC
 FULL_SCALE_BITS = 8  # ADC bits to which force counts refer
 NEAR_MS = 100  # time before and after the error in the second column of the figure
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
+class ForceParameters:
+    """The parameters of the measured force: forces in 8-bit counts, force_scale in uN per count,
+    rated_force in mN. force_max is 0 without a limit."""
+
+    adc_bits: int
+    force_zero_code: int
+    force_sign: int
+    force_tare: float
+    force_scale: int
+    force_max: float
+    rated_force: int
+    contact_force: float
+
+    @property
+    def count_N(self) -> float:
+        """Force of a count in N."""
+        return self.force_scale * 1e-6
+
+
+@dataclass(frozen=True)
 class Incident:
     """One incident. `parameters` are the raw values at the time of reading."""
 
@@ -58,9 +79,16 @@ class Incident:
     parameters: dict[str, int]
     archived: bool = False  #: True if a power cut occurred after the incident
 
-    def column(self, name: str) -> NDArray[Any]:
+    @property
+    def force(self) -> ForceParameters:
+        """The parameters of the measured force."""
+        names = object_names(ForceParameters)
+        values = {name: from_raw(name, self.parameters[name]) for name in names}
+        return from_json(ForceParameters, values, self.where)
+
+    def column(self, name: str) -> NDArray[np.int64]:
         """The raw samples of a signal, (n,)."""
-        return self.recording.values(name)
+        return self.recording.raw[:, self.recording.signals.index(name)]
 
     @property
     def time_ms(self) -> Samples:
@@ -70,10 +98,10 @@ class Incident:
     @property
     def force_N(self) -> Samples:
         """(n,) measured force in N, with zero, sign and tare applied."""
-        p = self.parameters
-        scale = 2.0 ** (FULL_SCALE_BITS - p["adc_bits"])
-        counts = (self.column("force_raw") - p["force_zero_code"]) * scale * p["force_sign"]
-        return (counts - float(from_raw("force_tare", p["force_tare"]))) * p["force_scale"] * 1e-6
+        p = self.force
+        scale = 2.0 ** (FULL_SCALE_BITS - p.adc_bits)
+        counts = (self.column("force_raw") - p.force_zero_code) * scale * p.force_sign
+        return np.asarray((counts - p.force_tare) * p.force_scale * 1e-6)
 
     @property
     def travel(self) -> Samples:
@@ -104,6 +132,18 @@ class ArchiveObjects:
     fault: str
 
 
+@dataclass(frozen=True)
+class IncidentObjects:
+    """The incident in the black box: fault, CANopen error code, tick, number of later errors,
+    CRC-32 of the samples."""
+
+    incident_fault: str
+    incident_error_code: str | int
+    incident_tick: int
+    incident_later: int
+    incident_crc: int
+
+
 def wait(axis: Axis, seconds: float) -> None:
     """Waits up to `seconds` of the axis' time for an incident. Raises NoAnswer."""
     axis.wait_for(BlackBoxObjects, lambda s: s.blackbox_state in STATES, "an incident", seconds)
@@ -118,7 +158,7 @@ def _load(axis: Axis) -> bool:
     if found.incident_stored != "stored":
         return False
     axis.set(incident_command="load")
-    wait(axis, COMPLETE_S)
+    wait(axis, COMPLETE_TIMEOUT_S)
     return True
 
 
@@ -133,7 +173,7 @@ def fetch(axis: Axis) -> Incident:
     """Reads the incident of an axis that is owned: that of its black box, otherwise the one saved
     before a power cut. Raises Refused if there is no incident, and NoAnswer."""
     if axis.read("blackbox_state") == "completing":
-        wait(axis, COMPLETE_S)
+        wait(axis, COMPLETE_TIMEOUT_S)
     state = axis.read("blackbox_state")
     archived = state in ("off", "recording") and _load(axis)
     if archived:
@@ -144,10 +184,10 @@ def fetch(axis: Axis) -> Incident:
             "recorder": "a recording has its buffer; write 0 to recorder_arm",
         }.get(state, "nothing has happened since its black box started to record")
         raise Refused(f"{axis.link.where}: expected an incident, {why}")
-    about = axis.get(*ABOUT)
+    about = axis.record(IncidentObjects)
     axis.link.fetch(SIGNALS)
-    recording = axis.link.recording(COMPLETE_S)
-    if zlib.crc32(packed(recording)) != about["incident_crc"]:
+    recording = axis.link.recording(COMPLETE_TIMEOUT_S)
+    if zlib.crc32(packed(recording)) != about.incident_crc:
         raise NoAnswer(f"{axis.link.where}: expected samples whose CRC is right; fetch again")
     parameters = axis.link.read(
         [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
@@ -157,10 +197,10 @@ def fetch(axis: Axis) -> Incident:
         recording=recording,
         where=axis.link.where,
         fetched=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        fault=about["incident_fault"],
-        error_code=str(about["incident_error_code"]),
-        tick=about["incident_tick"],
-        later=about["incident_later"],
+        fault=about.incident_fault,
+        error_code=str(about.incident_error_code),
+        tick=about.incident_tick,
+        later=about.incident_later,
         kept=state == "incident_kept",
         archived=archived,
         table=OBJECTS_HASH,
@@ -252,9 +292,8 @@ def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
     unit, scale = ("mm", counts_per_mm) if counts_per_mm else ("encoder counts", 1)
     way = incident.travel / scale
     demand = way + (incident.column("profile_position") - incident.column("position")) / scale
-    wanted = incident.column("force_demand") * incident.parameters["rated_force"] * 1e-6
-    limit = float(from_raw("force_max", incident.parameters["force_max"]))  # 0: none
-    bound = limit * incident.parameters["force_scale"] * 1e-6
+    wanted = incident.column("force_demand") * incident.force.rated_force * 1e-6
+    bound = incident.force.force_max * incident.force.count_N
     columns = (
         ("force, N", ((incident.force_N, INK), (wanted, WANTED)), bound),
         (f"way, {unit}", ((way, INK), (demand, WANTED)), 0),

@@ -1,13 +1,11 @@
 """Explains an incident in text: rules on the recorded signals, with the decisive findings first."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.axis.link import TICKS_PER_S
-from forceaxis.bus.client import from_raw
 from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import Incident, words
 from forceaxis.words import counted
@@ -99,10 +97,7 @@ class _Story:
         self.inputs = incident.column("digital_inputs")[until]
         self.reason = incident.column("limit_reason")[until]
         self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED
-        p = incident.parameters
-        self.threshold = (
-            float(from_raw("contact_force", p["contact_force"])) * p["force_scale"] * 1e-6
-        )
+        self.threshold = incident.force.contact_force * incident.force.count_N
         self.contact = np.abs(self.force) > self.threshold
 
     def lines(self) -> list[str]:
@@ -196,9 +191,9 @@ class _Story:
         return f"the force reading jumped by {steps[at]:.3g} N in one tick, {ago:.1f} ms before"
 
     def rail(self) -> str | None:
-        highest = 2 ** self.incident.parameters["adc_bits"] - 1
+        highest = 2**self.incident.force.adc_bits - 1
         at_end = self.raw >= highest
-        if self.incident.parameters["force_zero_code"]:
+        if self.incident.force.force_zero_code:
             at_end |= self.raw == 0
         ticks = _last_run(at_end)
         return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
@@ -267,7 +262,7 @@ class _Story:
         return None
 
 
-def _last_run(flags: NDArray[Any]) -> int:
+def _last_run(flags: NDArray[np.bool_]) -> int:
     """Number of entries at the end that are all true."""
     off = np.flatnonzero(~flags[::-1])
     return int(off[0]) if len(off) else len(flags)

@@ -172,10 +172,14 @@ class Responses:
             for m, error in zip(self.measured, self.errors, strict=True)
         ]
 
+    def all_values(self, x: Samples) -> Values:
+        """{name in priors: value} of the logarithms x."""
+        return dict(zip(self.names, np.exp(x).tolist(), strict=True))
+
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
         """{parameter: value} of the shared parameters and of those that one response has as its
         `own`."""
-        every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
+        every = self.all_values(x)
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
 

@@ -7,40 +7,41 @@ TOML to add to the model.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import optimize, stats
 
-from forceaxis import linear, toml
-from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples
+from forceaxis import linear
+from forceaxis.commission.joint_fit import JointFit, Response, Responses, Samples, Values
 from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
 from forceaxis.identify.fit import REJECTED_BELOW
 
-MODES_FROM = 10  # number of frequencies at which the search of a mode begins
+START_MODES = 10  # number of frequencies at which the search of a mode begins
 SHOWN = 3  # candidates in a text
-LAG_S = 4e-4  # initial value of a lag
-GAIN = 0.2  # standard deviation of the logarithm of a gain that differs between forces
-SPLIT = 1.05  # initial ratio of pole to zero of a mode
-EVALUATIONS = 25
-
-Values = dict[str, float]
+START_LAG_S = 4e-4  # initial value of a lag
+GAIN_SPREAD = 0.2  # standard deviation of the logarithm of a gain that differs between forces
+START_SPLIT = 1.05  # initial ratio of pole to zero of a mode
+EVALUATIONS_MAX = 25
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A candidate: factor(values, i, hz) of response i, the priors of its parameters, and
-    words(values, best), which returns (description, TOML). A candidate with `freed` parameters of
-    the model itself has no factor."""
+    """A candidate. factor(parameters, i, hz): factor of response i; words(parameters, best):
+    (description, TOML), where `best` are the values of the model. `parameters` are values in the
+    order of `priors`. A candidate with `freed` parameters of the model itself has the factor 1."""
 
     name: str
     priors: dict[str, Prior]
-    factor: Callable[[Values, int, Samples], Any]
-    words: Callable[[Values, Values], tuple[str, str]]
+    factor: Callable[[Sequence[float], int, Samples], Response | float]
+    words: Callable[[Sequence[float], Values], tuple[str, str]]
     freed: bool = False
+
+    def parameters(self, values: Values) -> list[float]:
+        """The parameters among all values of a fit."""
+        return [values[self.key(name)] for name in self.priors]
 
     def key(self, name: str) -> str:
         """Name of a candidate's parameter in the fit."""
@@ -92,10 +93,9 @@ def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Respons
 
     class Shaped(Responses):
         def predictions(self, x: Samples) -> list[Response]:
-            every = dict(zip(self.names, np.exp(x).tolist(), strict=True))
-            values = {name: every[shape.key(name)] for name in shape.priors}
+            parameters = shape.parameters(self.all_values(x))
             return [
-                h * shape.factor(values, i, m.frequency_hz)
+                np.asarray(h * shape.factor(parameters, i, m.frequency_hz))
                 for i, (m, h) in enumerate(zip(self.measured, super().predictions(x), strict=True))
             ]
 
@@ -106,7 +106,7 @@ def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Respons
     free, (low, high) = len(x), wider.bounds(1e-3)
     found = optimize.least_squares(
         lambda y: wider.coarse(np.concatenate([x, y])), wider.centre[free:], loss="soft_l1",
-        bounds=(low[free:], high[free:]), x_scale=wider.spread[free:], max_nfev=EVALUATIONS,
+        bounds=(low[free:], high[free:]), x_scale=wider.spread[free:], max_nfev=EVALUATIONS_MAX,
     )  # fmt: skip
     return shape, wider, float(found.cost), found.x
 
@@ -117,14 +117,14 @@ def _fitted(
     """Fits a Shape again, with all parameters free, from the result of _begun."""
     begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
     best = optimize.least_squares(
-        wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS
+        wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS_MAX
     )
     scores = np.concatenate(wider.scores(best.x))
     chi2 = float(np.sum(scores**2))
-    every = dict(zip(wider.names, np.exp(best.x).tolist(), strict=True))
-    values = {name: every[shape.key(name)] for name in shape.priors}
-    words, lines = shape.words(values, wider.values(best.x))
-    gain = before - 2 * best.cost - len(values) * math.log(size)
+    parameters = shape.parameters(wider.all_values(best.x))
+    words, lines = shape.words(parameters, wider.values(best.x))
+    gain = before - 2 * best.cost - len(parameters) * math.log(size)
+    values = dict(zip(shape.priors, parameters, strict=True))
     return Tried(shape.name, words, lines, gain, float(stats.chi2.sf(chi2, size)), values)
 
 
@@ -138,38 +138,40 @@ def _shapes(problem: Responses) -> list[list[Shape]]:
     ]
 
 
-def _lag(values: Values, hz: Samples) -> Any:
-    return 1 / (1 + 2j * np.pi * hz * values["lag_s"])
+def _lag(lag_s: float, hz: Samples) -> Response:
+    """Frequency response of a first-order lag."""
+    return np.asarray(1 / (1 + 2j * np.pi * hz * lag_s))
 
 
 def _sensor_lag(problem: Responses) -> Shape:
     pressed = [not m.free for m in problem.measured]
 
-    def words(values: Values, _: Values) -> tuple[str, str]:
-        lag = values["lag_s"]
+    def words(parameters: Sequence[float], _: Values) -> tuple[str, str]:
+        (lag,) = parameters
         lines = f'# in the [[adc]] of channel 0\nfilter = "{1 / lag:.4g} rad/s"'
         return f"a lag of {1e3 * lag:.2g} ms in the sensor", lines
 
     return Shape(
-        "sensor_lag", {"lag_s": Prior(LAG_S, 1.2)},
-        lambda v, i, hz: _lag(v, hz) if pressed[i] else 1.0, words,
+        "sensor_lag", {"lag_s": Prior(START_LAG_S, 1.2)},
+        lambda p, i, hz: _lag(p[0], hz) if pressed[i] else 1.0, words,
     )  # fmt: skip
 
 
 def _drive_lag(problem: Responses) -> Shape:
     """Candidate: the time constant of the drive's own lag (inductance of the winding or corner
     frequency of the force) if it is a parameter of the model, otherwise an additional lag."""
-    table = toml.read(linear.find_model(problem.model)).get("drive", {})
-    facts = linear.facts(problem.model)
-    name = table.get({"dc_motor": "L", "first_order": "a_act"}.get(table.get("type"), ""))
+    drive, facts = model_file.read(problem.model).drive, linear.facts(problem.model)
+    name = {"dc_motor": drive.L, "first_order": drive.a_act}.get(drive.type)
     if isinstance(name, str) and name in facts.parameters and name not in problem.priors:
         value, unit = facts.parameters[name]
-        drive = facts.required_drive.values
+        of_drive = facts.required_drive.values
 
-        def words(values: Values, _: Values) -> tuple[str, str]:
-            new = values[name]
-            lag = (new - value) / (drive["R"] + drive["k_amp"] * drive["k_current"]) if (
-                table["type"] == "dc_motor") else 1 / new - 1 / value  # fmt: skip
+        def words(parameters: Sequence[float], _: Values) -> tuple[str, str]:
+            (new,) = parameters
+            lag = 1 / new - 1 / value
+            if drive.type == "dc_motor":
+                resistance = of_drive["R"] + of_drive["k_amp"] * of_drive["k_current"]
+                lag = (new - value) / resistance
             line = f'{name} = {{ value = {new:.4g}, unit = "{unit}" }}'
             text = f"a lag of {1e3 * abs(lag):.2g} ms {'more' if lag > 0 else 'less'} in the drive"
             return text, f"# in [parameters], in place of {value:.4g}\n{line}"
@@ -177,11 +179,13 @@ def _drive_lag(problem: Responses) -> Shape:
         prior = {name: Prior(value, 1.0)}
         return Shape("drive_lag", prior, lambda *_: 1.0, words, freed=True)
 
-    def behind(values: Values, _: Values) -> tuple[str, str]:
-        lag = values["lag_s"]
+    def behind(parameters: Sequence[float], _: Values) -> tuple[str, str]:
+        (lag,) = parameters
         return f"a lag of {1e3 * lag:.2g} ms in the drive", f"# 1/s, the corner: {1 / lag:.4g}"
 
-    return Shape("drive_lag", {"lag_s": Prior(LAG_S, 1.2)}, lambda v, _, hz: _lag(v, hz), behind)
+    return Shape(
+        "drive_lag", {"lag_s": Prior(START_LAG_S, 1.2)}, lambda p, _, hz: _lag(p[0], hz), behind
+    )
 
 
 def _modes(problem: Responses) -> list[Shape]:
@@ -192,19 +196,20 @@ def _modes(problem: Responses) -> list[Shape]:
     work = model_file.read(problem.model).workpiece
     moving = sum(kg for name, kg in facts.masses_kg.items() if name != work)
 
-    def factor(values: Values, _: int, hz: Samples) -> Any:
-        def pair(at: float) -> Any:
+    def factor(parameters: Sequence[float], _: int, hz: Samples) -> Response:
+        zero, split, zeta = parameters
+
+        def pair(at: float) -> Response:
             ratio = hz / at
-            return 1 - ratio**2 + 2j * values["zeta"] * ratio
+            return np.asarray(1 - ratio**2 + 2j * zeta * ratio)
 
-        zero = values["mode_hz"]
-        return pair(zero) / pair(zero * values["split"])
+        return pair(zero) / pair(zero * split)
 
-    def words(values: Values, _: Values) -> tuple[str, str]:
-        zero, split = values["mode_hz"], values["split"]
+    def words(parameters: Sequence[float], _: Values) -> tuple[str, str]:
+        zero, split, zeta = parameters
         mass = moving * abs(split**2 - 1)
         stiffness = mass * (2 * math.pi * zero) ** 2
-        damping = 2 * values["zeta"] * math.sqrt(stiffness * mass)
+        damping = 2 * zeta * math.sqrt(stiffness * mass)
         lines = (
             f'[[body]]\nname = "mode"\nmass = {mass:.4g}\n\n[[spring]]\nname = "mode_spring"\n'
             f'between = ["mode", "{body}"]\nstiffness = {stiffness:.4g}\ndamping = {damping:.4g}'
@@ -214,10 +219,10 @@ def _modes(problem: Responses) -> list[Shape]:
     return [
         Shape(
             "mode",
-            {"mode_hz": Prior(f, 0.15), "split": Prior(SPLIT, 0.1), "zeta": Prior(0.03, 1.0)},
+            {"mode_hz": Prior(f, 0.15), "split": Prior(START_SPLIT, 0.1), "zeta": Prior(0.03, 1.0)},
             factor, words,
         )
-        for f in np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), MODES_FROM).tolist()
+        for f in np.geomspace(1.3 * hz.min() + 1, 0.9 * hz.max(), START_MODES).tolist()
     ]  # fmt: skip
 
 
@@ -226,11 +231,11 @@ def _gains(problem: Responses) -> Shape:
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     support = model_file.read(problem.model).support
 
-    def factor(values: Values, i: int, _: Samples) -> Any:
-        return values[f"gain_{i}"] if i in pressed[1:] else 1.0
+    def factor(parameters: Sequence[float], i: int, _: Samples) -> float:
+        return parameters[pressed.index(i) - 1] if i in pressed[1:] else 1.0
 
-    def words(values: Values, best: Values) -> tuple[str, str]:
-        gains = [1.0, *(values[f"gain_{i}"] for i in pressed[1:])]
+    def words(parameters: Sequence[float], best: Values) -> tuple[str, str]:
+        gains = [1.0, *parameters]
         shares = ", ".join(f"{gain:.3g}" for gain in gains)
         what = f"a gain that differs by level, {shares} from the smallest force on"
         name = support.stiffness if support else None
@@ -242,7 +247,7 @@ def _gains(problem: Responses) -> Shape:
         )
         return what, f"{where}\nstiffness = {softer}"
 
-    return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN) for i in pressed[1:]}, factor, words)
+    return Shape("gain", {f"gain_{i}": Prior(1.0, GAIN_SPREAD) for i in pressed[1:]}, factor, words)
 
 
 def of(found: JointFit) -> list[Tried]:

@@ -82,6 +82,8 @@ class Drive:
     preamp_limit: Given | None = None
     supply_limit: Given | None = None
     R: Given | None = None
+    L: Given | None = None
+    a_act: Given | None = None
 
 
 @dataclass(frozen=True)
