@@ -93,7 +93,7 @@ class ConnectionObjects:
 
 
 @dataclass(frozen=True)
-class FaultObjects:
+class StopCauseObjects:
     """The latched fault, and the owner that stopped the axis."""
 
     fault: str
@@ -212,7 +212,7 @@ class MotionCheck:
         return self._evaluate("object table", theirs == ours, theirs, theirs, ours, hint)
 
     def _faults(self) -> None:
-        found = self.axis.record(FaultObjects)
+        found = self.axis.record(StopCauseObjects)
         fault, by = found.fault, found.stopped_by
         if fault != "none":
             hint = CAUSES.get(fault, "find its cause")
