@@ -24,7 +24,7 @@ def made(folder, sheet):
     values, sources = data_sheet.collect({names[n]: v for n, v in given.items()})
     new.write(folder / "axis", values, sources)
     plants = sets.plant_set(folder / "axis/model.toml")
-    return plants, Goal(adc_bits=int(values["sensor_bits"]))
+    return plants, Goal(adc_bits=int(values.sensor_bits))
 
 
 @pytest.mark.parametrize("name", SHEETS)

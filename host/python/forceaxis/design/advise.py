@@ -414,11 +414,7 @@ def advise(order: AdviceOrder) -> Advice:
     if not (math.isfinite(order.factor) and order.factor > 1):
         raise ParameterError("factor", f"expected a number above 1, got {order.factor:g}")
     with Design(order.text, order.overrides, order.timing, order.states) as design:
-        if design.facts.reading is None:
-            raise InputError(
-                f"{design.model}: adc: expected an ADC on channel 0 that reads a force, there is "
-                "none"
-            )
+        design.require_force_sensor()
         loop = design.loop()
         base = performance(loop)
         group = _Over(design, order.over, order.modes) if order.over else None
@@ -534,11 +530,10 @@ def simulated_limit(
             first = [*stable(edges[1:-1]), False].index(False)
             low, high = edges[first], edges[first + 1]
     (quiet,) = run([quiet_gain or low / GAIN_MARGIN])
-    ripple = quiet.force_ripple_count
     return SimulatedLimit(
         stable_gain=low,
         unstable_gain=high,
         of_limit=low / limit if limit and linear_figures.critical_gain else None,
         runs=runs,
-        ripple_count=None if ripple is None else float(ripple),
+        ripple_count=quiet.metrics.force_ripple_count,
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from forceaxis import _core
-from forceaxis.experiments.run_result import MissedLimit, read_missed
+from forceaxis.experiments.run_result import Metrics, MissedLimit, read_metrics, read_missed
 
 
 @dataclass(frozen=True)
@@ -30,20 +30,11 @@ class NamedCase(NamedTuple):
     name: str
 
 
-@dataclass(frozen=True)
-class ContactRun:
-    """The figures of one run that a design uses; None if a run has no such figure."""
+class Outcome:
+    """What both forms of a simulated contact have: its verdict and the fault of the firmware."""
 
     verdict: str
     fault: str
-    missed: tuple[MissedLimit, ...]
-    peak_N: float
-    losses: int
-    saturated_ms: float
-    force_ripple_count: float | None  # 8-bit counts, peak to peak, in the window
-    static_error_percent: float | None
-    settle_ms: float | None
-    overshoot_percent: float | None
 
     @property
     def is_stable(self) -> bool:
@@ -51,27 +42,28 @@ class ContactRun:
         return self.verdict == "stable" and self.fault == "none"
 
 
+@dataclass(frozen=True)
+class ContactRun(Outcome):
+    """The result of one run that a design uses."""
+
+    verdict: str
+    fault: str
+    missed: tuple[MissedLimit, ...]
+    metrics: Metrics
+
+
 def read_run(outcome: Mapping[str, Any]) -> ContactRun:
-    """The figures of a run, from the outcome that `_core.run_many` gives."""
-    metrics = outcome["metrics"]
-    held = metrics["held_force"] or {}
-    settle = held.get("settle_s")
+    """The result of a run, from the outcome that `_core.run_many` gives."""
     return ContactRun(
         verdict=outcome["verdict"],
         fault=outcome["fault"],
         missed=tuple(read_missed(outcome["missed"])),
-        peak_N=metrics["peak_force_N"],
-        losses=metrics["contact_losses_run"],
-        saturated_ms=1e3 * metrics["saturated_run_ticks"] / _core.TICKS_PER_SECOND,
-        force_ripple_count=metrics.get("force_ripple_count"),
-        static_error_percent=held.get("error_percent"),
-        settle_ms=None if settle is None else 1e3 * settle,
-        overshoot_percent=held.get("overshoot_percent"),
+        metrics=read_metrics(outcome["metrics"]),
     )
 
 
 @dataclass(frozen=True)
-class SimulatedContact:
+class SimulatedContact(Outcome):
     """A row of "simulated" in the result of `design`: a case with one law on one plant."""
 
     law: str  # "design" or "p"
@@ -80,19 +72,14 @@ class SimulatedContact:
     latency_ticks: int
     verdict: str
     fault: str
-    static_error_percent: float | None
+    static_error_percent: float | None  # None: the experiment controls no force
     missed: tuple[MissedLimit, ...]
     peak_N: float
     losses: int  # number of contact losses in the whole run
     saturated_ms: float
-    settle_ms: float | None
+    settle_ms: float | None  # None: the force does not settle
     overshoot_percent: float | None
     losses_max: int | None = None  # contact losses that the verdict permits; None: any number
-
-    @property
-    def is_stable(self) -> bool:
-        """Whether the verdict is stable and the firmware reports no fault."""
-        return self.verdict == "stable" and self.fault == "none"
 
 
 def simulated_contact(
@@ -100,6 +87,8 @@ def simulated_contact(
     losses_max: int | None = None,
 ) -> SimulatedContact:  # fmt: skip
     """The row of a run; losses_max: contact losses that its verdict permits."""
+    metrics, held = run.metrics, run.metrics.held_force
+    settle_s = held.settle_s if held else None
     return SimulatedContact(
         law=law,
         case=case,
@@ -107,14 +96,14 @@ def simulated_contact(
         latency_ticks=latency_ticks,
         verdict=run.verdict,
         fault=run.fault,
-        static_error_percent=run.static_error_percent,
+        static_error_percent=held.error_percent if held else None,
         missed=run.missed,
-        peak_N=run.peak_N,
-        losses=run.losses,
+        peak_N=metrics.peak_force_N,
+        losses=metrics.contact_losses_run,
         losses_max=losses_max,
-        saturated_ms=run.saturated_ms,
-        settle_ms=run.settle_ms,
-        overshoot_percent=run.overshoot_percent,
+        saturated_ms=1e3 * metrics.saturated_run_ticks / _core.TICKS_PER_SECOND,
+        settle_ms=None if settle_s is None else 1e3 * settle_s,
+        overshoot_percent=held.overshoot_percent if held else None,
     )
 
 

@@ -12,6 +12,7 @@ from typing import Self
 import tomlkit
 
 from forceaxis import _core, paths, toml
+from forceaxis._core import InputError
 from forceaxis.design import experiment_file, model_file
 from forceaxis.design.experiment_file import ExperimentText
 from forceaxis.design.model_file import Given, TableEdit
@@ -103,6 +104,13 @@ class Design:
         self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None
     ) -> None:
         self._stack.close()
+
+    def require_force_sensor(self) -> None:
+        """Raises InputError if the model has no force sensor on channel 0 of its ADCs."""
+        if self.facts.reading is None:
+            raise InputError(
+                f"{self.model}: adc: expected one on channel 0 that reads a force, there is none"
+            )
 
     def value(self, given: Given | None) -> float | None:
         """The value of a number, quantity or parameter in the model file; None without one."""
@@ -232,7 +240,7 @@ def pads(design: Design) -> list[Change]:
 
 
 def _with_pad(
-    tables: model_file.ModelFile, contact: model_file.Link, stiffness: float, sensor: str
+    tables: model_file.ModelFile, contact: model_file.ModelLink, stiffness: float, sensor: str
 ) -> tuple[dict[str, float], tuple[TableEdit, ...]]:
     """(parameters, edits) with which the contact has the stiffness of a pad. A contact that is the
     force sensor itself becomes a spring, and an additional body gets the mass of the sensor."""

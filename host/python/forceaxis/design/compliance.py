@@ -107,10 +107,7 @@ def compliance(order: ComplianceOrder) -> Compliance:
     """The figures at each stiffness. Raises InputError."""
     element, span, points, states = order.element, order.span, order.points, order.states
     with Design(order.text, order.overrides, states=states) as design:
-        if design.facts.reading is None:
-            raise InputError(
-                f"{design.model}: adc: expected one on channel 0 that reads a force, there is none"
-            )
+        design.require_force_sensor()
         element = element or element_of(design.model, design.overrides)
         known = design.facts.parameters
         if element not in known or known[element][1] != "N/m":

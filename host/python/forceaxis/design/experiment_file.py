@@ -43,3 +43,10 @@ def firmware_table(experiment: Path | None) -> dict[str, float | str]:
         return {}
     table: dict[str, float | str] = toml.read(experiment).get("firmware", {})
     return table
+
+
+def text_of(experiment: ExperimentText) -> str:
+    """The text of an experiment file that has no comments."""
+    found = tomlkit.document()
+    found.update(experiment)
+    return tomlkit.dumps(found)

@@ -19,15 +19,7 @@ from forceaxis.design import changes, files, friction, search, simulate
 from forceaxis.design.cases import most_losses
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.changes import Design
-from forceaxis.design.grid import Goal
-from forceaxis.design.outcome import (
-    LATENCIES,
-    MEMBERS,
-    TIMINGS,
-    DesignOrder,
-    DesignOutcome,
-    SlowedApproach,
-)
+from forceaxis.design.outcome import MEMBERS, DesignOrder, DesignOutcome, SlowedApproach
 from forceaxis.design.sets import slopes
 from forceaxis.design.simulate import ContactBench, Plant
 from forceaxis.errors import ParameterError
@@ -109,10 +101,7 @@ def design(
     if out is not None:
         files.refuse_existing(Path(out))
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
-        if plant.facts.reading is None:
-            raise InputError(
-                f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
-            )
+        plant.require_force_sensor()
         given = settings.find(order.text)
         own = given if given.resolve() != plant.model else None
         bits = order.adc_bits or plant.facts.required_reading.bits
@@ -157,11 +146,6 @@ def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
     """The outcome of the search, and a function that returns the outcome with another structure."""
-    timings = tuple(TIMINGS[t] for t in LATENCIES[order.latency])
-    goal = Goal(
-        ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
-        timings=timings, hf_gain=order.hf_gain, ramp_s=order.ramp_s,
-    )  # fmt: skip
     units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
     def outcome(answer: search.SearchResult) -> DesignOutcome:
@@ -179,7 +163,7 @@ def found(
             working=plant.working(),
         )
 
-    answer = search.search(plants, goal, say)
+    answer = search.search(plants, order.goal(bits), say)
 
     def instead(name: str) -> DesignOutcome | None:
         other = answer.instead(name)
@@ -198,7 +182,7 @@ def simulated(
     times, unless the order names a speed. Raises InputError where no gain is permitted.
     """
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
-    latencies = LATENCIES[order.latency]
+    latencies = order.latencies
     members = contact_members(bench, outcome.plants, MEMBERS)
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -252,7 +236,7 @@ def settled(
 ) -> DesignOutcome:  # fmt: skip
     """The design with the most bandwidth whose contacts settle, with the chosen structure or with
     another one. Raises InputError if no structure gives such a design."""
-    latencies = LATENCIES[outcome.order.latency]
+    latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
         bench.wait_for(one.bank)
@@ -320,7 +304,7 @@ def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
     """The worst figures of a bank whose gain was reduced, over the same set."""
     found = {
         timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))
-        for timing in (TIMINGS[t] for t in LATENCIES[outcome.order.latency])
+        for timing in outcome.order.goal(outcome.bits).timings
     }
     fS_Hz, slowest = _smallest(found, "fS_Hz")
     member, timing = slowest or (Member(), "")

@@ -25,7 +25,7 @@ Given = float | str  # a value in a file: a number, a quantity with its unit, or
 
 
 @dataclass(frozen=True)
-class Body:
+class ModelBody:
     """A [[body]] of a model file. None: the file does not have the key."""
 
     name: str
@@ -35,7 +35,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Link:
+class ModelLink:
     """A [[spring]], [[damper]], [[contact]] or [[backlash]] between two bodies or a body and
     "ground"; width: of a backlash. None: the file does not have the key."""
 
@@ -47,7 +47,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class FrictionLink:
+class ModelFriction:
     """A [[friction]] between two bodies or a body and "ground": sliding force and breakaway force.
     None: the file does not have the key."""
 
@@ -58,7 +58,7 @@ class FrictionLink:
 
 
 @dataclass(frozen=True)
-class Adc:
+class ModelAdc:
     """An [[adc]] of a model file with the defaults of its keys."""
 
     channel: int
@@ -68,7 +68,7 @@ class Adc:
 
 
 @dataclass(frozen=True)
-class Drive:
+class ModelDrive:
     """The [drive] of a model file; only the values that a design changes or needs by name."""
 
     type: str = ""
@@ -90,17 +90,17 @@ class Drive:
 class ModelFile:
     """The tables of a model file that a design reads."""
 
-    bodies: tuple[Body, ...]
-    springs: tuple[Link, ...]
-    dampers: tuple[Link, ...]
-    contacts: tuple[Link, ...]
-    backlashes: tuple[Link, ...]
-    frictions: tuple[FrictionLink, ...]
-    adcs: tuple[Adc, ...]
-    drive: Drive
+    bodies: tuple[ModelBody, ...]
+    springs: tuple[ModelLink, ...]
+    dampers: tuple[ModelLink, ...]
+    contacts: tuple[ModelLink, ...]
+    backlashes: tuple[ModelLink, ...]
+    frictions: tuple[ModelFriction, ...]
+    adcs: tuple[ModelAdc, ...]
+    drive: ModelDrive
 
     @property
-    def contact(self) -> Link | None:
+    def contact(self) -> ModelLink | None:
         """The only contact, on which the force loop presses; None if there is not exactly one."""
         return self.contacts[0] if len(self.contacts) == 1 else None
 
@@ -110,17 +110,17 @@ class ModelFile:
         return self.contact.between[1] if self.contact else None
 
     @property
-    def support(self) -> Link | None:
+    def support(self) -> ModelLink | None:
         """The only spring at the workpiece; None if there is not exactly one."""
         found = [spring for spring in self.springs if self.workpiece in spring.between]
         return found[0] if len(found) == 1 else None
 
     @property
-    def force_adc(self) -> Adc:
+    def force_adc(self) -> ModelAdc:
         """The ADC of the force sensor, channel 0."""
         return next(adc for adc in self.adcs if adc.channel == 0)
 
-    def body(self, name: str | None) -> Body | None:
+    def body(self, name: str | None) -> ModelBody | None:
         """The body with a name; None if there is no such body."""
         return next((body for body in self.bodies if body.name == name), None)
 
@@ -134,14 +134,14 @@ def read(model: str | Path) -> ModelFile:
         return tuple(_of_table(kind, row, f"{path}: {name}") for row in table.get(name, ()))
 
     return ModelFile(
-        bodies=every(Body, "body"),
-        springs=every(Link, "spring"),
-        dampers=every(Link, "damper"),
-        contacts=every(Link, "contact"),
-        backlashes=every(Link, "backlash"),
-        frictions=every(FrictionLink, "friction"),
-        adcs=every(Adc, "adc"),
-        drive=_of_table(Drive, table.get("drive", {}), f"{path}: drive"),
+        bodies=every(ModelBody, "body"),
+        springs=every(ModelLink, "spring"),
+        dampers=every(ModelLink, "damper"),
+        contacts=every(ModelLink, "contact"),
+        backlashes=every(ModelLink, "backlash"),
+        frictions=every(ModelFriction, "friction"),
+        adcs=every(ModelAdc, "adc"),
+        drive=_of_table(ModelDrive, table.get("drive", {}), f"{path}: drive"),
     )
 
 

@@ -28,8 +28,9 @@ DAC_CODES = 2048  # from 0 V to full scale
 # the first gains are this share of the linear limit, because contact loss makes a loop unstable
 # earlier
 FIRST_GAIN_SHARE = 1 / 6
-FILES = ("model.toml", "contact.toml", "step.toml")
-HELD = "held.toml"  # with a bank
+MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
+FILES = (MODEL, CONTACT, STEP)
+HELD = "held.toml"  # the contact with a bank
 
 
 @dataclass
@@ -383,18 +384,16 @@ def write(
     if not title or any(c in title for c in '"\\') or not title.isprintable():
         raise InputError(f"NAME: expected the name of a folder without quotes, got {str(folder)!r}")
     axis = derive(values)
-    model, *others = FILES
-    written = {model: render(model, title, axis, sources)}
+    written = {MODEL: render(MODEL, title, axis, sources)}
     with tempfile.TemporaryDirectory() as scratch:
-        trial = Path(scratch) / model
-        trial.write_text(written[model], encoding="utf-8")
-        first = first_gains(axis, trial)
-        written |= {name: render(name, title, axis, sources, first) for name in others}
+        trial = Path(scratch)
+        (trial / MODEL).write_text(written[MODEL], encoding="utf-8")
+        first = first_gains(axis, trial / MODEL)
+        written |= {name: render(name, title, axis, sources, first) for name in (CONTACT, STEP)}
         held, bought = None, None
         if design:
-            for name in others:
-                (Path(scratch) / name).write_text(written[name], encoding="utf-8")
-            held, bought = design(Path(scratch))
+            (trial / CONTACT).write_text(written[CONTACT], encoding="utf-8")
+            held, bought = design(trial)
         if held:
             written[HELD] = held
     refuse_existing(folder, force)
@@ -417,7 +416,7 @@ def write(
         design=bought,
         defaults=[n for n, s in sources.items() if s != "given"],
         doubts=doubts(values) + stuck(values, first),
-        marked=written[model].count("default, check"),
+        marked=written[MODEL].count("default, check"),
     )
 
 

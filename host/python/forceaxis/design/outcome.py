@@ -9,6 +9,7 @@ from forceaxis.design.banks import BankFigures, bank_figures
 from forceaxis.design.cases import GainCut, SimulatedContact
 from forceaxis.design.certificate import P, WorstFigures
 from forceaxis.design.friction import FrictionRange
+from forceaxis.design.grid import Goal
 from forceaxis.design.search import StructureDesign
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
@@ -16,8 +17,8 @@ from forceaxis.linear.working import Working
 from forceaxis.results import json_field
 from forceaxis.words import counted
 
-LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}
-TIMINGS = {0: "zoh", 1: "zoh+1"}
+LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}  # values of latency_ticks
+TIMINGS = ("zoh", "zoh+1")  # timing in loops.TIMINGS with the latency 0 and 1
 MEMBERS = 12  # random plants for simulated contacts, besides the nominal plant
 
 
@@ -47,6 +48,19 @@ class DesignOrder:
     approach_mm_per_s: float | None = None
     simulate: bool = True
     threads: int | None = None
+
+    @property
+    def latencies(self) -> tuple[int, ...]:
+        """The values of latency_ticks for which the design has to keep its margins."""
+        return LATENCIES[self.latency]
+
+    def goal(self, adc_bits: int) -> Goal:
+        """The margins of the order with an ADC of `adc_bits` bits."""
+        return Goal(
+            ms=self.ms, ms_late=self.ms_late, gain_margin=self.gain_margin, adc_bits=adc_bits,
+            timings=tuple(TIMINGS[latency] for latency in self.latencies), hf_gain=self.hf_gain,
+            ramp_s=self.ramp_s,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

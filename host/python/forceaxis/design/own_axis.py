@@ -3,33 +3,31 @@ it."""
 
 import itertools
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import tomlkit
 
 from forceaxis import _core
-from forceaxis.design import friction, reduced, sets, simulate
+from forceaxis.design import experiment_file, friction, reduced, sets, simulate
 from forceaxis.design.cases import unstable, why
 from forceaxis.design.changes import Design
 from forceaxis.design.grid import Goal
-from forceaxis.design.new import BankForAxis, NoBank
+from forceaxis.design.new import CONTACT, MODEL, BankForAxis, NoBank
 from forceaxis.design.reduced import ShortSearch
 from forceaxis.design.simulate import PEAK_MAX, SPEEDS, ContactBench, Plant
 from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
-NAME = "held.toml"
-GAINS = (1.0, 0.7, 0.5)  # of the designed one
-# Permitted contact losses of a first contact: first try, and second try for a light part.
-LOSSES = (1, 3)
-FRICTIONS, SEED = 3, 1988  # number and seed of members with random friction
+GAIN_SHARES = (1.0, 0.7, 0.5)  # of the designed gain
+# Permitted contact losses of a first contact: first try, and second try for a light workpiece.
+LOSSES_MAX = (1, 3)
+RANDOM_FRICTIONS, SEED = 3, 1988  # number and seed of members with random friction
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
-    """(text of NAME or None, the bank) for the axis in `folder`, as `forceaxis new` wrote it.
+    """(text of HELD or None, the bank) for the axis in `folder`, as `forceaxis new` wrote it.
 
     The set: stiffness and mass of the workpiece, +-30 %, in every linear range of the amplifier.
     The function simulates combinations of approach speed, action at a contact loss and gain, in
@@ -37,7 +35,7 @@ def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
     contacts and impacts settle.
     """
     try:
-        with Design(folder / "contact.toml") as plant:
+        with Design(folder / CONTACT) as plant:
             return _designed(plant, folder)
     except (_core.InputError, _core.SimulationError) as error:
         return None, NoBank(str(error))
@@ -45,8 +43,8 @@ def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
 
 def _approach(folder: Path, count_per_s: int) -> Path:
     """contact.toml with a speed of the approach of mode of operation 4."""
-    contact: dict[str, Any] = tomlkit.parse((folder / "contact.toml").read_text(encoding="utf-8"))
-    contact["firmware"]["approach_velocity_max"] = count_per_s
+    contact = experiment_file.document(folder / CONTACT)
+    contact.setdefault("firmware", {}).update(approach_velocity_max=count_per_s)
     path = folder / "approach.toml"
     path.write_text(tomlkit.dumps(contact), encoding="utf-8")
     return path
@@ -85,7 +83,7 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
 
 @dataclass(frozen=True)
 class SettledContact:
-    """A bank whose contacts settle, the text of NAME, the speed of the approach."""
+    """A bank whose contacts settle, the text of HELD, the speed of the approach."""
 
     bank: Bank
     text: str
@@ -101,24 +99,24 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     spare: SettledContact | None = None
     # With friction, the default at a contact loss, a cap of 0, is tried last: see
     # simulate.losses().
-    for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAINS, SPEEDS):
+    for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAIN_SHARES, SPEEDS):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
         speed = share * fastest
         with Design(_approach(folder, max(1, round(speed * scale)))) as slower:
             bench = ContactBench(slower, bits)
             bench.wait_for(designed)
-            bench.losses_max = LOSSES[-1]
+            bench.losses_max = LOSSES_MAX[-1]
             plants: list[Plant] = [{}, *friction.members(bench.frictions)]
-            plants += friction.drawn(bench.frictions, FRICTIONS, SEED) if rubs else []
+            plants += friction.drawn(bench.frictions, RANDOM_FRICTIONS, SEED) if rubs else []
             for loss in _losses(bench, speed, stands):
                 rows = simulate.simulate(bench, bank, plants, (0, 1), loss, os.cpu_count() or 1)
                 if bad := unstable(rows):
                     refused = f"{bad[0].case}: {why(bad[0])}"
                     continue
                 losses = max(row.losses for row in rows if ", strike" not in row.case)
-                text = _text(bench, bank, loss, max(losses, LOSSES[0]))
+                text = _text(bench, bank, loss, max(losses, LOSSES_MAX[0]))
                 found = SettledContact(bank, text, speed)
-                if losses <= LOSSES[0]:
+                if losses <= LOSSES_MAX[0]:
                     return found
                 spare = spare or found
     if spare:
@@ -129,29 +127,34 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     )
 
 
-def _losses(bench: ContactBench, speed: float, stands: bool) -> Sequence[dict[str, int]]:
-    """Firmware objects for a contact loss, in the order in which they are simulated."""
-    own = bench.press_speed_code(speed)
-    slow = [bench.press_speed_code(speed / 4, share) for share in simulate.SHARES]
-    caps: list[int | None] = [*slow, own, 2048] if bench.frictions else [None, own, 2048]
-    return [{"contact_loss_cap": cap} if cap else {} for cap in ([None] if stands else caps)]
+def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:
+    """Firmware objects for a contact loss, in the order in which they are simulated. stands: only
+    the defaults of the firmware, with which friction may keep the axis at standstill."""
+    if stands:
+        return [{}]
+    first = simulate.losses(bench, speed_m_per_s)
+    return [
+        *(loss for loss in first if loss or not bench.frictions), {"contact_loss_cap": 2048}
+    ]  # fmt: skip
 
 
-def _text(bench: ContactBench, bank: Bank, loss: dict[str, int], losses: int) -> str:
+def _text(bench: ContactBench, bank: Bank, loss: Mapping[str, int], losses: int) -> str:
     """The experiment of a first contact at the largest force, with limits of force error,
     overshoot, peak, contact losses and saturation."""
     case = bench.largest
-    document: dict[str, Any] = tomlkit.parse(bench.text(case, bank, loss, "model.toml"))
+    document = bench.experiment(case, bank, loss, MODEL)
     document["title"] = f"{case.setpoint_N:.4g} N held by a designed bank"
-    verdict = document["verdict"]
+    verdict = document.setdefault("verdict", {})
     for key in ("held_force_error_max_N", "peak_force_max_N"):
         verdict.pop(key, None)  # limits in per cent remain valid at another set-point
-    verdict["held_force_error_max_percent"] = 100 * simulate.ERROR_MAX
-    verdict["overshoot_max_percent"] = round(100 * (PEAK_MAX - 1))
-    verdict["peak_force_max_percent"] = round(100 * PEAK_MAX)
-    verdict["contact_losses_max"] = losses
+    verdict.update(
+        contact_losses_max=losses,
+        held_force_error_max_percent=100 * simulate.ERROR_MAX,
+        overshoot_max_percent=round(100 * (PEAK_MAX - 1)),
+        peak_force_max_percent=round(100 * PEAK_MAX),
+    )
     document["expect"] = {"verdict": "stable"}
-    return tomlkit.dumps(document)
+    return experiment_file.text_of(document)
 
 
 def _headed(text: str, bought: BankForAxis) -> str:

@@ -45,7 +45,7 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
     found: Loops = []
-    for latency in outcomes.LATENCIES[outcome.order.latency]:
+    for latency in outcome.order.latencies:
         for member, nominal in members:
             loop = plants.loop(member, outcomes.TIMINGS[latency], LoopSpec("bank", bank=bank))
             gain = loop.gain_of(bank.force_gain)
@@ -131,7 +131,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
     """Force over time in a case, with P and with the design."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
-    latency = outcomes.LATENCIES[outcome.order.latency][0]
+    latency = outcome.order.latencies[0]
     start = bench.touch_s(case) + bench.settle_s if case.strike_N_s else 0.0
     for name, bank in laws(outcome):
         color = INK if bank is outcome.bank else GOT
@@ -196,7 +196,7 @@ def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: s
         title=drawing.name_of(bench.design.model),
         ranges=", ".join(f"{n} {plain(r[1], 4)} to {plain(r[2], 4)} {outcome.units[n]}"
                          for n, r in outcome.ranges.items()),
-        latencies=" and ".join(map(str, outcomes.LATENCIES[outcome.order.latency])),
+        latencies=" and ".join(map(str, outcome.order.latencies)),
         figures=figure_rows(outcome),
         worst_member=", ".join(
             f"{n} = {shown(v)} {outcome.units.get(n, '')}".rstrip()

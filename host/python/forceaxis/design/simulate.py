@@ -34,6 +34,7 @@ from forceaxis.design.cases import (
     why,
 )
 from forceaxis.design.changes import Design
+from forceaxis.design.experiment_file import ExperimentText
 from forceaxis.design.model_file import Given
 from forceaxis.design.new import first_gain, highest_gain
 from forceaxis.design.outcome import ContactLoss
@@ -60,7 +61,10 @@ LEAST_COUNT = 4  # twice the default contact_force
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
 STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # factors of the impulse of a case
 DWELLS_MS = (300, 100, 600)
-SHARES = (0.5, 1.0)  # shares of the largest friction against which the approach may have to move
+FRICTION_SHARES = (
+    0.5,
+    1.0,
+)  # shares of the largest friction against which the approach may have to move
 BACKOFF, BACKOFFS = 0.9, 20
 # permitted force error as a share of the set-point, for a law with integral action; at least
 # HALF_COUNT
@@ -250,7 +254,8 @@ class ContactBench:
         self.impacts, self._files = {}, {}
         for (case, _), one in zip(jobs, run([job for _, job in jobs], threads), strict=True):
             losses, peak_N = self.impacts.get(case, (0, 0.0))
-            self.impacts[case] = (max(losses, one.losses), max(peak_N, one.peak_N))
+            losses = max(losses, one.metrics.contact_losses_run)
+            self.impacts[case] = (losses, max(peak_N, one.metrics.peak_force_N))
         self._files = {}  # the limits are others
 
     def losses_permitted(self, case: ContactCase) -> int | None:
@@ -304,12 +309,19 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """The text of a case's experiment. loss: {"contact_loss_cap": code, ...}; model: path of
-        the model from the folder of the file; by default the absolute path."""
+        """The text of a case's experiment, see experiment()."""
+        return experiment_file.text_of(self.experiment(case, bank, loss, model))
+
+    def experiment(
+        self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
+        model: str | None = None,
+    ) -> ExperimentText:  # fmt: skip
+        """The experiment of a case. loss: {"contact_loss_cap": code, ...}; model: path of the model
+        from the folder of the file; by default the absolute path."""
         begin = self.touch_s(case) + self.settle_s
         wait = self.settle_s + 1.0 if case.strike_N_s else 0.0
         law = self._law_keys(bank, loss or {})
-        at: list[dict[str, object]] = [
+        at: list[dict[str, Any]] = [
             {"time_s": time_s, "firmware": {"controlword": word}}
             for time_s, word in ((0.01, 6), (0.02, 7), (0.03, 15))
         ]
@@ -317,12 +329,11 @@ class ContactBench:
             body, sign = self.struck()
             hit = {"body": body, "N_s": sign * case.strike_N_s}
             at.append({"time_s": round(begin, 3), "impulse": hit})
-        text = tomlkit.document()
-        text.update({
+        text: ExperimentText = {
             "title": f"{self.design.model.stem}: {case.name}",
             "model": str(model or self._run_model),
             "duration_s": round(begin + wait + WINDOW_S, 3),
-            **({"set": dict(self.overrides)} if self.overrides else {}),
+            "set": dict(self.overrides),
             "firmware": self.settings | self.loads(case) | law,
             "at": at,
             "verdict": {
@@ -331,8 +342,10 @@ class ContactBench:
                 "force_ripple_max_count": RIPPLE_COUNT,
                 **self.limits(case, bank),
             },
-        })  # fmt: skip
-        return tomlkit.dumps(text)
+        }
+        if not self.overrides:
+            del text["set"]
+        return text
 
     def _law_keys(self, bank: Bank, loss: Mapping[str, int]) -> dict[str, Any]:
         """The keys of [firmware] that select a bank with the sensor of this bench."""
@@ -460,7 +473,7 @@ def choose_loss(
 ) -> ContactLoss:
     """The cap and the dwell after a contact loss with which the law tolerates the largest impacts
     of the series STRIKES."""
-    slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in SHARES)
+    slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in FRICTION_SHARES)
     caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
     choices = [(cap, dwell) for dwell in DWELLS_MS for cap in caps]
@@ -496,14 +509,16 @@ def choose_loss(
     )
 
 
-def losses(bench: ContactBench) -> tuple[dict[str, int], ...]:
+def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], ...]:
     """Firmware objects for a contact loss, in the order in which they are simulated: first the
     default, then a motion towards the workpiece at approach speed. With friction the default, a cap
     of 0, comes last, because an axis that only touches the workpiece stays at standstill with it.
     """
-    speed = bench.cases[0].speed_m_per_s
-    on = {"contact_loss_cap": bench.press_speed_code(speed)}
-    slow = [{"contact_loss_cap": bench.press_speed_code(speed / 4, share)} for share in SHARES]
+    on = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s)}
+    slow = [
+        {"contact_loss_cap": bench.press_speed_code(speed_m_per_s / 4, share)}
+        for share in FRICTION_SHARES
+    ]
     return (*slow, on, {}) if bench.frictions else ({}, on)
 
 
@@ -538,7 +553,7 @@ def safe(
         if progress:
             progress("simulating contact" + (f", gain {tried.force_gain:.3g}" if steps else ""))
         bad: list[SimulatedContact] | None = None
-        for first in losses(bench):
+        for first in losses(bench, bench.cases[0].speed_m_per_s):
             rows = simulate(bench, tried, members, latencies, first, threads)
             failed = unstable(rows)
             if bad is None or len(failed) < len(bad):

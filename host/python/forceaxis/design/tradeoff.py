@@ -10,11 +10,10 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from forceaxis import drawing, paths
-from forceaxis._core import InputError
 from forceaxis.design import changes, files, for_set, simulate
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
-from forceaxis.design.outcome import LATENCIES, TIMINGS, DesignOrder
+from forceaxis.design.outcome import DesignOrder
 from forceaxis.design.reduced import ShapedDesign, ShortSearch
 from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank, BankKeys
@@ -80,16 +79,10 @@ def tradeoff(
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
-        if plant.facts.reading is None:
-            raise InputError(
-                f"{plant.model}: adc: expected one on channel 0 that reads a force, there is none"
-            )
+        plant.require_force_sensor()
         bits = order.adc_bits or plant.facts.required_reading.bits
         plants = for_set.plant_set(simulate.ContactBench(plant, bits), order)
-        goal = Goal(
-            ms=order.ms, ms_late=order.ms_late, gain_margin=order.gain_margin, adc_bits=bits,
-            timings=tuple(TIMINGS[t] for t in LATENCIES[order.latency]),
-        )  # fmt: skip
+        goal = replace(order.goal(bits), hf_gain=None, ramp_s=None)
         problem = ShortSearch(plants, goal)
         known, rows = [], []
         for done, value in enumerate(values):
