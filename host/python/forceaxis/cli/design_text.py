@@ -5,7 +5,6 @@ from pathlib import Path
 from forceaxis import paths
 from forceaxis.cli.common import aligned
 from forceaxis.design import simulate
-from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.outcome import CASE_HEAD, DesignOutcome, cases, number
 from forceaxis.design.tradeoff import Tradeoff
 from forceaxis.linear.plant_set import Member
@@ -52,19 +51,12 @@ def _figures(outcome: DesignOutcome) -> list[str]:
     plant of the set, and the same for each structure that was tried."""
     table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
     for name, law in (("P", outcome.p), ("design", outcome.worst)):
-        w = law if isinstance(law, WorstFigures) else None
-        figures = (w.fS_Hz, w.fT_Hz, w.Ms, w.Ms_late, w.gain_margin, w.phase_margin_deg) if w else (
-            (None,) * 6
-        )  # fmt: skip
-        table.append([name, *map(number, figures)])
+        table.append([name, *map(number, law.row)])
     lines = aligned(table)
     if outcome.structures:
         table = [["structure", "fS Hz", "Ms", "gain margin"]]
         for one in outcome.structures:
-            w = one.worst
-            table.append(
-                [one.name, *map(number, (w.fS_Hz, w.Ms, w.gain_margin) if w else (None,) * 3)]
-            )
+            table.append([one.name, *map(number, one.row)])
         lines += aligned(table)
     return lines
 

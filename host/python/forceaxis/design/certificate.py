@@ -31,6 +31,10 @@ CONSTRAINTS = {
 }
 
 
+FIGURES = ("fS, Hz", "fT, Hz", "Ms", "Ms, a tick late", "gain margin", "phase margin, degrees")
+Row = tuple[float | None, ...]
+
+
 @dataclass(frozen=True)
 class WorstFigures:
     """The worst figures of a law over a set of plants; None if a figure does not exist."""
@@ -50,6 +54,13 @@ class WorstFigures:
         return self.fS_Hz or 0.0
 
     @property
+    def row(self) -> Row:
+        """The figures of a table in the order of FIGURES."""
+        return (
+            self.fS_Hz, self.fT_Hz, self.Ms, self.Ms_late, self.gain_margin, self.phase_margin_deg
+        )  # fmt: skip
+
+    @property
     def largest_ms(self) -> float:
         """The larger of the peaks of |S| that exist; 0 without any."""
         return max((ms for ms in (self.Ms, self.Ms_late) if ms is not None), default=0.0)
@@ -67,6 +78,11 @@ class NoPFigures:
     """The P law keeps the margins at no gain."""
 
     force_gain: float = 0.0
+
+    @property
+    def row(self) -> Row:
+        """A row without figures in the order of FIGURES."""
+        return (None,) * len(FIGURES)
 
 
 P = PFigures | NoPFigures
@@ -162,7 +178,7 @@ def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
 def _figures(found: Mapping[str, over.Worst], grids: Sequence[Grid], bank: Bank) -> WorstFigures:
     every = list(found.values())
     slowest = min(every, key=lambda w: math.inf if w.fS_Hz is None else w.fS_Hz)
-    member = slowest.member["fS_Hz"][0] if "fS_Hz" in slowest.member else None
+    member, _ = slowest.member.get("fS_Hz", (None, ""))
     ms = {timing: worst.Ms for timing, worst in found.items()}
     return WorstFigures(
         fS_Hz=_least([_size(w.fS_Hz) for w in every]),

@@ -1,6 +1,6 @@
 """Writes the page of a design: one HTML file with tables and figures."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from forceaxis import _core, drawing, objects
 from forceaxis.design import outcome as outcomes
 from forceaxis.design.cases import ContactCase
-from forceaxis.design.certificate import WorstFigures
+from forceaxis.design.certificate import FIGURES
 from forceaxis.design.files import NewFolder
 from forceaxis.design.grid import Response, Samples
 from forceaxis.design.outcome import DesignOutcome
@@ -31,10 +31,6 @@ from forceaxis.words import plain
 WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
 FAR = 20.0  # |L| beyond the frame
 RANDOM = 4  # number of random plants in the figures, besides nominal plant and corners
-ROWS = (
-    "fS, Hz", "fT, Hz", "Ms", "Ms, a tick late", "gain margin", "phase margin, degrees",
-    "gain, DAC codes per count of force",
-)  # fmt: skip
 
 Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, key of its style in LOOKS)
 
@@ -159,28 +155,19 @@ def shown(value: float | str) -> str:
 
 
 def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
-    """(figure, value of P, value of the design), in the order of ROWS."""
-
-    def values(w: WorstFigures | None, force_gain: float) -> Sequence[float | None]:
-        if w is None:
-            return (None,) * 6 + (force_gain,)
-        return (
-            w.fS_Hz, w.fT_Hz, w.Ms, w.Ms_late, w.gain_margin, w.phase_margin_deg, force_gain
-        )  # fmt: skip
-
-    p = values(outcome.p if isinstance(outcome.p, WorstFigures) else None, outcome.p.force_gain)
-    own = values(outcome.worst, outcome.bank.force_gain)
+    """(figure, value of P, value of the design)."""
+    names = [*FIGURES, "gain, DAC codes per count of force"]
+    p = (*outcome.p.row, outcome.p.force_gain)
+    own = (*outcome.worst.row, outcome.bank.force_gain)
     number = outcomes.number
-    return [(name, number(a), number(b)) for name, a, b in zip(ROWS, p, own, strict=True)]
+    return [(name, number(a), number(b)) for name, a, b in zip(names, p, own, strict=True)]
 
 
 def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
     """Name, fS, Ms, gain margin, gain and gain at high frequency of each structure."""
     rows = []
     for one in outcome.structures:
-        w = one.worst
-        margins = (w.fS_Hz, w.Ms, w.gain_margin) if w else (None,) * 3
-        figures = (*margins, one.bank.force_gain, one.bank.hf_gain)
+        figures = (*one.row, one.bank.force_gain, one.bank.hf_gain)
         rows.append([one.name, *map(outcomes.number, figures)])
     return rows
 

@@ -7,12 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize
 
 from forceaxis.design import certificate, search, structures
 from forceaxis.design.certificate import WorstFigures
-from forceaxis.design.contact import Ramp
-from forceaxis.design.grid import DELAYS, Goal, Samples
+from forceaxis.design.grid import Goal, Samples
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
@@ -82,18 +80,15 @@ class ShortSearch:
             (self.inner.evaluate(np.array([math.log(w)]))[0], w) for w in INTEGRALS
         )  # of PI
         fS = max(fS, LEAST_HZ)
-        nominal = [self.grid.open_loops[i] for i in search.nominal_of(self.grid, self.plants)]
-        delays = [DELAYS[timing] for timing in self.goal.timings]
-        ramp_s = self.goal.ramp_s or max(search.RAMP_MIN_S, search.RAMP_PERIODS / fS)
-        self.inner.ramp = Ramp(nominal, delays, ramp_s)
-        low, high = structures.bounds(NAME, BEGIN * fS).T
-        low[0] = max(low[0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
-        self._limits = limits = low, np.maximum(high, low)
-        starts = self._starts(fS, rate, *limits)
-        numbers = max((self._polished(start, *limits) for start in starts), key=_order)[1]
+        self.inner.follow_ramp(self.plants, self.goal, fS)
+        self._limits = limits = structures.bounds(NAME, BEGIN * fS)
+        limits[0, 0] = max(limits[0, 0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
+        limits[:, 1] = limits.max(axis=1)
+        starts = self._starts(fS, rate)
+        numbers = max(map(self._polished, starts), key=self._order)
         # a second start, because the simplex of the first may have collapsed
         for _ in range(RESTARTS):
-            numbers = self._polished(numbers, *limits)[1]
+            numbers = self._polished(numbers)
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
         # On a soft contact no law may follow the ramp; the best shape is then too slow.
         plain = self._shaped(Bank(1.0, rate), starts[-1])
@@ -124,7 +119,7 @@ class ShortSearch:
         }
         reached = {}
         for name, self.inner.bounds in wider.items():
-            reached[name] = self._polished(found.numbers, *self._limits)[0]
+            reached[name] = self.inner.evaluate(self._polished(found.numbers))[0]
         self.inner.bounds = own
         name = max(reached, key=reached.__getitem__)
         if reached[name] < NOTICED * self.inner.evaluate(found.numbers)[0]:
@@ -144,25 +139,19 @@ class ShortSearch:
         )  # fmt: skip
         return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
 
-    def _starts(self, fS: float, rate: float, low: Samples, high: Samples) -> list[Samples]:
+    def _starts(self, fS: float, rate: float) -> list[Samples]:
         """Start values: zeros on antiresonances with a pole above, a lead, a lag, and PI with its
         best rate."""
         zeros = search.antiresonances(self.grid)[:ZEROS]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
         starts = [(3 * fS, *shape) for shape in shapes] + [(rate, 8 * fS, 0.8, 8 * fS, 0.8)]
+        low, high = self._limits.T
         return [np.clip(np.log(start), low, high) for start in starts]
 
-    def _polished(self, start: Samples, low: Samples, high: Samples) -> tuple[float, Samples]:
-        def cost(numbers: Samples) -> float:
-            return -self.inner.evaluate(np.clip(numbers, low, high))[0]
+    def _polished(self, start: Samples) -> Samples:
+        return self.inner.polished(start, self._limits, EVALUATIONS, 1e-3)
 
-        found = optimize.minimize(
-            cost, start, method="Nelder-Mead",
-            options={"maxfev": EVALUATIONS, "xatol": 1e-3, "fatol": 1e-3},
-        )  # fmt: skip
-        return -found.fun, np.clip(found.x, low, high)
-
-
-def _order(polished: tuple[float, Samples]) -> tuple[float, tuple[float, ...]]:
-    return polished[0], tuple(polished[1])
+    def _order(self, numbers: Samples) -> tuple[float, tuple[float, ...]]:
+        """Sorting key of laws: the bandwidth, then the numbers."""
+        return self.inner.evaluate(numbers)[0], tuple(numbers)

@@ -18,7 +18,7 @@ from scipy import optimize
 from forceaxis._core import InputError
 from forceaxis.design import certificate, structures
 from forceaxis.design.banks import BankFigures, bank_figures
-from forceaxis.design.certificate import P, WorstFigures
+from forceaxis.design.certificate import P, Row, WorstFigures
 from forceaxis.design.contact import Ramp
 from forceaxis.design.grid import DELAYS, THIN, Goal, Grid, Response, Samples, blocks
 from forceaxis.errors import ParameterError
@@ -60,6 +60,12 @@ class StructureDesign:
     def bandwidth_Hz(self) -> float:
         """fS over the set in Hz; 0 if the law has no bandwidth."""
         return self.worst.bandwidth_Hz if self.worst else 0.0
+
+    @property
+    def row(self) -> Row:
+        """fS in Hz, Ms and gain margin for a table; None if no gain keeps the margins."""
+        w = self.worst
+        return (w.fS_Hz, w.Ms, w.gain_margin) if w else (None, None, None)
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,37 @@ class SearchProblem:
                 value /= 1 + 30 * excess
         return value, gain
 
+    def follow_ramp(self, plants: PlantSet, goal: Goal, bandwidth_Hz: float) -> None:
+        """From now on, evaluate() reduces the bandwidth of laws with which the force of the nominal
+        plants does not follow a ramp; its rise time follows from the bandwidth of a PI law."""
+        rise_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
+        nominal = plants.nominal()
+        loops = [
+            loop
+            for member, loop in zip(self.grid.members, self.grid.open_loops, strict=True)
+            if member in nominal
+        ]
+        delays = [DELAYS[timing] for timing in goal.timings]
+        self.ramp = Ramp(loops or self.grid.open_loops[:1], delays, rise_s)
+
+    def polished(
+        self, numbers: Samples, limits: Samples, evaluations: int, tolerance: float
+    ) -> Samples:
+        """The numbers of the best law that a simplex finds from `numbers` within the limits, an
+        array of (lowest, highest)."""
+        low, high = limits.T
+        found = optimize.minimize(
+            self.cost(limits), numbers, method="Nelder-Mead",
+            options={"maxfev": evaluations, "xatol": tolerance, "fatol": tolerance},
+        )  # fmt: skip
+        best: Samples = np.clip(found.x, low, high)
+        return best
+
+    def cost(self, limits: Samples) -> Callable[[Samples], float]:
+        """The negative bandwidth as a function of the numbers, which it clips to the limits."""
+        low, high = limits.T
+        return lambda numbers: -self.evaluate(np.clip(numbers, low, high))[0]
+
 
 def _noise(law: Response, numbers: Samples, grid: Grid) -> float:
     """Largest gain of the law without its integral action."""
@@ -145,10 +182,6 @@ def _starts(
     return np.clip(rows, low, high)
 
 
-def _cost(problem: SearchProblem, low: Samples, high: Samples) -> Callable[[Samples], float]:
-    return lambda numbers: -problem.evaluate(np.clip(numbers, low, high))[0]
-
-
 def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
@@ -159,10 +192,8 @@ def _search(
     results = []
     for begin in BEGINS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
         limits = structures.bounds(name, begin * fS)
-        low, high = limits.T
-        cost, rough = _cost(problem, low, high), _cost(thin, low, high)
         found = optimize.differential_evolution(
-            rough,
+            thin.cost(limits),
             limits,
             init=_starts(name, limits, zeros, best, rng, max(8 * len(limits), 12)),
             seed=int(rng.integers(2**31)),
@@ -170,19 +201,13 @@ def _search(
             tol=1e-4,
             polish=False,
         )
-        results.append(_polished(cost, found.x, low, high))
+        results.append(_polished(problem, found.x, limits))
     return max(results, key=lambda numbers: problem.evaluate(numbers)[0])
 
 
-def _polished(
-    cost: Callable[[Samples], float], numbers: Samples, low: Samples, high: Samples
-) -> Samples:
+def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samples:
     for _ in range(2):  # a second start, because the simplex of the first may have collapsed
-        found = optimize.minimize(
-            cost, numbers, method="Nelder-Mead",
-            options={"maxfev": 80 * len(low), "xatol": 1e-4, "fatol": 1e-4},
-        )  # fmt: skip
-        numbers = np.clip(found.x, low, high)
+        numbers = problem.polished(numbers, limits, 80 * len(limits), 1e-4)
     return numbers
 
 
@@ -216,10 +241,8 @@ def search(
     if not fS:
         raise _no_gain()
     limits = {name: structures.bounds(name, min(BEGINS) * fS) for name in structures.STRUCTURES}
-    ramp_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / fS)
-    nominal = [problem.grid.open_loops[i] for i in nominal_of(problem.grid, plants)]
-    ramp = Ramp(nominal, [DELAYS[t] for t in goal.timings], ramp_s)
-    problem.ramp = thin.ramp = ramp
+    problem.follow_ramp(plants, goal, fS)
+    ramp = thin.ramp = problem.ramp
     before = own
     richer = list(structures.STRUCTURES)[1:]
     for done, name in enumerate(richer):
@@ -237,15 +260,8 @@ def search(
         members = members + list(joined.values())
         problem = SearchProblem(plants, members, goal, ramp)
         for name in [n for n, m in found.items() if m is not None and len(best[n])]:
-            low, high = limits[name].T
-            best[name] = _polished(_cost(problem, low, high), best[name], low, high)
+            best[name] = _polished(problem, best[name], limits[name])
     return _result(plants, goal, problem, best, say)
-
-
-def nominal_of(grid: Grid, plants: PlantSet) -> list[int]:
-    """Indices of the nominal members in a grid."""
-    nominal = plants.nominal()
-    return [i for i, m in enumerate(grid.members) if m in nominal] or [0]
 
 
 def antiresonances(grid: Grid) -> list[float]:
