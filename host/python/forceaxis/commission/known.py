@@ -10,7 +10,7 @@ import numpy as np
 
 from forceaxis import linear
 from forceaxis.design import model_file
-from forceaxis.design.model_file import Given, Link
+from forceaxis.design.model_file import Given, ModelLink
 from forceaxis.errors import ParameterError
 from forceaxis.linear import plant_set, working
 
@@ -145,7 +145,7 @@ def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) 
 
 
 def _counts_per_newton(
-    model: str | Path, overrides: linear.Overrides | None, link: Link | None
+    model: str | Path, overrides: linear.Overrides | None, link: ModelLink | None
 ) -> float:
     """Deflection of a spring in encoder counts per N; 0 without a stiffness."""
     facts = linear.facts(model, overrides)
