@@ -13,11 +13,13 @@ from forceaxis.bus import client
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 
-SAMPLES = 750  # half a second at rest
+REST_SAMPLES = 750  # half a second at rest
 READINGS, READING_PERIOD_S = 25, 0.02  # for a connection without recordings
 STANDING_CNT = 2  # largest change of the encoder count at standstill, as in the firmware's test
 DITHER_LSB = 0.4  # with less noise, a value smaller than one code cannot be measured
-REACH = 8  # multiple of first_motion_counts that bounds the motion of the firmware's test
+FIRST_MOTION_REACH = (
+    8  # multiple of first_motion_counts that bounds the motion of the firmware's test
+)
 TRAVEL_CNT, OUTPUT_CODES = 400, 250  # travel and largest code of the move out and back
 MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # duration of each move; most counts per tick
 SETTLE_S = 1.3
@@ -27,7 +29,7 @@ RESTORE_TRIES = 4
 ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # digital_inputs
 NO_LIMIT = 2**31 - 1
 # {fault: its most frequent causes} of the faults that stop the first motion.
-CAUSES = {
+FAULT_CAUSES = {
     "force_sensor_failed": "the reading is at an end of its range or does not stand still: check "
     "cable, supply and force_zero_code",
     "current_sensor_failed": "the current's reading is at its upper end or jumps: check its wiring",
@@ -175,10 +177,10 @@ class MotionCheck:
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
-            f"It moves {counts} encoder counts in open loop, at most {REACH * counts} with {code} "
-            f"of 2047 codes, then {self.travel} counts {way} the workpiece and back with at most "
-            f"{self._output()} codes, never more than {self._span()} counts from here. The tare is "
-            "taken where the reading is near zero."
+            f"It moves {counts} encoder counts in open loop, at most "
+            f"{FIRST_MOTION_REACH * counts} with {code} of 2047 codes, then {self.travel} counts "
+            f"{way} the workpiece and back with at most {self._output()} codes, never more than "
+            f"{self._span()} counts from here. The tare is taken where the reading is near zero."
         )
 
     def _done(
@@ -215,7 +217,7 @@ class MotionCheck:
         found = self.axis.record(StopCauseObjects)
         fault, by = found.fault, found.stopped_by
         if fault != "none":
-            hint = CAUSES.get(fault, "find its cause")
+            hint = FAULT_CAUSES.get(fault, "find its cause")
             self._done("faults", "failed", f"{_words(fault)}: {hint}, then `axis reset`", fault,
                        "none")  # fmt: skip
         else:
@@ -254,7 +256,7 @@ class MotionCheck:
     def _rest(self) -> None:
         names = ("force_raw", "force", "current_raw", "position")
         try:
-            held = self.axis.capture(list(names), samples=SAMPLES)
+            held = self.axis.capture(list(names), samples=REST_SAMPLES)
             raw, force, current, place = (held.values(name) for name in names)
         except Refused:  # this connection has no recordings
             rows = []
@@ -310,7 +312,7 @@ class MotionCheck:
     def _span(self) -> int:
         """Largest distance in counts that the axis can move from its start, including any
         overshoot."""
-        return max(self.travel, REACH * self.known.first_motion_counts) + ARRIVED_CNT
+        return max(self.travel, FIRST_MOTION_REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:
         """Speed of the move in counts per tick."""
@@ -367,7 +369,7 @@ class MotionCheck:
             sign = "" if seen else "; the sign of the force shows at the first contact"
             return self._done("first motion", "passed", text + sign, result, "passed")
         name = found.fault if result in ("passed", "running", "not_run") else result
-        cause = CAUSES.get(name, error)
+        cause = FAULT_CAUSES.get(name, error)
         return self._done("first motion", "failed", f"{text}: {cause}", name, "passed")
 
     def _move(self) -> None:
@@ -389,7 +391,7 @@ class MotionCheck:
                 self._done("move", "failed", str(error))
                 return
             if now.fault != "none":
-                cause = CAUSES.get(now.fault, f"at position {now.position}")
+                cause = FAULT_CAUSES.get(now.fault, f"at position {now.position}")
                 self._done("move", "failed", f"{_words(now.fault)}: {cause}", now.fault,
                            "none")  # fmt: skip
                 return

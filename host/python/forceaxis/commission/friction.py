@@ -48,10 +48,10 @@ FORCE_ERROR_MIN = 0.06
 
 # Compliance and friction under the workpiece, slow_loading():
 BLOCK_SAMPLES = 20  # of a mean
-BINS = 6  # number of intervals of the force with a compliance of their own
+FORCE_BINS = 6  # number of intervals of the force with a compliance of their own
 # ratio of the compliance between two forces to that at the forces, from which the workpiece counts
 # as soft
-SOFTER = 1.6
+SOFT_RATIO = 1.6
 # friction is accepted if it reduces the error of the position by more than this share
 ERROR_REDUCTION_MIN = 0.15
 DISPLACEMENT_MIN_CNT = 0.35  # travel from which friction under the workpiece can be measured
@@ -132,7 +132,7 @@ class SlowLoading:
 
     @property
     def soft(self) -> bool:
-        return self.softest > SOFTER
+        return self.softest > SOFT_RATIO
 
 
 @dataclass(frozen=True)
@@ -413,10 +413,10 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
     """The softest place between two forces: (force in N, its compliance divided by the larger one
     of the two ends)."""
-    edges = np.linspace(low, high, BINS + 1)
+    edges = np.linspace(low, high, FORCE_BINS + 1)
     middle = (edges[1:] + edges[:-1]) / 2
     slopes = np.array([
-        np.polyfit(F[inside], x[inside], 1)[0] if np.ptp(F[inside]) > (high - low) / BINS / 2
+        np.polyfit(F[inside], x[inside], 1)[0] if np.ptp(F[inside]) > (high - low) / FORCE_BINS / 2
         else np.nan
         for a, b in itertools.pairwise(edges)
         for inside in [(a <= F) & (b >= F)]

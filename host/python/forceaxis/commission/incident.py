@@ -36,8 +36,8 @@ SIGNALS = (
     "position", "profile_position", "force_raw", "force_demand", "dac_code", "statusword",
     "limit_reason", "digital_inputs",
 )  # fmt: skip
-FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
-STATES = ("incident", "incident_kept")
+STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
+INCIDENT_STATES = ("incident", "incident_kept")
 COMPLETE_TIMEOUT_S = 5.0  # longest time until the axis has completed an incident and its CRC
 FULL_SCALE_BITS = 8  # ADC bits to which force counts refer
 NEAR_MS = 100  # time before and after the error in the second column of the figure
@@ -113,7 +113,7 @@ class Incident:
 
 def has_one(axis: Axis) -> bool:
     """Whether the black box of an axis contains an incident."""
-    return axis.read("blackbox_state") in STATES
+    return axis.read("blackbox_state") in INCIDENT_STATES
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,9 @@ class IncidentObjects:
 
 def wait(axis: Axis, seconds: float) -> None:
     """Waits up to `seconds` of the axis' time for an incident. Raises NoAnswer."""
-    axis.wait_for(BlackBoxObjects, lambda s: s.blackbox_state in STATES, "an incident", seconds)
+    axis.wait_for(
+        BlackBoxObjects, lambda s: s.blackbox_state in INCIDENT_STATES, "an incident", seconds
+    )
 
 
 def _load(axis: Axis) -> bool:
@@ -163,7 +165,7 @@ def _load(axis: Axis) -> bool:
 
 
 # Objects about the last restart of the board and about faults of the board.
-BOARD = (
+BOARD_OBJECTS = (
     *("reset_cause", "board_state", "tick_deviation"),
     *(f"core_fault_{word}" for word in ("pc", "lr", "cfsr", "hfsr", "bfar")),
 )
@@ -178,7 +180,7 @@ def fetch(axis: Axis) -> Incident:
     archived = state in ("off", "recording") and _load(axis)
     if archived:
         state = "incident_kept"
-    if state not in STATES:
+    if state not in INCIDENT_STATES:
         why = {
             "off": "its black box is off (blackbox_option)",
             "recorder": "a recording has its buffer; write 0 to recorder_arm",
@@ -191,7 +193,7 @@ def fetch(axis: Axis) -> Incident:
         raise NoAnswer(f"{axis.link.where}: expected samples whose CRC is right; fetch again")
     parameters = axis.link.read(
         [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
-        + ["modes_of_operation", "force_setpoint", *BOARD]
+        + ["modes_of_operation", "force_setpoint", *BOARD_OBJECTS]
     )
     return Incident(
         recording=recording,
@@ -215,7 +217,7 @@ def clear(axis: Axis) -> None:
 
 def packed(recording: Recording) -> bytes:
     """The samples in the byte format of the axis."""
-    row = struct.Struct("<" + "".join(FORMATS[BY_NAME[n].type] for n in recording.signals))
+    row = struct.Struct("<" + "".join(STRUCT_FORMATS[BY_NAME[n].type] for n in recording.signals))
     return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
 
 

@@ -10,14 +10,14 @@ from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import Incident, words
 from forceaxis.words import counted
 
-ENABLED = 0x27  # statusword & 0x6F in the state operation enabled
-MS = 1e3 / TICKS_PER_S
+ENABLED_STATUS = 0x27  # statusword & 0x6F in the state operation enabled
+TICK_MS = 1e3 / TICKS_PER_S
 SWING_TICKS = 450  # 0.3 s
 NEAR_TICKS = 75  # 50 ms
 CLOSE_TICKS = 10
 
 # {fault: general explanation}, independent of the recording.
-MEANS = {
+FAULT_TEXTS = {
     "enable_lost": "the enable chain opened while the axis was enabled",
     "limit_switches": "both limit switches were active at once",
     "source_lost": "the owner of the axis wrote nothing for the time of its watchdog",
@@ -38,7 +38,7 @@ MEANS = {
     "output_wrong": "DAC or amp_enable, read back, was not what was put out",
 }
 # Bits of board_state (2431h) that report faults.
-FOUND = {
+BOARD_FAULTS = {
     2: "brown-out reset not at its level",
     4: "image damaged",
     8: "RAM failed",
@@ -96,7 +96,7 @@ class _Story:
         self.speed = np.diff(self.way, prepend=self.way[0])
         self.inputs = incident.column("digital_inputs")[until]
         self.reason = incident.column("limit_reason")[until]
-        self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED
+        self.enabled = (incident.column("statusword")[until] & 0x6F) == ENABLED_STATUS
         self.threshold = incident.force.contact_force * incident.force.count_N
         self.contact = np.abs(self.force) > self.threshold
 
@@ -111,13 +111,13 @@ class _Story:
 
     def meaning(self, fault: str) -> str | None:
         """Explanation of the fault, with the state of the board; None if there is none."""
-        text, said = MEANS.get(fault), self.incident.parameters
+        text, said = FAULT_TEXTS.get(fault), self.incident.parameters
         if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
             words = (
                 f"{w.upper()} {said[f'core_fault_{w}'] & 0xFFFFFFFF:#010x}" for w in CORE_WORDS
             )
             return f"a fault of the processor reset it: {', '.join(words)}"
-        found = [name for bit, name in FOUND.items() if said.get("board_state", 0) & bit]
+        found = [name for bit, name in BOARD_FAULTS.items() if said.get("board_state", 0) & bit]
         if fault in ("board_unfit", "supply_wrong", "clock_wrong", "output_wrong") and found:
             return f"{text}: {', '.join(found)}"
         return text
@@ -128,7 +128,7 @@ class _Story:
         if not on.any():
             return "the axis was not enabled in the recorded second"
         begin = int(np.argmax(on))
-        since = f"for {(self.at - begin) * MS:.0f} ms" if begin else "all the recorded second"
+        since = f"for {(self.at - begin) * TICK_MS:.0f} ms" if begin else "all the recorded second"
         speed = self.mean_speed(self.at)
         return f"enabled {since}; at the error it moved at {self.rate(speed)}"
 
@@ -152,7 +152,7 @@ class _Story:
         names = ("enable chain", "positive limit switch", "negative limit switch", "home", "index")
         bits = int(self.inputs[last]) ^ int(self.inputs[last + 1])
         which = " and ".join(n for i, n in enumerate(names) if bits >> i & 1)
-        ago = (self.at - last - 1) * MS
+        ago = (self.at - last - 1) * TICK_MS
         return f"{which or 'a digital input'} changed {ago:.1f} ms before the error"
 
     def onset(self) -> str | None:
@@ -162,7 +162,7 @@ class _Story:
             return None if self.contact.any() else "no contact in the recorded second"
         at = int(begins[-1])
         return (
-            f"contact began {(self.at - at) * MS:.1f} ms before the error, "
+            f"contact began {(self.at - at) * TICK_MS:.1f} ms before the error, "
             f"at {self.rate(self.mean_speed(at - 1))}"
         )
 
@@ -175,7 +175,7 @@ class _Story:
             return None
         verb = "rose" if low < high else "fell"
         return (
-            f"force {verb} {change:.3g} N in {abs(high - low) * MS:.1f} ms, "
+            f"force {verb} {change:.3g} N in {abs(high - low) * TICK_MS:.1f} ms, "
             f"to {near[max(low, high)]:.3g} N"
         )
 
@@ -187,7 +187,7 @@ class _Story:
         at = int(np.argmax(steps))
         if steps[at] < max(4 * self.threshold, 2 * float(others.max())):
             return None
-        ago = (len(steps) - 1 - at) * MS
+        ago = (len(steps) - 1 - at) * TICK_MS
         return f"the force reading jumped by {steps[at]:.3g} N in one tick, {ago:.1f} ms before"
 
     def rail(self) -> str | None:
@@ -207,8 +207,8 @@ class _Story:
         moved = self.length(np.ptp(self.way[-ticks:]))
         code = np.abs(self.code[-ticks:-1]).max(initial=0)
         return (
-            f"the force reading stayed at one code ({int(self.raw[-1])}) for {ticks * MS:.0f} ms, "
-            f"while the axis moved {moved} under codes up to {code}"
+            f"the force reading stayed at one code ({int(self.raw[-1])}) for "
+            f"{ticks * TICK_MS:.0f} ms, while the axis moved {moved} under codes up to {code}"
         )
 
     def losses(self) -> str | None:
@@ -253,12 +253,11 @@ class _Story:
         if np.abs(codes).min() < 1 or np.ptp(np.sign(codes)):
             return None
         way = float(self.way[-1] - self.way[-ticks])
+        applied = f"codes of {codes.min()} to {codes.max()}"
         if abs(way) <= 4:
-            return f"it stood for {ticks * MS:.0f} ms under codes of {codes.min()} to {codes.max()}"
+            return f"it stood for {ticks * TICK_MS:.0f} ms under {applied}"
         if way * codes[-1] < 0:
-            return (
-                f"it moved {self.length(way)} against its codes of {codes.min()} to {codes.max()}"
-            )
+            return f"it moved {self.length(way)} against its {applied}"
         return None
 
 

@@ -11,10 +11,9 @@ measured force to the code, and the responses contain the same path.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,19 +33,22 @@ States = dict[str, str]  # {element: state}
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-OUTSIDE = 3.0  # standard deviations: a fitted value that is farther from its prior is rejected
-EDGE = 6.0  # how far is searched
+# Standard deviations of the prior: a fit with a value farther from its prior is rejected, and the
+# search ends at SEARCH_RANGE.
+PRIOR_DISTANCE_MAX, SEARCH_RANGE = 3.0, 6.0
 MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
-# starts of each wide parameter and antiresonances of the grid; the best start the search
-GRID, ANTIRESONANCES = 7, 28
-SEARCHES = 2
+# Size of the grid of start values: values of each nearly unknown parameter, and frequencies of the
+# antiresonance. The search begins at the best SEARCHES_MAX points of the grid.
+GRID_POINTS, ANTIRESONANCES = 7, 28
+SEARCHES_MAX = 2
 # logarithm of the frequency: distance within which a line belongs to the limiting mode
-NEAR = 0.15
-STEP = 1e-5
-KEPT = 200
-COMBINATIONS = 9  # largest number of combinations of modes at the levels
-# logarithms: largest distance of the levels of one plant, and of a change
-APART, CHANGED = 0.3, 0.02
+LIMITING_MODE_WIDTH_LOG = 0.15
+STEP_LOG = 1e-5  # step of a logarithm for a numerical derivative
+PREDICTIONS_MAX = 200  # number of predictions that are kept
+COMBINATIONS_MAX = 9  # largest number of combinations of modes at the levels
+# Logarithms of the parameters: largest difference between the forces for one plant, and smallest
+# difference that counts as a change.
+LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,14 @@ class JointFit:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Minimum:
+    """The result of a search: logarithms of the parameters, and half the sum of the squares."""
+
+    x: Samples
+    cost: float
+
+
 @dataclass
 class Responses:
     """The responses of one axis as residuals that depend on the logarithms of the parameters."""
@@ -165,8 +175,8 @@ class Responses:
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
         # predictions by response and by the values on which they depend
-        self.known: dict[Any, Response] = {}
-        self.acting: dict[Any, NDArray[np.bool_]] = {}
+        self.known: dict[Hashable, Response] = {}
+        self.acting: dict[Hashable, NDArray[np.bool_]] = {}
         self.variance = [
             m.variance + (error * abs(m.response)) ** 2
             for m, error in zip(self.measured, self.errors, strict=True)
@@ -201,7 +211,7 @@ class Responses:
                 self.acting[one] = self._acting(replace(m, modes=modes), own)
             key = (one, x[self.acting[one]].tobytes())
             if key not in self.known:
-                if len(self.known) > KEPT:
+                if len(self.known) > PREDICTIONS_MAX:
                     self.known.clear()
                 self.known[key] = replace(m, modes=modes).predict(self.values(x, own))
             found.append(self.known[key])
@@ -221,8 +231,9 @@ class Responses:
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             relative = np.sqrt(v) / np.maximum(abs(m.response), 1e-300)
-            parts.append(np.log(m.response / h) / np.hypot(relative, 0.1))
-        return np.concatenate([*map(_real, parts), (x - self.centre) / self.spread])
+            ratio: Response = np.log(m.response / h)
+            parts.append(_real(ratio / np.hypot(relative, 0.1)))
+        return np.concatenate([*parts, (x - self.centre) / self.spread])
 
     def scores(self, x: Samples) -> list[Samples]:
         """The real residuals of each response. The sum of their squares is a chi-square with two
@@ -244,11 +255,12 @@ class Responses:
         """Information matrices of the logarithms: (from the lines alone, from lines and priors).
         scales: for each response the factor by which its variance is enlarged."""
         shifted = [
-            [self.predictions(x + s * STEP * d) for s in (1, -1)] for d in np.eye(len(self.names))
+            [self.predictions(x + s * STEP_LOG * d) for s in (1, -1)]
+            for d in np.eye(len(self.names))
         ]
         known, lines = self.predictions(x), np.zeros((len(x), len(x)))
         for i, (m, v) in enumerate(zip(self.measured, self.variance, strict=True)):
-            J = np.stack([(a[i] - b[i]) / (2 * STEP) for a, b in shifted], 1)
+            J = np.stack([(a[i] - b[i]) / (2 * STEP_LOG) for a, b in shifted], 1)
             T = m.dof * v + abs(m.response - known[i]) ** 2
             lines += 2 * m.dof**2 / (m.dof + 1) * (J.conj().T @ (J / T[:, None])).real / scales[i]
         return lines, lines + np.diag(self.spread**-2.0)
@@ -266,7 +278,7 @@ class Responses:
             i: units[name] for i, (name, p) in enumerate(self.priors.items())
             if p.wide and name in units
         }  # fmt: skip
-        grids = {i: [1.0] if unit == "N s/m" else np.linspace(-2, 2, GRID)
+        grids = {i: [1.0] if unit == "N s/m" else np.linspace(-2, 2, GRID_POINTS)
                  for i, unit in wide.items()}  # fmt: skip
         (k, *ks), (m, *ms) = (
             [i for i, unit in wide.items() if unit == wanted] or [-1] for wanted in ("N/m", "kg")
@@ -282,34 +294,36 @@ class Responses:
                 x[i] += shift * self.spread[i]
             if paired:
                 x[m] = x[k] - 2 * chosen[list(grids).index(m)]
-            if np.all(abs(x - self.centre) < 0.9 * EDGE * self.spread):
+            if np.all(abs(x - self.centre) < 0.9 * SEARCH_RANGE * self.spread):
                 size = np.sum(2 * (np.sqrt(1 + self.coarse(x) ** 2) - 1))
                 found.append((float(size), x))
-        return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES]]
+        return [x for _, x in sorted(found, key=lambda pair: pair[0])[:SEARCHES_MAX]]
 
     def bounds(self, inside: float = 0.0) -> tuple[Samples, Samples]:
         """(lowest, highest) logarithms of the search; `inside`: margin in standard deviations."""
-        reach = (EDGE - inside) * self.spread
+        reach = (SEARCH_RANGE - inside) * self.spread
         return self.centre - reach, self.centre + reach
 
-    def near(self, begin: Samples, evaluations: int) -> Any:
-        """Search with the coarse residuals from `begin`; the result of scipy's least_squares."""
-        return optimize.least_squares(
+    def near(self, begin: Samples, evaluations: int) -> Minimum:
+        """Search with the coarse residuals from `begin`."""
+        found = optimize.least_squares(
             self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
             max_nfev=evaluations,
         )  # fmt: skip
+        return Minimum(found.x, float(found.cost))
 
-    def search(self, begin: Samples) -> Any:
-        """Search with the coarse residuals, then with the likelihood; the result of
-        least_squares."""
+    def search(self, begin: Samples) -> Minimum:
+        """Search with the coarse residuals, then with the likelihood."""
         near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
-        return optimize.least_squares(
+        found = optimize.least_squares(
             self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
             ftol=1e-7,
         )  # fmt: skip
+        return Minimum(found.x, float(found.cost))
 
 
-def _real(values: NDArray[Any]) -> Samples:
+def _real(values: Response) -> Samples:
+    """Real and imaginary parts of complex values, (2 n,)."""
     return np.concatenate([values.real, values.imag])
 
 
@@ -359,7 +373,7 @@ def _in_modes(problem: Responses) -> Responses:
     if len(slopes) == 1:
         return problem
     every = list(itertools.product(slopes, repeat=pressed))
-    if len(every) > COMBINATIONS:
+    if len(every) > COMBINATIONS_MAX:
         every = [(modes,) * pressed for modes in slopes]
     tried = []
     for chosen in every:
@@ -372,14 +386,17 @@ def _in_modes(problem: Responses) -> Responses:
 
 def _searched(problem: Responses) -> Samples:
     """The best parameters x."""
-    best: Any = None
+    best: Minimum | None = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
         found = problem.search(start)
-        best = found if best is None or found.cost < best.cost else best
+        if best is None or found.cost < best.cost:
+            best = found
         if 2 * best.cost < enough:
             break
-    return np.asarray(best.x)
+    if best is None:
+        raise InputError("fit: expected start values within the range of the priors, got none")
+    return best.x
 
 
 def _by_level(problem: Responses, best: Samples) -> Samples | None:
@@ -399,7 +416,7 @@ def _by_level(problem: Responses, best: Samples) -> Samples | None:
             return None
         found.append(x)
     apart = np.array(found)
-    return apart if len(apart) > 1 and np.ptp(apart, 0).max() < APART else None
+    return apart if len(apart) > 1 and np.ptp(apart, 0).max() < LEVEL_DISTANCE_MAX_LOG else None
 
 
 def _score(residuals: Samples) -> tuple[float, int, float]:
@@ -431,14 +448,14 @@ def _evaluated(
     found.values = best
     scales = [max(1.0, level.chi2 / level.dof) for level in levels]
     lines, information = problem.information(x, scales)
-    covariance = np.linalg.inv(information)
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
     ranges = plant_set.ranges_of(problem.model, over, best)
     shown = _shown(problem, lines, ranges)
     shift, changed = np.zeros((1, len(x))), np.zeros(len(x), bool)
     if apart is not None:
         shift = apart - x
         covariance = covariance + shift.T @ shift / max(1, len(apart) - 1)
-        changed = abs(shift).max(0) > np.maximum(3 * shown, CHANGED)
+        changed = abs(shift).max(0) > np.maximum(3 * shown, LEVEL_CHANGE_LOG)
     spread = np.sqrt(np.diag(covariance))
     size = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
     found.intervals = {
@@ -463,7 +480,7 @@ def _evaluated(
     return found
 
 
-def _shown(problem: Responses, lines: Samples, ranges: Mapping[str, Any]) -> Samples:
+def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:
     """Standard errors of the logarithms from the lines alone, for the parameters with a tolerance.
     The uncertainty that comes from all other parameters does not change a response, so it does not
     change a force loop."""
@@ -487,17 +504,17 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
             f"expected a model that explains the responses, p = {p:.2g}: another parameter is "
             "wrong, or something is in the axis that the model has not"
         )
-    elif abs(away[worst]) > OUTSIDE:
+    elif abs(away[worst]) > PRIOR_DISTANCE_MAX:
         name = problem.names[worst]
         found.rejected = "prior"
         found.text = (
-            f"expected {name} within {OUTSIDE:g} standard deviations of "
+            f"expected {name} within {PRIOR_DISTANCE_MAX:g} standard deviations of "
             f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: check what the model "
             "says of it, or give its prior"
         )
     elif found.limiting_hz is not None:
         for m in problem.measured:
-            near = abs(np.log(m.frequency_hz / found.limiting_hz)) < NEAR
+            near = abs(np.log(m.frequency_hz / found.limiting_hz)) < LIMITING_MODE_WIDTH_LOG
             best = float(m.coherence[near].max()) if near.any() else 0.0
             if not m.free and best < COHERENT:
                 found.rejected = "coherence"
@@ -509,7 +526,7 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 
 
 def _ratios(
-    best: Values, covariance: NDArray[Any], size: float
+    best: Values, covariance: Samples, size: float
 ) -> dict[str, tuple[float, float, float]]:
     """{text: (value, low, high)} of pairs whose quotient or product has at most half the
     uncertainty of each parameter."""

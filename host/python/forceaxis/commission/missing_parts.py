@@ -20,7 +20,7 @@ from forceaxis.design import model_file
 from forceaxis.identify.fit import REJECTED_BELOW
 
 START_MODES = 10  # number of frequencies at which the search of a mode begins
-SHOWN = 3  # candidates in a text
+SHOWN_CANDIDATES = 3  # candidates in a text
 START_LAG_S = 4e-4  # initial value of a lag
 GAIN_SPREAD = 0.2  # standard deviation of the logarithm of a gain that differs between forces
 START_SPLIT = 1.05  # initial ratio of pole to zero of a mode
@@ -80,7 +80,7 @@ def tried(problem: Responses, x: Samples) -> list[Tried]:
 def lines_of(found: list[Tried]) -> str:
     """The TOML of the best candidates, each below a comment that describes the candidate."""
     lines = []
-    for number, one in enumerate(found[:SHOWN], 1):
+    for number, one in enumerate(found[:SHOWN_CANDIDATES], 1):
         explains = "then" if one.p >= REJECTED_BELOW else "which is not all,"
         lines.append(f"# {number}. {one.text}, {explains} p = {one.p:.2g}\n{one.toml}")
     return "\n".join(lines)

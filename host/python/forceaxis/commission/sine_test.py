@@ -16,7 +16,7 @@ from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.commission.analyzer import Analyzer, Ended
 from forceaxis.commission.level import Samples
 
-SAMPLES = 750
+RECORD_SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
 FREQUENCIES, FREQUENCIES_MIN = 11, 3  # number of sines, and of those that slide at least
@@ -128,8 +128,8 @@ def _largest_sine(
 def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _Sine:
     """Excites the axis with a sine. Raises Ended if the axis ends the excitation."""
     analyzer.set(excitation_code=codes, excitation_frequency=hz)
-    held = analyzer.excited(SIGNALS, SAMPLES, SETTLE_S)
-    wave = np.exp(-2j * np.pi * hz * np.arange(SAMPLES) / TICKS_PER_S) * 2 / SAMPLES
+    held = analyzer.excited(SIGNALS, RECORD_SAMPLES, SETTLE_S)
+    wave = np.exp(-2j * np.pi * hz * np.arange(RECORD_SAMPLES) / TICKS_PER_S) * 2 / RECORD_SAMPLES
     newton_per_code = analyzer.count_per_code * analyzer.objects.force_sign * setup.newton
     signals = (
         held.values("force_raw") * newton_per_code,

@@ -141,7 +141,7 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
     TRIED.write(tuning.folder, tried)
     if not tried:
         return found.text, ""
-    names = " or ".join(one.text for one in tried[: missing_parts.SHOWN])
+    names = " or ".join(one.text for one in tried[: missing_parts.SHOWN_CANDIDATES])
     text = f"{found.text}; parts that explain them, the most likely first: {names}; add to the "
     return text + "model the part that the axis has", missing_parts.lines_of(tried)
 

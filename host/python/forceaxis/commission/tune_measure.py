@@ -153,7 +153,7 @@ def _between(
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
         force *= reading_N(tuning) / measures.newton
     found = friction.slow_loading(force, place, known.rigid_counts(tuning.model))
-    step = (found.high_N - found.low_N) / friction.BINS
+    step = (found.high_N - found.low_N) / friction.FORCE_BINS
     if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
         raise Refusal(
