@@ -22,7 +22,7 @@ from forceaxis.design import data_sheet, new
 from forceaxis.experiments import link
 
 FORKED = multiprocessing.get_context("forkserver")
-LOADED = ["__main__", "can", "canopen", "forceaxis.cli.tune", "forceaxis.commission.tune_page"]
+LOADED = ["__main__", "can", "canopen", "forceaxis.cli.tune", "forceaxis.pages.tuning"]
 SHEET = {"sensor_bits": 12, "sensor_noise_n": 0.15, "workpiece_stiffness_n_per_m": 4e5,
          "workpiece_mass_kg": 4, "approach_mm": 2}  # fmt: skip
 TRUTH = ("k_w=5e5",)  # of the hidden axis

@@ -25,7 +25,6 @@ from forceaxis.commission import (
     tune,
     tune_fit,
     tune_folder,
-    tune_page,
 )
 from forceaxis.commission.refusal import Refusal
 from forceaxis.design import data_sheet, new, outcome, reduced
@@ -38,6 +37,7 @@ from forceaxis.linear import over, plant_set
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.objects import OBJECTS
+from forceaxis.pages import tuning as tuning_page
 
 pytestmark = pytest.mark.beside
 
@@ -170,7 +170,7 @@ def designed(done, tmp_path):
 def simulated_cases_are_on_the_page(page, tuning):
     """A line for each case: the most losses, the largest peak, the longest saturation."""
     rows = [results.to_json(row) for row in tune.SIMULATE.result(tuning).contacts]
-    (table,) = re.findall("<tr><th>simulated</th>.*?</table>", page)
+    (table,) = re.findall("<tr><th>simulated</th>.*?</table>", page, re.DOTALL)
     head, *lines = [re.findall("<t[hd][^>]*>(.*?)</t[hd]>", part)
                     for part in table.split("<tr>")[1:]]  # fmt: skip
     cases = {line[0]: dict(zip(head, line, strict=True)) for line in lines}
@@ -198,7 +198,7 @@ def test_the_page_says_what_was_cut_and_why(plants, designed):
     (designed / "design.json").write_text(json.dumps(step))
     with Axis(link(plants)) as axis:
         tuning = tune.Tuning(axis, order(plants), designed)
-        tune_page.write(tuning, tuning.summary())
+        tuning_page.write(tuning, tuning.summary())
     page = (designed / "index.html").read_text()
     assert (
         "gain 4.2: 3 of 40 not stable, contact 94 N at 20 mm/s: peak force 140 N of 122 N" in page
@@ -214,7 +214,7 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
         found = tuning.run()
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
         assert axis.read("drive_state") != "operation_enabled"
-        tune_page.write(tuning, found)
+        tuning_page.write(tuning, found)
     summary = results.to_json(found)
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     assert summary["refused"] is None
@@ -452,7 +452,7 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
     axis = case.link(plants / case.plant / "contact.toml", case.overrides)
     before = everything(axis)
     monkeypatch.setattr(live_options.Way, "link", lambda way: axis)
-    monkeypatch.setattr(tune_page, "write", lambda tuning, summary: None)  # drawn elsewhere
+    monkeypatch.setattr(tuning_page, "write", lambda tuning, summary: None)  # drawn elsewhere
     done = tuned(plants, folder, **(case.options or {}))
     assert done.returncode == 1, done.stderr
     assert done.stderr.splitlines()[-1].startswith(f"forceaxis: {name}: expected ")

@@ -10,7 +10,7 @@ from forceaxis.cli import main as cli
 from forceaxis.cli.advise_text import describe
 from forceaxis.design import advise, new
 from forceaxis.linear import locus, loops, over, plant_set, plots, request, stability
-from forceaxis.report import axes
+from forceaxis.pages import axes
 
 MODEL = "fig4_19"
 KNOWN_TO = 7.5  # V/N; the limits of this model are above it

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from forceaxis.report import axes
+from forceaxis.pages import axes
 
 ROOT = Path(__file__).resolve().parents[3]
 FORCEAXIS = Path(sys.executable).parent / "forceaxis"

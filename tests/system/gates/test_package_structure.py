@@ -18,7 +18,8 @@ ORDER = (
     ("bus", "chip", "linear"),
     ("experiments", "identify", "axis", "versions"),
     ("design", "thesis"),
-    ("bench", "report", "commission"),
+    ("bench", "commission"),
+    ("pages",),
     ("cli",),
     ("forceaxis", "gateway", "__main__"),  # the names that scripts import, and the programs
 )

@@ -104,7 +104,7 @@ def report(folder: Path | None, out: Path, threads: int | None, as_json: bool) -
     the experiments and tables of the thesis. The exit status is 1 if an experiment could not be
     run; the page then shows the others.
     """
-    from forceaxis.report import report as page
+    from forceaxis.pages import report as page
 
     summary = page.write(folder, out, threads)
     lines = [

@@ -98,8 +98,8 @@ def tune(
      "refused": null | {"step", "name", "text", "lines"}}
     """
     from forceaxis.commission import tune as tuning
-    from forceaxis.commission import tune_page
     from forceaxis.commission.tune_folder import TuningOrder
+    from forceaxis.pages import tuning as page
 
     if only is not None and only not in tuning.STEPS:
         raise click.UsageError(f"--only: expected one of {', '.join(tuning.STEPS)}, got {only}")
@@ -115,11 +115,11 @@ def tune(
             steps.run(only)
         finally:
             summary = steps.summary()
-            tune_page.write(steps, summary)
+            page.write(steps, summary)
             if as_json:
                 print_json(summary)
     if not as_json:
-        click.echo(f"page         {paths.quoted(out / tune_page.FILE)}")
+        click.echo(f"page         {paths.quoted(out / page.FILE)}")
 
 
 VERBS = (tune,)

@@ -17,8 +17,8 @@ from forceaxis.experiments import sweep_plots
 from forceaxis.experiments.run_result import Criterion
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.report import axes, designs, folder, pictures, plots
-from forceaxis.report.folder import Entry, figure_order
+from forceaxis.pages import axes, designs, folder, pictures, plots
+from forceaxis.pages.folder import Entry, figure_order
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables

@@ -18,8 +18,8 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.limits import hz_text
 from forceaxis.linear.request import LoopRequest
-from forceaxis.report import pictures
-from forceaxis.report.folder import Entry
+from forceaxis.pages import pictures
+from forceaxis.pages.folder import Entry
 from forceaxis.words import plain
 
 Picture = tuple[str, Markup]  # caption, image

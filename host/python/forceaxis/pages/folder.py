@@ -14,7 +14,7 @@ from forceaxis import progress
 from forceaxis._core import InputError, SimulationError
 from forceaxis.experiments import expect, regression, trace
 from forceaxis.experiments.run import Run
-from forceaxis.report import pictures
+from forceaxis.pages import pictures
 
 T = TypeVar("T")
 

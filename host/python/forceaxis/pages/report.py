@@ -6,15 +6,13 @@ import signal
 from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib import resources
 from multiprocessing.pool import Pool
 from pathlib import Path
 
-import jinja2
-
-from forceaxis import _core, drawing, objects, paths, words
+from forceaxis import _core, objects, paths
 from forceaxis.experiments import verdicts
-from forceaxis.report import axes, folder
+from forceaxis.pages import axes, folder
+from forceaxis.pages.template import template
 from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
@@ -25,13 +23,6 @@ STATUS_TEXTS = {
     "differs": "not as expected",
     "error": "not run",
 }
-
-
-def template(name: str) -> str:
-    """The text of a file of this package, or of the common style sheet."""
-    if name == "page.css":
-        return drawing.page_style()
-    return resources.files("forceaxis.report").joinpath(name).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -77,7 +68,7 @@ def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str,
     tables_section = None
     with workers(threads) as pool:
         if own:
-            from forceaxis.report import laboratory
+            from forceaxis.pages import laboratory
 
             frequency = laboratory.FrequencyJobs.start(pool)
             jobs = folder.begin(pool, source)
@@ -88,13 +79,6 @@ def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str,
         else:
             entries = folder.entries(folder.begin(pool, source))
             names = {"models": axes.sections(entries)}
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(template),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["plain"] = words.plain
     summary = ReportSummary(
         report=paths.display(out / "index.html"),
         experiments=len(entries),
@@ -103,7 +87,7 @@ def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str,
         matched=tables_section.result.matched if tables_section else None,
         total=tables_section.result.total if tables_section else None,
     )
-    page = environment.get_template("page.html.jinja").render(
+    page = template("report").render(
         title="The laboratory's measurements, run again" if own else source.resolve().name,
         own=own,
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

@@ -2,13 +2,10 @@
 
 import functools
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 
-import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
-from markupsafe import Markup
 
 from forceaxis import paths
 from forceaxis.commission import as_found, contact, known
@@ -23,13 +20,13 @@ from forceaxis.drawing import (
     WANTED,
     finish,
     legend,
-    page_style,
     plain_ticks,
     style,
     uri,
 )
 from forceaxis.identify import fit
 from forceaxis.linear.over import Figures
+from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
@@ -47,11 +44,8 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
     fitted = FIT.done(tuning)
     touched = [f for f in forces if (folder / f"{contact.name(f)}.csv").exists()]
     names = [n for n in ("free", *(f"{f:g}N" for f in forces)) if (folder / n).exists()]
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    template = resources.files("forceaxis.commission").joinpath("tune_page.html.jinja")
-    html = environment.from_string(template.read_text("utf-8")).render(
+    html = template("tuning").render(
         s=summary,
-        style=Markup(page_style()),
         is_lost=(folder / as_found.FOUND.name).exists(),
         friction=_friction(summary),
         margins=_margins(summary),

@@ -1,0 +1,1 @@
+"""Pages: HTML files about a folder of experiments and about a tuning. Verbs write them."""

@@ -1,1 +1,0 @@
-"""The report: one HTML page of every experiment, figure and table cell."""
