@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import verbs
 from forceaxis import linear
-from forceaxis.linear import loops, over, plant_set
-from forceaxis.linear.bank import Bank
+from forceaxis.linear import over, plant_set
+from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.loops import LoopSpec
 
 OVER = "k_w=30%,m_w=30%"
@@ -62,7 +62,7 @@ def test_its_figures_are_those_of_the_worst_member(soft):
         loop = plants.loop(member)
         worst = max(worst, abs(1 / (1 + loop.gain_of(gain) * loop.open.at(1.0))))
     assert row["p_static_error"] == pytest.approx(worst, rel=0.01)
-    assert loops.FIRMWARE_STEP * round(gain / loops.FIRMWARE_STEP) == gain
+    assert GAIN_STEP * round(gain / GAIN_STEP) == gain
 
 
 @pytest.mark.long

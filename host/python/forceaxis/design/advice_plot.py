@@ -7,7 +7,7 @@ from matplotlib.lines import Line2D
 from forceaxis import paths
 from forceaxis.design.advise import Advice, LimitingMode
 from forceaxis.drawing import FAINT, GOT, INK, legend, name_of, style
-from forceaxis.linear.plots import TIMINGS, headline
+from forceaxis.linear.plots import TIMING_NAMES, headline
 from forceaxis.linear.system import find_model
 
 
@@ -45,6 +45,6 @@ def figure(result: Advice) -> Figure:
     mode = result.limiting_mode
     note = f": limited by {mode.name}, {mode.label}" if isinstance(mode, LimitingMode) else ""
     drawn.tight_layout(rect=(0, 0, 1, 1 - 0.3 / drawn.get_figheight()))
-    timing = TIMINGS.get(result.timing, result.timing)
+    timing = TIMING_NAMES.get(result.timing, result.timing)
     headline(drawn, f"{name_of(result.model)}, {timing}{note}")
     return drawn

@@ -12,7 +12,8 @@ from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
 from forceaxis.identify.measurement import Comparison, Measurement, Points, sampled
 from forceaxis.linear import curves
-from forceaxis.linear.curves import BodeCurve, Numbers, PlantBode
+from forceaxis.linear.curves import BodeCurve, PlantBode
+from forceaxis.linear.equations import Numbers
 from forceaxis.results import json_field
 
 

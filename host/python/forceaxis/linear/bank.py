@@ -11,12 +11,12 @@ includes the present error. Analyses use the coefficients as the firmware stores
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from forceaxis import _core
+from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.results import json_field
 
 GAIN_STEP = 1 / 256  # resolution of force_gain and velocity_gain
@@ -24,9 +24,6 @@ COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
 HF_CODES_MAX = 15  # LAW_BANK_HF_CODES_MAX
 TICK_S = 1 / _core.TICKS_PER_SECOND
-
-# (A, B, C, D) of a linear system, as float or np.longdouble.
-StateSpace = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
 
 def _rounded(value: float, step: float) -> float:
@@ -77,11 +74,11 @@ class Bank:
             ),
         )
 
-    def response(self, z: ArrayLike) -> NDArray[Any]:
+    def response(self, z: ArrayLike) -> Matrix:
         """I H_1 .. H_n at points z: the law without its gain g. The result has the shape of z."""
         z = np.asarray(z, complex)
         back = 1 / z
-        value: NDArray[Any] = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
+        value: Matrix = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
         for b0, b1, b2, a1, a2 in self.sections:
             value = value * (b0 + back * (b1 + back * b2)) / (1 + back * (a1 + back * a2))
         return value
@@ -123,7 +120,7 @@ def series(front: StateSpace, back: StateSpace) -> StateSpace:
     return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
 
 
-def of_settings(settings: Mapping[str, Any]) -> Bank | None:
+def of_settings(settings: Mapping[str, float]) -> Bank | None:
     """The bank that an experiment's firmware settings (`_core.inputs(...)["firmware"]`) select;
     None if they select a law of the thesis."""
     number = int(settings.get("force_bank", 0))

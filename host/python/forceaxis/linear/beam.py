@@ -4,16 +4,20 @@ These models are linear only and have no time simulation. Displacement and force
 same direction; transfer functions are velocity per actuator force, in m/s per N.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from forceaxis._core import InputError
-from forceaxis.linear import system as linear
+from forceaxis.linear.equations import Matrix
+from forceaxis.linear.system import System
+
+if TYPE_CHECKING:
+    import control
 
 
 @dataclass(frozen=True)
@@ -24,12 +28,12 @@ class Factored:
     there); so `gain` is the low-frequency gain and no coefficient can overflow.
     """
 
-    zeros: np.ndarray
-    poles: np.ndarray
+    zeros: Matrix
+    poles: Matrix
     gain: float
     order: int = 0
 
-    def at(self, s: ArrayLike) -> np.ndarray:
+    def at(self, s: ArrayLike) -> Matrix:
         """Values of the function at complex s (1/s) of any shape."""
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
@@ -42,11 +46,11 @@ class Factored:
                 value = value / (1 - s / pole)
         return value
 
-    def response(self, frequency_hz: ArrayLike) -> np.ndarray:
+    def response(self, frequency_hz: ArrayLike) -> Matrix:
         """Complex values at s = 2 pi j frequency_hz, in the shape of frequency_hz."""
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
-    def zpk(self) -> tuple[np.ndarray, np.ndarray, float]:
+    def zpk(self) -> tuple[Matrix, Matrix, float]:
         """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole), including zeros or poles at
         0."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
@@ -56,7 +60,7 @@ class Factored:
             gain = gain * (-pole) / (-zero)
         return zeros, poles, float(np.real(gain))
 
-    def transfer_function(self) -> Any:
+    def transfer_function(self) -> "control.TransferFunction":
         """The function as control.TransferFunction. Raises InputError if a coefficient exceeds
         double precision."""
         import control
@@ -72,7 +76,7 @@ class Factored:
         return control.TransferFunction(num, den)
 
 
-def _newton(x: np.ndarray, step: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
     """Newton's iteration until the steps are at the level of rounding; step(x) = f / f'."""
     for _ in range(40):
         change = step(x)
@@ -83,26 +87,26 @@ def _newton(x: np.ndarray, step: Callable[[np.ndarray], np.ndarray]) -> np.ndarr
     raise ArithmeticError("a root of the beam did not converge")
 
 
-def sliding_free_roots(count: int) -> np.ndarray:
+def sliding_free_roots(count: int) -> Matrix:
     """The first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ..."""
     y = (np.arange(1, count + 1) - 0.25) * np.pi
 
-    def step(y: np.ndarray) -> np.ndarray:
+    def step(y: Matrix) -> Matrix:
         sin, cos, tanh = np.sin(y), np.cos(y), np.tanh(y)
-        result: linear.Matrix = (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
+        result: Matrix = (sin + tanh * cos) / (cos - tanh * sin + (1 - tanh**2) * cos)
         return result
 
     return _newton(y, step)
 
 
-def clamped_free_roots(count: int) -> np.ndarray:
+def clamped_free_roots(count: int) -> Matrix:
     """The first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ..."""
     y = (np.arange(1, count + 1) - 0.5) * np.pi
 
-    def step(y: np.ndarray) -> np.ndarray:
+    def step(y: Matrix) -> Matrix:
         e = np.exp(-y)
         sech, tanh = 2 * e / (1 + e * e), np.tanh(y)
-        result: linear.Matrix = (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
+        result: Matrix = (np.cos(y) + sech) / (-np.sin(y) - sech * tanh)
         return result
 
     return _newton(y, step)
@@ -141,44 +145,44 @@ class Beam:
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return float(a / self.length_m**2)
 
-    def natural_frequencies(self, count: int) -> np.ndarray:
+    def natural_frequencies(self, count: int) -> Matrix:
         """Frequencies of the first `count` bending modes in rad/s, without the rigid-body mode at
         0."""
         return self.rate * sliding_free_roots(count) ** 2
 
-    def poles(self, count: int) -> np.ndarray:
+    def poles(self, count: int) -> Matrix:
         """Poles in 1/s: 0 (rigid body, velocity per force) and the pairs of `count` modes,
         ascending."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
-    def actuator_zeros(self, count: int) -> np.ndarray:
+    def actuator_zeros(self, count: int) -> Matrix:
         """`count` pairs of zeros of V_act / F_a in 1/s; at these frequencies the sliding end does
         not move."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
-    def tip_zeros(self, count: int) -> np.ndarray:
+    def tip_zeros(self, count: int) -> Matrix:
         """`count` real pairs of zeros of V_tip / F_a in 1/s, +-2 rate ((k - 1/2) pi)^2 without
         damping."""
         k = np.arange(1, count + 1)
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
-    def _roots(self, squares: np.ndarray) -> np.ndarray:
+    def _roots(self, squares: Matrix) -> Matrix:
         """Both roots s of s^2 = square (1 + damping_s s) for each square, as a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
         far = half + np.where(half < 0, -1, 1) * root  # no cancellation
         return np.column_stack([-squares / far, far]).ravel()
 
-    def actuator(self, s: ArrayLike) -> np.ndarray:
+    def actuator(self, s: ArrayLike) -> Matrix:
         """V_act / F_a at complex s (1/s) of any shape, without overflow at any frequency; s = 0 is
         a pole."""
         return self._transfer(s)[0]
 
-    def tip(self, s: ArrayLike) -> np.ndarray:
+    def tip(self, s: ArrayLike) -> Matrix:
         """V_tip / F_a at complex s, as `actuator`."""
         return self._transfer(s)[1]
 
-    def _transfer(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
         # Thesis 2.4.4, corrected, with X = b l, 4 b^4 = p^2 = rho A s^2 / (E I): V_act / F_a = s
         # (cosh^2 X + cos^2 X) / D, V_tip / F_a = s 2 cosh X cos X / D, D = 4 E I b^3 (sinh X cosh
         # X + sin X cos X). Both are even in p, so p is chosen in the right half-plane. There |arg
@@ -306,7 +310,7 @@ class LumpedBeam:
         """Two masses and one element."""
         return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
 
-    def matrices(self) -> tuple[np.ndarray, np.ndarray]:
+    def matrices(self) -> tuple[Matrix, Matrix]:
         """(M, K) of q = (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
         n = len(self.lengths_m)
         diagonal = np.zeros(2 * n + 1)
@@ -325,7 +329,7 @@ class LumpedBeam:
         keep = np.delete(np.arange(2 * n + 2), 1)
         return np.diag(diagonal), whole[np.ix_(keep, keep)]
 
-    def system(self) -> linear.System:
+    def system(self) -> System:
         """From the force on the sliding mass (N) to the velocities of this mass and of the tip
         (m/s), without damping."""
         M, K = self.matrices()
@@ -335,9 +339,8 @@ class LumpedBeam:
             f"{q}{i}" for i in range(2, len(self.masses_kg) + 1) for q in ("x", "angle")
         ]
         first = np.eye(len(M))[0]
-        return _mechanical(
-            M, 0 * K, K, first[:, None], [first, tip], names, ["force"], ["actuator", "tip"]
-        )
+        structure = _Structure(tuple(names), M, 0 * K, K, ("force",), first[:, None])
+        return structure.system(("actuator", "tip"), np.array([first, tip]), velocity=True)
 
     def nonminimum_phase(self) -> bool:
         """Whether the tip of Figure 2.24 (one element) has a real +- pair of zeros: e (l/2) m2 >
@@ -392,7 +395,7 @@ class TwoLinkArm:
                     f"{getattr(self, name)}"
                 )
 
-    def mass_matrix(self) -> np.ndarray:
+    def mass_matrix(self) -> Matrix:
         """Mass matrix, 2 x 2, in kg m^2, for (angle of link 1, angle of link 2 relative to link
         1)."""
         M22 = self.I2 + self.m2 * self.c2**2
@@ -400,7 +403,7 @@ class TwoLinkArm:
         M11 = self.I1 + self.m1 * self.c1**2 + self.m2 * self.l1**2 + M22 + 2 * cross
         return np.array([[M11, M22 + cross], [M22 + cross, M22]])
 
-    def jacobian(self) -> np.ndarray:
+    def jacobian(self) -> Matrix:
         """Rows x, y and normal (at right angles to link 2) of the endpoint, in m/rad."""
         end = self.angle1_rad + self.angle2_rad
         s1, c1, s2, c2 = np.sin(self.angle1_rad), np.cos(self.angle1_rad), np.sin(end), np.cos(end)
@@ -409,16 +412,14 @@ class TwoLinkArm:
         normal = [self.l1 * np.cos(self.angle2_rad) + self.l2, self.l2]
         return np.array([x, y, normal])
 
-    def system(self) -> linear.System:
+    def system(self) -> System:
         """From the torques 1 and 2 (N m) to both angles (rad) and to x, y and normal of the
         endpoint (m)."""
-        outputs = ["joint1", "joint2", "x", "y", "normal"]
-        names = ["joint1", "joint2"]
-        rows = np.vstack([np.eye(2), self.jacobian()])
+        names, torques = ("joint1", "joint2"), ("torque1", "torque2")
         K, D = np.diag([self.k1, self.k2]), np.diag([self.d1, self.d2])
-        return _mechanical(
-            self.mass_matrix(), D, K, np.eye(2), rows, names, ["torque1", "torque2"], outputs, 0
-        )
+        structure = _Structure(names, self.mass_matrix(), D, K, torques, np.eye(2))
+        rows = np.vstack([np.eye(2), self.jacobian()])
+        return structure.system((*names, "x", "y", "normal"), rows, velocity=False)
 
     def nonminimum_phase(self) -> bool:
         """Whether the response from torque 1 to the endpoint's normal has a real zero > 0 while
@@ -434,28 +435,35 @@ class TwoLinkArm:
         return bool(self.k2 > 0 and j1 * (j1 * M[1, 1] - j2 * M[1, 0]) < 0)
 
 
-def _mechanical(
-    M: np.ndarray,
-    D: np.ndarray,
-    K: np.ndarray,
-    forces: np.ndarray,
-    outputs: ArrayLike,
-    names: Sequence[str],
-    inputs: Sequence[str],
-    output_names: Sequence[str],
-    order: int = 1,
-) -> linear.System:
-    """System from the equations M q'' + D q' + K q = forces u, with y = outputs q (order 0) or its
-    rate (order 1)."""
-    n = len(M)
-    inverse = np.linalg.inv(M)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])
-    B = np.vstack([np.zeros((n, forces.shape[1])), inverse @ forces])
-    rows = np.asarray(outputs)
-    C = np.hstack([0 * rows, rows] if order else [rows, 0 * rows])
-    states = [f"{name}.position" for name in names] + [f"{name}.velocity" for name in names]
-    D0 = np.zeros((len(rows), forces.shape[1]))
-    return linear.System(A, B, C, D0, tuple(states), tuple(inputs), tuple(output_names))
+@dataclass(frozen=True)
+class _Structure:
+    """A mechanical structure M q'' + D q' + K q = forces u.
+
+    coordinates: names of q. M, D, K (n, n) in SI units. inputs: names of u. forces (n, inputs):
+    force on each coordinate by each input.
+    """
+
+    coordinates: tuple[str, ...]
+    M: Matrix
+    D: Matrix
+    K: Matrix
+    inputs: tuple[str, ...]
+    forces: Matrix
+
+    def system(self, outputs: tuple[str, ...], rows: Matrix, velocity: bool) -> System:
+        """The structure as a System with y = rows q, or y = rows q' if `velocity`; outputs: names
+        of y."""
+        n = len(self.M)
+        inverse = np.linalg.inv(self.M)
+        A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ self.K, -inverse @ self.D]])
+        B = np.vstack([np.zeros((n, len(self.inputs))), inverse @ self.forces])
+        C = np.hstack([0 * rows, rows] if velocity else [rows, 0 * rows])
+        states = tuple(
+            f"{name}.{quantity}"
+            for quantity in ("position", "velocity")
+            for name in self.coordinates
+        )
+        return System(A, B, C, np.zeros((len(C), len(self.inputs))), states, self.inputs, outputs)
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from forceaxis import _core
-from forceaxis.linear.bank import StateSpace
-from forceaxis.linear.system import Matrix, System
+from forceaxis.linear.equations import Matrix, StateSpace
+from forceaxis.linear.system import System
 
-# smallest share of a new direction that is not caused by rounding of the entries
-UNREACHED = 1e-15
+# Smallest share of a new direction of the state space that rounding of the entries does not cause.
+DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
@@ -24,7 +24,7 @@ def _reachable(A: Matrix, B: Matrix) -> Matrix:
         image = A @ basis[:, -1:]
         new = image - basis @ (basis.T @ image)
         new -= basis @ (basis.T @ new)
-        if np.linalg.norm(new) <= UNREACHED * np.linalg.norm(image):
+        if np.linalg.norm(new) <= DIRECTION_SHARE_MIN * np.linalg.norm(image):
             break
         basis = np.hstack([basis, new / np.linalg.norm(new)])
     return basis

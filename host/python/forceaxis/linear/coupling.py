@@ -9,17 +9,23 @@ way.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from forceaxis.linear import system as linear
+from forceaxis.linear.equations import Matrix
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.working import States
 
+if TYPE_CHECKING:
+    import control
 
-def actuator(model: str | Path, overrides: Overrides | None = None) -> tuple[Any, Any]:
+
+def actuator(
+    model: str | Path, overrides: Overrides | None = None
+) -> "tuple[control.TransferFunction, control.TransferFunction]":
     """(G_af in N/V, G_av in N s/m) of a model's drive as control.TransferFunction.
 
     They are linearised about a current error of 0, so they use k_amp and not k_amp_outer (4.1.2).
@@ -82,10 +88,10 @@ def coupled(
     overrides: Overrides | None = None,
     modes: States | None = None,
     free: bool = False,
-) -> linear.Matrix:
+) -> Matrix:
     """The response from the command in V to `output`, by the rule of 2.3.2, at complex s in 1/s."""
     points = np.asarray(s, complex)
     g_af, g_av = (g(points) for g in actuator(model, overrides))
-    values: linear.Matrix = load(model, output, overrides, modes, free).at(points)[..., 0]
-    result: linear.Matrix = values[..., 0] * g_af / (1 - g_av * values[..., 1])
+    values: Matrix = load(model, output, overrides, modes, free).at(points)[..., 0]
+    result: Matrix = values[..., 0] * g_af / (1 - g_av * values[..., 1])
     return result

@@ -3,15 +3,14 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.linear import limits, loops, working
 from forceaxis.linear import system as linear
+from forceaxis.linear.equations import Numbers, Roots
 from forceaxis.linear.limits import AnalysedLoop, LimitResult, LoopAtGain
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.request import LoopRequest, varied
@@ -19,8 +18,6 @@ from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import System
 from forceaxis.linear.working import States, Working
 from forceaxis.results import json_field
-
-Numbers = NDArray[np.float64]
 
 NYQUIST_HZ = (0.05, 2000.0)
 
@@ -38,7 +35,7 @@ PARTS: dict[str, Callable[[Loop, float], System]] = {
 }
 
 
-def phase_deg(frequency_hz: Numbers, response: NDArray[Any]) -> Numbers:
+def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
     """Phase in degrees without jumps of 360 degrees; the phase at the lowest frequency follows from
     the slope there.
 
@@ -93,7 +90,7 @@ class Curve:
 
     label: str
     frequency_hz: Numbers
-    response: NDArray[np.complex128]
+    response: Roots
     unit: str = ""  # of the response
 
     @property

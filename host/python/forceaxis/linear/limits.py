@@ -9,11 +9,12 @@ from forceaxis import _core, paths
 from forceaxis.errors import ParameterError
 from forceaxis.linear import loops, over, working
 from forceaxis.linear import system as linear
-from forceaxis.linear.bank import BankKeys
+from forceaxis.linear.bank import GAIN_STEP, BankKeys
+from forceaxis.linear.equations import Matrix
 from forceaxis.linear.request import LoopRequest
 from forceaxis.linear.settings import ModelSettings
 from forceaxis.linear.stability import Crossing, Limit, Loop, Margins
-from forceaxis.linear.system import Matrix, System
+from forceaxis.linear.system import System
 from forceaxis.linear.working import Working
 from forceaxis.results import json_field
 
@@ -197,8 +198,8 @@ def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
         return None
     if gain is None:
         return loops.FIRMWARE_HIGHEST
-    steps = math.ceil(loop.firmware_gain(gain) / loops.FIRMWARE_STEP) - 1
-    return min(steps * loops.FIRMWARE_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
+    steps = math.ceil(loop.firmware_gain(gain) / GAIN_STEP) - 1
+    return min(steps * GAIN_STEP, loops.FIRMWARE_HIGHEST) if steps > 0 else None
 
 
 def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:

@@ -4,17 +4,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from forceaxis.errors import ParameterError
+from forceaxis.linear.equations import Numbers, Roots
 from forceaxis.linear.limits import AnalysedLoop
 from forceaxis.linear.request import LoopRequest, varied
 from forceaxis.linear.stability import Crossing, Limit, Loop
 from forceaxis.linear.system import System
 from forceaxis.results import json_field
-
-Numbers = NDArray[np.float64]
-Roots = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,11 @@ import numpy as np
 
 from forceaxis import _core
 from forceaxis.errors import ParameterError
-from forceaxis.linear.bank import Bank, StateSpace, series
+from forceaxis.linear.bank import GAIN_STEP, Bank, series
+from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.stability import Loop
-from forceaxis.linear.system import TICK_S, Matrix, System, facts, find_model, linearise
+from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
@@ -49,10 +50,13 @@ LAWS: dict[str, tuple[str, ...]] = {
     "impedance": ("stiffness_N_per_m", "damping_Ns_per_m"),
     "bank": (),
 }
-MOTION = ("stiffness", "damping", "impedance")  # laws that feed back motion in addition to force
-INNER = "velocity_gain_Vs_per_m"
-FIRMWARE_STEP = 1 / 256  # resolution of the gain, DAC codes per 8-bit count
-FIRMWARE_HIGHEST = 65535 / 256
+MOTION_LAWS = (
+    "stiffness",
+    "damping",
+    "impedance",
+)  # laws that feed back motion in addition to force
+VELOCITY_GAIN = "velocity_gain_Vs_per_m"
+FIRMWARE_HIGHEST = 65535 * GAIN_STEP  # of force_gain, DAC codes per 8-bit count
 
 
 @dataclass(frozen=True)
@@ -157,7 +161,7 @@ def _check(spec: LoopSpec) -> None:
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
         raise ParameterError("law", "expected bank with an experiment that selects one")
-    if bank is not None and law not in ("bank", *MOTION):
+    if bank is not None and law not in ("bank", *MOTION_LAWS):
         raise ParameterError("law", f"expected bank or one of motion with a bank, got {law}")
     if bank is not None and spec.is_continuous:
         raise ParameterError("timing", "expected zoh or zoh+1 with law bank, it is sampled")
@@ -165,7 +169,7 @@ def _check(spec: LoopSpec) -> None:
         raise ParameterError("law", f"expected one of {', '.join(LAWS)}, got {law}")
     if spec.timing not in TIMINGS:
         raise ParameterError("timing", f"expected one of {', '.join(TIMINGS)}, got {spec.timing}")
-    inner = () if law in ("damping", "impedance") else (INNER,)
+    inner = () if law in ("damping", "impedance") else (VELOCITY_GAIN,)
     for name, value in spec.parameters.items():
         if name not in (*LAWS[law], *inner):
             raise ParameterError(name, f"expected for another law, {law} has no use for it")
@@ -177,7 +181,7 @@ def _check(spec: LoopSpec) -> None:
 
 def _check_number(name: str, value: float) -> None:
     """Raises ParameterError for a parameter of a law that is not finite or has the wrong sign."""
-    may_be_0 = name in (INNER, "stiffness_N_per_m", "damping_Ns_per_m")
+    may_be_0 = name in (VELOCITY_GAIN, "stiffness_N_per_m", "damping_Ns_per_m")
     if not (math.isfinite(value) and (value >= 0 if may_be_0 else value > 0)):
         wanted = ">= 0" if may_be_0 else "> 0"
         raise ParameterError(name, f"expected a number {wanted}, got {value:g}")
@@ -216,7 +220,7 @@ def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[s
         raise no_reading(where)
     signal = known.required_reading.signal if output == "reading" else output
     unit = known.signals.get(signal, "count")
-    if unit != "N" and law in MOTION:
+    if unit != "N" and law in MOTION_LAWS:
         raise ParameterError("output", f"expected a force with law {law}, {signal} is in {unit}")
     return signal, unit
 
@@ -247,12 +251,12 @@ def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S
-    return spec.parameters.get(INNER, 0.0)
+    return spec.parameters.get(VELOCITY_GAIN, 0.0)
 
 
 def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
     """The plant with inner damping, sampled as `timing` requires, with its feedback signals."""
-    law, moves = spec.law, bool(spec.law in MOTION or inner)
+    law, moves = spec.law, bool(spec.law in MOTION_LAWS or inner)
     names = [spec.output]
     if law == "derivative":
         names.append(_force_rate(site.known, signal, unit))
@@ -265,7 +269,7 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
         plant = plant._replace(A=plant.A - inner * plant.B @ plant.v)
         if law == "pd" and spec.is_continuous:
             plant = plant._replace(rate=plant.f @ plant.A)
-    if spec.late_motion and law in MOTION and not spec.is_continuous:
+    if spec.late_motion and law in MOTION_LAWS and not spec.is_continuous:
         plant = _late_motion(plant)
     return plant
 

@@ -19,10 +19,9 @@ base in Figure 2.16a, and the mode is colocated. Otherwise the mode has no label
 the loop.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import linalg, optimize
@@ -30,8 +29,9 @@ from scipy import linalg, optimize
 from forceaxis._core import InputError
 from forceaxis.linear import system as linear
 from forceaxis.linear import working
-from forceaxis.linear.plant_facts import ContactFacts, PlantFacts
-from forceaxis.linear.working import Working
+from forceaxis.linear.equations import Matrix
+from forceaxis.linear.plant_facts import ContactFacts, Overrides, PlantFacts
+from forceaxis.linear.working import States, Working
 from forceaxis.results import json_field
 
 CRITERION = (
@@ -42,8 +42,8 @@ CRITERION = (
 NO_RESIDUE = 1e-9
 # Smaller frequencies, as a share of the highest, are rigid-body modes with rounding errors.
 NO_STIFFNESS = 1e-6
-# Poles slower than this (rad/s) count as equally slow when modes and poles are assigned.
-SLOW = 0.06
+# Poles below this magnitude count as equally slow when poles are assigned to modes.
+SLOW_RAD_PER_S = 0.06
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ def mechanics(
     model: str | Path,
     input: str,
     output: str,
-    overrides: Mapping[str, Any] | None = None,
-    states: Mapping[str, str] | None = None,
+    overrides: Overrides | None = None,
+    states: States | None = None,
     free: bool = False,
 ) -> Mechanics:
     """The undamped modes of a model between `input` and an `output` that depends on positions."""
@@ -154,7 +154,7 @@ def mechanics(
     def symmetric(columns: list[int]) -> np.ndarray:
         scaled = -root[:, None] * system.A[np.ix_(v, columns)] / root
         reduced = basis.T @ scaled @ basis
-        result: linear.Matrix = (reduced + reduced.T) / 2
+        result: Matrix = (reduced + reduced.T) / 2
         return result
 
     squares, vectors = linalg.eigh(symmetric(x))
@@ -212,8 +212,8 @@ def modes(
     model: str | Path,
     input: str = "drive.force",
     output: str | None = None,
-    overrides: Mapping[str, Any] | None = None,
-    states: Mapping[str, str] | None = None,
+    overrides: Overrides | None = None,
+    states: States | None = None,
     free: bool = False,
 ) -> ModeAnalysis:
     """The modes of vibration of a model with their labels, in ascending order of frequency.
@@ -331,7 +331,7 @@ def _assign(
     norm = np.linalg.norm(shapes, axis=0)
     overlap = np.abs((m.shapes * np.sqrt(m.masses)[:, None]).T @ shapes) ** 2
     overlap /= np.where(norm > 0, norm, 1) ** 2
-    near = np.abs(np.log((np.abs(poles) + SLOW) / (m.w[:, None] + SLOW)))
+    near = np.abs(np.log((np.abs(poles) + SLOW_RAD_PER_S) / (m.w[:, None] + SLOW_RAD_PER_S)))
     rows, columns = optimize.linear_sum_assignment(-overlap * np.exp(-near))
     return dict(zip(map(int, rows), map(int, columns), strict=True))
 
@@ -347,7 +347,7 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])
     sizes = np.array([residues[keep[pairs[i]]] if i in pairs else 0.0 for i in range(len(m.w))])
-    result: linear.Matrix = sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
+    result: Matrix = sizes > NO_RESIDUE * max(residues.sum(), 1e-300)
     return result
 
 

@@ -13,7 +13,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,24 +21,25 @@ from scipy import optimize
 
 from forceaxis import _core
 from forceaxis.errors import ParameterError
-from forceaxis.linear import boundary, loops, working
+from forceaxis.linear import boundary, loops, settings, working
 from forceaxis.linear import system as linear
-from forceaxis.linear.bank import StateSpace
+from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Limit, Loop
-from forceaxis.linear.system import Matrix, System
+from forceaxis.linear.system import System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
 Entry = tuple[Member, str, T]  # member, timing, and the analysis of its loop
+Mode = tuple[tuple[str, str], ...]  # (element, state) in alphabetical order
 
 HALF_POWER = math.sqrt(0.5)
-RANDOM = 24  # random members in addition to nominal and corners, analysed before the search
-REFINED = 2  # number of members about which the search for the worst of each figure begins
-# first and last step of the search, as a share of half the width of a range
-COARSE, FINE = 1 / 16, 1 / 2048
+RANDOM_MEMBERS = 24  # random plants that are analysed in addition to the nominal plant and corners
+SEARCH_STARTS = 2  # number of plants from which the search for the worst value of a figure begins
+# Steps of the search for the worst plant, as a share of half the width of a range.
+COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
 # {figure: True if the largest value is the worst}
 FIGURES = {
@@ -219,11 +220,11 @@ class _Set(Generic[T]):
     ) -> None:
         self.plants, self.timings = plants, timings
         self.spec, self.analyse = spec, analyse
-        self.found: dict[tuple[Any, ...], Entry[T]] = {}
+        self.found: dict[tuple[tuple[float, ...], Mode, str], Entry[T]] = {}
 
     def at(self, member: Member, timing: str) -> Entry[T]:
         """The analysis of the loop of one member."""
-        key = (*member.values.values(), *sorted(member.modes.items()), timing)
+        key = tuple(member.values.values()), tuple(sorted(member.modes.items())), timing
         if key not in self.found:
             loop = self.plants.loop(member, timing, self.spec)
             self.found[key] = (member, timing, self.analyse(loop))
@@ -238,9 +239,9 @@ class _Set(Generic[T]):
         """The entry with the largest badness, after a search in the neighbourhood of the worst
         entries."""
         for member, timing, _ in self._few(badness):
-            self._climb(member, timing, badness, (0.5, COARSE))
+            self._climb(member, timing, badness, (0.5, COARSE_STEP))
         member, timing, _ = self._first(badness)
-        self._climb(member, timing, badness, (COARSE, FINE))
+        self._climb(member, timing, badness, (COARSE_STEP, FINE_STEP))
         return self._first(badness)
 
     def _first(self, badness: Callable[[T], float]) -> Entry[T]:
@@ -249,11 +250,12 @@ class _Set(Generic[T]):
     def _few(self, badness: Callable[[T], float]) -> list[Entry[T]]:
         """The worst entry of each mode and timing, and the worst of the other entries."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
-        first: dict[tuple[Any, ...], Entry[T]] = {}
+        first: dict[tuple[Mode, str], Entry[T]] = {}
         for member, timing, result in ordered:
-            first.setdefault((*sorted(member.modes.items()), timing), (member, timing, result))
-        leaders = sorted(first.values(), key=lambda entry: -badness(entry[2]))[:REFINED]
-        return leaders + [entry for entry in ordered[:REFINED] if entry not in leaders]
+            mode = tuple(sorted(member.modes.items()))
+            first.setdefault((mode, timing), (member, timing, result))
+        leaders = sorted(first.values(), key=lambda entry: -badness(entry[2]))[:SEARCH_STARTS]
+        return leaders + [entry for entry in ordered[:SEARCH_STARTS] if entry not in leaders]
 
     def _climb(
         self,
@@ -267,7 +269,7 @@ class _Set(Generic[T]):
         range are not changed."""
         ranges = self.plants.ranges
         best, (step, last) = badness(self.at(member, timing)[2]), steps
-        if step == COARSE:
+        if step == COARSE_STEP:
             ranges = {n: r for n, r in ranges.items() if r[1] < member.values[n] < r[2]}
         moves = [
             dict(zip(names, signs, strict=True))
@@ -292,7 +294,9 @@ class _Set(Generic[T]):
 
 def sample(plants: PlantSet) -> list[Member]:
     """Members that are analysed before the search: nominal, corners, random ones."""
-    return plants.nominal() + (plants.corners() + plants.random(RANDOM) if plants.ranges else [])
+    return plants.nominal() + (
+        plants.corners() + plants.random(RANDOM_MEMBERS) if plants.ranges else []
+    )
 
 
 def _explored(
@@ -446,9 +450,9 @@ def modes_visited(
     """
     path, texts = str(experiment), list(overrides)
     events = _core.run(path, texts).events
-    own = _core.inputs(path, texts)
-    known = linear.facts(own["model"])
-    values = {n: p["value"] for n, p in own["parameters"].items() if n in known.parameters}
+    own = settings.read_inputs(path, texts)
+    known = linear.facts(own.model)
+    values = {n: value for n, value in own.parameters.items() if n in known.parameters}
     state: dict[str, str] = {}
     for _, element, before, _ in events:
         state.setdefault(element, before)
@@ -456,7 +460,7 @@ def modes_visited(
     for _, element, _, after in events:
         state[element] = after
         visited.append(dict(state))
-    rubbing = working.friction_states(own["model"], values)
+    rubbing = working.friction_states(own.model, values)
     fixed = dict(fixed or {})
     unique = {
         tuple(sorted(modes.items())): modes
@@ -465,12 +469,12 @@ def modes_visited(
         for modes in [one | dict(chosen) | fixed]
     }
     inside = [modes for modes in unique.values() if _lasts(known, modes)]
-    return distinct(own["model"], values, output, inside) or (fixed,)
+    return distinct(own.model, values, output, inside) or (fixed,)
 
 
 def modes_all(
     model: str | Path,
-    overrides: Mapping[str, Any] | None = None,
+    overrides: Overrides | None = None,
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:

@@ -1,11 +1,13 @@
 """What a plant model contains: bodies, signals, parameters, contacts, drive, sensor and encoder."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 from forceaxis import _core
 
+T = TypeVar("T")
+FactValue = str | float | dict[str, float]  # of an entry about a drive, a sensor or an encoder
 Overrides = Mapping[str, float | str]  # parameter name to SI value, or to a text with a unit
 
 
@@ -107,7 +109,7 @@ class PlantFacts:
         return self.encoder
 
 
-def _optional(kind: type, table: Mapping[str, Any] | None) -> Any:
+def _optional(kind: Callable[..., T], table: Mapping[str, FactValue] | None) -> T | None:
     return kind(**table) if table else None
 
 

@@ -7,7 +7,7 @@ one.
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -31,6 +31,7 @@ from forceaxis.drawing import (
     style,
 )
 from forceaxis.linear.curves import Curve, LoopBode, NyquistResult, PlantBode
+from forceaxis.linear.equations import Numbers, Roots
 from forceaxis.linear.limits import (
     AnalysedLoop,
     LimitResult,
@@ -39,12 +40,25 @@ from forceaxis.linear.limits import (
     Root,
     StepResult,
 )
-from forceaxis.linear.locus import Array, Locus, LocusResult, Numbers, Roots
+from forceaxis.linear.locus import Array, Locus, LocusResult
 from forceaxis.linear.modes import ModeAnalysis
 from forceaxis.linear.sets import CurvesOfSet, StepOfSet, WorstAtGain
 from forceaxis.linear.system import facts
 
-MEMBER: dict[str, Any] = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}  # of a set
+
+class LineStyle(TypedDict, total=False):
+    """Keywords of Matplotlib for a line."""
+
+    color: str
+    linewidth: float
+    marker: str
+    markersize: float
+    label: str
+    zorder: float
+
+
+# Line of a corner or random member of a set of plants.
+MEMBER_LINE: LineStyle = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}
 
 
 def bode(
@@ -64,13 +78,14 @@ def bode(
     rows = 1 if phase_only else 2
     figure, axes = plt.subplots(rows, 1, sharex=True, figsize=size, squeeze=False)
     for c in others:
-        axes[0, 0].loglog(c.frequency_hz, c.magnitude, **MEMBER)
-        axes[-1, 0].semilogx(c.frequency_hz, c.phase_deg, **MEMBER)
+        axes[0, 0].loglog(c.frequency_hz, c.magnitude, **MEMBER_LINE)
+        axes[-1, 0].semilogx(c.frequency_hz, c.phase_deg, **MEMBER_LINE)
     for i, c in enumerate(curves):
-        look = {"color": COLORS[i % 6], "linestyle": DASHES[i % 6], "linewidth": 1.1}
+        color, dashes = COLORS[i % 6], DASHES[i % 6]
+        look: LineStyle = {"color": color, "linewidth": 1.1, "label": c.label}
         if not phase_only:
-            axes[0, 0].loglog(c.frequency_hz, c.magnitude, label=c.label, **look)
-        axes[-1, 0].semilogx(c.frequency_hz, c.phase_deg, label=c.label, **look)
+            axes[0, 0].loglog(c.frequency_hz, c.magnitude, linestyle=dashes, **look)
+        axes[-1, 0].semilogx(c.frequency_hz, c.phase_deg, linestyle=dashes, **look)
     for ax in axes[:, 0]:
         style(ax)
         ax.margins(x=0)
@@ -109,30 +124,27 @@ def bode(
     return figure
 
 
-def members_key(ax: Axes, **more: Any) -> None:
+def members_key(ax: Axes) -> None:
     """Adds the legend of the curves over a set."""
-    thin = Line2D([], [], label="corners and random members", **MEMBER)
-    legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best", **more)
+    thin = Line2D([], [], label="corners and random members", **MEMBER_LINE)
+    legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best")
 
 
 def mark_margins(size: Axes, phase: Axes, curve: Curve, limit: LimitResult, at: LoopAtGain) -> None:
     """Marks gain and phase margin of a loop gain, as distances from |L| = 1 and from -180
     degrees."""
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
-    look: dict[str, Any] = {
-        "color": GOT,
-        "linewidth": 1.4,
-        "zorder": 4,
-        "marker": "_",
-        "markersize": 5,
-    }
+    gain_line: LineStyle = {
+        "color": WANTED, "linewidth": 1.4, "zorder": 4, "marker": "_", "markersize": 5,
+    }  # fmt: skip
+    phase_line: LineStyle = {**gain_line, "color": GOT}
     notes = []
     crossover, margin = at.margins.crossover_hz, at.margins.phase_margin_deg
     if crossover and margin is not None:
         angle = np.interp(np.log(crossover), np.log(curve.frequency_hz), curve.phase_deg)
         for ax in (size, phase):
             ax.axvline(crossover, color=GOT, linewidth=0.6, linestyle=":", zorder=1)
-        phase.plot([crossover] * 2, [angle - margin, angle], **look)
+        phase.plot([crossover] * 2, [angle - margin, angle], **phase_line)
         notes.append(f"phase margin {margin:.3g} degrees at {crossover:.3g} Hz")
     factor = at.margins.gain_margin
     turns = [c.frequency_hz for c in limit.crossings if c.gain > at.gain]
@@ -140,7 +152,7 @@ def mark_margins(size: Axes, phase: Axes, curve: Curve, limit: LimitResult, at: 
         turn = turns[0]
         for ax in (size, phase):
             ax.axvline(turn, color=WANTED, linewidth=0.6, linestyle=":", zorder=1)
-        size.plot([turn] * 2, [1 / factor, 1], **look | {"color": WANTED})
+        size.plot([turn] * 2, [1 / factor, 1], **gain_line)
         notes.append(
             f"gain margin {20 * np.log10(factor):.3g} dB (factor {factor:.3g}) at {turn:.3g} Hz"
         )
@@ -170,12 +182,12 @@ def nyquist(
     turn = np.linspace(0, 2 * np.pi, 200)
     ax.plot(np.cos(turn), np.sin(turn), color=FAINT, linewidth=0.7, linestyle=":")
     for c in others:
-        ax.plot(c.response.real, c.response.imag, **MEMBER)
+        ax.plot(c.response.real, c.response.imag, **MEMBER_LINE)
     whose = "nominal, " if others else ""
-    look: dict[str, Any] = {"color": INK, "label": f"{whose}f > 0"}
-    ax.plot(values.real, values.imag, linewidth=1.1, **look)
-    look["label"] = f"{whose}f < 0"
-    ax.plot(values.real, -values.imag, linewidth=0.7, linestyle="--", **look)
+    ax.plot(values.real, values.imag, color=INK, linewidth=1.1, label=f"{whose}f > 0")
+    ax.plot(
+        values.real, -values.imag, color=INK, linewidth=0.7, linestyle="--", label=f"{whose}f < 0"
+    )
     ax.plot([-1], [0], marker="+", color=GOT, markersize=10, markeredgewidth=1.6)
     ax.annotate(
         "-1", (-1, 0), (-4, 5), textcoords="offset points", fontsize=8, color=GOT, ha="right"
@@ -199,7 +211,7 @@ def nyquist(
     ax.set_xlabel("real part")
     ax.set_ylabel("imaginary part")
     if others:
-        ax.plot([], [], label="corners and random members", **MEMBER)
+        ax.plot([], [], label="corners and random members", **MEMBER_LINE)
     legend(ax, loc="upper left")
     finish(figure, ax, title)
     return figure
@@ -322,11 +334,12 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
     )  # fmt: skip
     taken: list[tuple[float, float]] = []  # (height, half of it)
     own = one.limit.frequency_hz or 0.0
-    inside: list[Any] = [
-        c for c in one.crossings if c.frequency_hz is not None and c.frequency_hz < span
+    inside = [
+        (c.frequency_hz, c)
+        for c in one.crossings
+        if c.frequency_hz is not None and c.frequency_hz < span
     ]
-    for crossing in sorted(inside, key=lambda c: abs(c.frequency_hz - own)):
-        height = crossing.frequency_hz
+    for height, crossing in sorted(inside, key=lambda pair: abs(pair[0] - own)):
         first = crossing.gain == one.limit.gain
         face = GOT if first else "white"
         ax.plot(0, height, "D", color=GOT, markerfacecolor=face, markersize=4.5, zorder=5)
@@ -408,14 +421,13 @@ def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
         for x, body in enumerate(bodies):
             value = mode.shape[body]
             moved = x + reach * value
-            box: dict[str, Any] = {"width": wide, "height": tall, "linewidth": 0.9}
             ax.add_patch(
-                plt.Rectangle((x - wide / 2, y - tall / 2), **box, fill=False, edgecolor=FAINT,
-                              linestyle=":")
+                plt.Rectangle((x - wide / 2, y - tall / 2), wide, tall, linewidth=0.9, fill=False,
+                              edgecolor=FAINT, linestyle=":")
             )  # fmt: skip
             ax.add_patch(
-                plt.Rectangle((moved - wide / 2, y - tall / 2), **box, facecolor="#c9d6e3",
-                              edgecolor=INK, alpha=0.85)
+                plt.Rectangle((moved - wide / 2, y - tall / 2), wide, tall, linewidth=0.9,
+                              facecolor="#c9d6e3", edgecolor=INK, alpha=0.85)
             )  # fmt: skip
             ax.annotate(
                 f"{value:+.2f}" if abs(value) >= 0.005 else "0", (moved, y), fontsize=6,
@@ -456,8 +468,8 @@ def with_units(label: str, model: str | Path) -> str:
     return ", ".join(f"{n} = {v} {known[n][1]}" if n in known else n for n, _, v in parts)
 
 
-LAWS = {"p": "P", "pi": "PI", "pd": "PD", "bank": "designed bank"}
-TIMINGS = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late",
+LAW_NAMES = {"p": "P", "pi": "PI", "pd": "PD", "bank": "designed bank"}
+TIMING_NAMES = {"continuous": "continuous", "zoh": "sampled", "zoh+1": "sampled, a tick late",
            "zoh and zoh+1": "sampled, on time and a tick late"}  # fmt: skip
 
 
@@ -466,7 +478,7 @@ PART_NAMES = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sens
 
 def loop_title(loop: AnalysedLoop) -> str:
     """The title of a figure of a loop."""
-    law, timing = LAWS.get(loop.law, loop.law), TIMINGS.get(loop.timing, loop.timing)
+    law, timing = LAW_NAMES.get(loop.law, loop.law), TIMING_NAMES.get(loop.timing, loop.timing)
     return f"{name_of(loop.model)}: {law}, {timing}"
 
 
@@ -524,7 +536,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
     responses = [member.response for member in result.members]
     first, *others = responses
     for one in others:
-        ax.plot(one.time_s, one.value, **MEMBER)
+        ax.plot(one.time_s, one.value, **MEMBER_LINE)
     ax.plot(first.time_s, first.value, color=INK, linewidth=1.2)
     if not result.stable:  # an unstable response grows and would hide the others
         shown = [one for one in responses if one.stable] or [first]

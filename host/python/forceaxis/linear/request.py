@@ -58,7 +58,7 @@ class LoopRequest:
             output=self.output,
             free=self.free,
             parameters={**(own.parameters if law == own.law else {}), **self.parameters},
-            bank=own.bank if law in ("bank", *loops.MOTION) else None,
+            bank=own.bank if law in ("bank", *loops.MOTION_LAWS) else None,
             late_motion=own.experiment is not None,
         )
 

@@ -16,7 +16,7 @@ from forceaxis.linear.stability import Loop
 from forceaxis.linear.system import System
 from forceaxis.results import json_field
 
-BOTH = ("zoh", "zoh+1")
+BOTH_TIMINGS = ("zoh", "zoh+1")
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     gain, force_gain = request.gain, request.firmware_gain
     if not request.has_gain:
         force_gain = spec.bank.force_gain if spec.bank else own.force_gain
-    timings = BOTH if request.timing == "both" else (spec.timing,)
+    timings = BOTH_TIMINGS if request.timing == "both" else (spec.timing,)
     plants = plant_set.PlantSet(own.model, own.overrides, spans, states)
     found = LoopSet(plants, timings, spec, gain, force_gain)
     one_gain(found.nominal(), gain, force_gain)  # raises ParameterError for a gain out of range

@@ -5,21 +5,40 @@ The analysis uses the experiment's model, its [set], and the initial values of [
 firmware stores them: law, bank, gain, latency. Later writes of the experiment ([[at]]) are ignored.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from forceaxis import _core, paths, toml
+from forceaxis import _core, objects, paths, toml
 from forceaxis.linear import bank as banks
 from forceaxis.linear import system as linear
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 
-Firmware = Mapping[str, Any]  # {object: initial value in an experiment}
+Firmware = Mapping[str, float]  # {object: initial value in an experiment}
 
+MODES_OF_OPERATION = objects.BY_NAME["modes_of_operation"]
+NATIVE_MODES = objects.BY_NAME["mode"].enum
 NATIVE_FORCE = 3  # of object mode
 # Values of modes_of_operation that control the force.
 FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
+
+
+@dataclass(frozen=True)
+class ExperimentInputs:
+    """The inputs of an experiment: path of its model, {parameter of the model: SI value}, and
+    {object: initial value} of the firmware."""
+
+    model: str
+    parameters: dict[str, float]
+    firmware: Firmware
+
+
+def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
+    """The inputs of the experiment at `path` with NAME=VALUE texts. Raises InputError."""
+    own = _core.inputs(path, texts)
+    parameters = {name: given["value"] for name, given in own["parameters"].items()}
+    return ExperimentInputs(str(own["model"]), parameters, own["firmware"])
 
 
 @dataclass(frozen=True)
@@ -27,13 +46,12 @@ class ModelSettings:
     """The plant of a loop, and the firmware's law if an experiment specifies one."""
 
     model: str
-    overrides: dict[str, Any]  # {parameter: SI value, or a text}
+    overrides: dict[str, float | str]  # {parameter: SI value, or a text}
     experiment: str | None = None
     law: str = "p"
     timing: str = "zoh"
     bank: banks.Bank | None = None
     force_gain: float | None = None  # gain of a law of the thesis, DAC codes per 8-bit count
-    # gain of a law of the thesis, DAC codes per 8-bit count
     parameters: dict[str, float] = field(default_factory=dict)
     texts: tuple[str, ...] = ()  # the experiment's overrides, NAME=VALUE
 
@@ -73,13 +91,13 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
     if not is_experiment(table):
         return ModelSettings(str(path), given)
     texts = linear.override_texts(given)
-    own = _core.inputs(str(path), texts)
-    values = {name: parameter["value"] for name, parameter in own["parameters"].items()}
-    named = {n: values[n] for n in table.get("set", {}) | given if n in values}
-    model = str(own["model"])
+    own = read_inputs(str(path), texts)
+    model, firmware = own.model, own.firmware
+    named: dict[str, float | str] = {
+        n: own.parameters[n] for n in table.get("set", {}) | given if n in own.parameters
+    }
     if plant:
         return ModelSettings(model, named, str(path), texts=tuple(texts))
-    firmware = own["firmware"]
     law, bank = _law(path, firmware), _bank(path, firmware)
     return ModelSettings(
         model, named, str(path), law="bank" if bank and law == "p" else law, bank=bank,
@@ -97,11 +115,9 @@ def _law(path: Path, firmware: Firmware) -> str:
     native = int(firmware.get("mode", 0))
     if drive == 0 and native == NATIVE_FORCE:
         return "p"
-    objects = {meta["name"]: meta for meta in _core.objects()}
-    name = dict(objects["modes_of_operation"]["values"])[drive]
+    name = dict(MODES_OF_OPERATION.values)[drive] if drive else NATIVE_MODES[native]
     raise _core.InputError(
-        f"{path}: firmware: expected a mode that controls force, got "
-        f"{name if drive else objects['mode']['enum'][native]}; give the model instead"
+        f"{path}: firmware: expected a mode that controls force, got {name}; give the model instead"
     )
 
 

@@ -10,23 +10,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, optimize
 
 from forceaxis import _core
-from forceaxis.linear.bank import Bank, StateSpace
+from forceaxis.linear.bank import Bank
 from forceaxis.linear.boundary import marks, minimal, plane, response
-from forceaxis.linear.system import TICK_S, Matrix, System
+from forceaxis.linear.equations import Matrix, StateSpace
+from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
 # A crossing counts if rounding of the matrices' entries in double precision changes its gain by a
 # smaller share than this. The gain of these matrices is then known a thousand times more
 # accurately.
-KNOWN = 1e-7
+GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # of a loop
 
 
@@ -331,7 +331,7 @@ class Loop:
             # At a zero on the axis the phase changes too, but the gain is infinite.
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
-            if rounding < KNOWN * abs(value):
+            if rounding < GAIN_CHANGE_MAX * abs(value):
                 crossings.append(Crossing(float(-1 / value), self.hz(w), direction))
             else:
                 doubts.append(float(1 / (abs(value) + rounding)))
@@ -341,8 +341,8 @@ class Loop:
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
         """The smallest gain of a crossing that rounding could hide: rounding exceeds Im G and the
-        share KNOWN of G. The gain is that at the beginning of such an interval."""
-        hidden = rounding > KNOWN * np.abs(G)
+        share GAIN_CHANGE_MAX of G. The gain is that at the beginning of such an interval."""
+        hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
         gains = 1 / (np.abs(G) + rounding)
         least = math.inf
         for i in np.flatnonzero(hidden & ~known):
@@ -354,7 +354,7 @@ class Loop:
                 for _ in range(0 if hidden[j] else 40):
                     middle = math.sqrt(clear * drowned)
                     value, _, moved = self._known(middle)
-                    if moved > KNOWN * abs(value):
+                    if moved > GAIN_CHANGE_MAX * abs(value):
                         drowned = middle
                     else:
                         clear = middle
@@ -474,13 +474,13 @@ class Loop:
         )
         grid = self._marks(_core.eigenvalues(product))
 
-        def size(w: ArrayLike) -> Any:
+        def size(w: ArrayLike) -> Matrix:
             return np.log(gain * np.abs(self._at(w)))
 
         values = size(grid)
         crossovers = []
         for i in np.flatnonzero(values[:-1] * values[1:] < 0):
-            w = self._root(size, grid[i], grid[i + 1])
+            w = self._root(lambda w: float(size(w)), grid[i], grid[i + 1])
             phase = float(np.degrees(np.angle(-self._at(w))))
             crossovers.append(Crossover(self.hz(w), phase))
         least = min(crossovers, key=lambda c: abs(c.phase_margin_deg), default=None)

@@ -11,21 +11,24 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from forceaxis import _core, paths
 from forceaxis.errors import ParameterError
-from forceaxis.linear import plant_facts
+from forceaxis.linear import equations, plant_facts
 from forceaxis.linear import working as working_mode
+from forceaxis.linear.equations import Matrix
 from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.linear.working import States, Working
 from forceaxis.results import json_field
 
+if TYPE_CHECKING:
+    import control
+
 TICK_S = 1 / _core.TICKS_PER_SECOND
-Matrix = NDArray[Any]  # of float, np.longdouble or complex
 
 
 def _complement(rows: Matrix) -> Matrix:
@@ -220,7 +223,7 @@ class System:
             states=self.states + waiting,
         )
 
-    def state_space(self) -> Any:
+    def state_space(self) -> "control.StateSpace":
         """The system as `control.StateSpace` with its names (python-control needs _ in place of
         dots)."""
         import control
@@ -328,18 +331,9 @@ def linearise(
     if not drive:
         inputs = ["drive.force" if name == "drive.command" else name for name in inputs]
     path = str(find_model(model))
-    m = _core.linear(
-        path,
-        list(inputs),
-        list(outputs),
-        dict(overrides or {}),
-        working_mode.working(path, overrides, modes, free).modes,
-        free,
-        drive,
-    )
-    return System(
-        m["A"], m["B"], m["C"], m["D"], tuple(m["states"]), tuple(inputs), tuple(outputs)
-    )  # fmt: skip
+    states = working_mode.working(path, overrides, modes, free).modes
+    m = equations.read(path, inputs, outputs, overrides or {}, states, free, drive)
+    return System(m.A, m.B, m.C, m.D, tuple(m.states), tuple(inputs), tuple(outputs))
 
 
 def once(parameter: str, names: Sequence[str]) -> None:
@@ -356,18 +350,19 @@ def check_export(path: str | Path | None) -> None:
 
 def export(system: System, path: str | Path) -> None:
     """Writes A, B, C, D, dt (0: continuous) and the names to .npz or .mat."""
-    arrays: dict[str, Any] = {name: getattr(system, name) for name in "ABCD"}
-    arrays["dt"] = system.dt or 0.0
-    names: dict[str, Any] = {
-        name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")
-    }
+    dt, names = system.dt or 0.0, (system.states, system.inputs, system.outputs)
     if Path(path).suffix == ".mat":
         from scipy import io
 
-        cells = {name: np.array(texts, object) for name, texts in names.items()}
-        io.savemat(path, arrays | cells)
+        arrays = {"A": system.A, "B": system.B, "C": system.C, "D": system.D, "dt": dt}
+        states, inputs, outputs = (np.array(texts, object) for texts in names)
+        io.savemat(path, arrays | {"states": states, "inputs": inputs, "outputs": outputs})
     else:
-        np.savez(path, **arrays, **names)
+        states, inputs, outputs = map(np.array, names)
+        np.savez(
+            path, A=system.A, B=system.B, C=system.C, D=system.D, dt=dt, states=states,
+            inputs=inputs, outputs=outputs,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,13 +13,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from forceaxis import _core, toml
-from forceaxis.linear import plant_facts
-from forceaxis.linear.plant_facts import PlantFacts
+from forceaxis.linear import equations, plant_facts
+from forceaxis.linear.plant_facts import Overrides, PlantFacts
 from forceaxis.results import json_field
 
 STUCK, SLIDING = "stuck", "forward"
@@ -28,11 +28,9 @@ OPEN, CLOSED = "apart", "pressed"
 DAC_CODES = 2048  # from 0 V to full scale
 SLOW_PER_S = 0.06  # rate in 1/s that counts as static, also for an axis that integrates
 
-Values = Mapping[str, Any]  # {parameter: SI value or text}
 States = Mapping[str, str]  # {element: state}
 Stamp = tuple[int, int]  # of a file: time of the last change in ns; size in bytes
-Used = tuple[tuple[str, Any], ...]  # (parameter, value)
-Tables = tuple[tuple[dict[str, Any], ...], ...]
+Used = tuple[tuple[str, float | str], ...]  # (parameter, value)
 
 
 @dataclass(frozen=True)
@@ -61,12 +59,36 @@ class Working:
         return self if self.text else None
 
 
+class _FrictionRow(NamedTuple):
+    """A [[friction]] as it stands in a file; a force is a number, a quantity or a parameter."""
+
+    name: str
+    between: tuple[str, str]
+    coulomb: float | str
+    stiction: float | str
+
+
+class _Elements(NamedTuple):
+    """The elements of a model whose states have a default that depends on the parameters."""
+
+    frictions: tuple[_FrictionRow, ...] = ()
+    backlashes: tuple[str, ...] = ()
+
+
 @lru_cache(maxsize=64)
-def _tables(path: str, stamp: Stamp) -> Tables:
-    """([[friction]], [[backlash]]) of a model's file in the version with the time and size
-    `stamp`."""
+def _elements(path: str, stamp: Stamp) -> _Elements:
+    """The elements of a model's file in the version with the time and size `stamp`."""
     table = toml.read(path)
-    return tuple(tuple(table.get(kind, ())) for kind in ("friction", "backlash"))
+    frictions = (
+        _FrictionRow(
+            row["name"],
+            tuple(row["between"]),
+            row["coulomb"],
+            row.get("stiction", row["coulomb"]),
+        )
+        for row in table.get("friction", ())
+    )
+    return _Elements(tuple(frictions), tuple(row["name"] for row in table.get("backlash", ())))
 
 
 def _stamp(path: str | Path) -> Stamp:
@@ -74,13 +96,13 @@ def _stamp(path: str | Path) -> Stamp:
     return stat.st_mtime_ns, stat.st_size
 
 
-def _own_tables(path: str | Path) -> Tables:
+def _own_elements(path: str | Path) -> _Elements:
     if not Path(path).is_file():  # the reader of models reports a missing file
-        return (), ()
-    return _tables(str(path), _stamp(path))
+        return _Elements()
+    return _elements(str(path), _stamp(path))
 
 
-def number(given: Any, parameters: Mapping[str, tuple[float, str]]) -> float | None:
+def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]]) -> float | None:
     """The value of a number, quantity or parameter in a model's file; None for another type.
 
     parameters: as facts has them.
@@ -92,9 +114,9 @@ def number(given: Any, parameters: Mapping[str, tuple[float, str]]) -> float | N
     return given if isinstance(given, int | float) else None
 
 
-def frictions(path: str | Path, overrides: Values | None = None) -> tuple[Friction, ...]:
+def frictions(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
     """The frictions of the model at `path` under {parameter: value}, in the file's order."""
-    if not _own_tables(path)[0]:
+    if not _own_elements(path).frictions:
         return ()
     return _frictions(path, plant_facts.read(str(path), overrides).parameters)
 
@@ -103,23 +125,22 @@ def _frictions(
     path: str | Path, parameters: Mapping[str, tuple[float, str]]
 ) -> tuple[Friction, ...]:
     found = []
-    for row in _own_tables(path)[0]:
-        given = row["coulomb"], row.get("stiction", row["coulomb"])
+    for row in _own_elements(path).frictions:
+        given = row.coulomb, row.stiction
         coulomb, stiction = (number(one, parameters) or 0.0 for one in given)
         first, second = (
             one if isinstance(one, str) and one in parameters else None for one in given
         )
-        near, far = row["between"]
-        found.append(Friction(row["name"], (near, far), coulomb, stiction, (first, second)))
+        found.append(Friction(row.name, row.between, coulomb, stiction, (first, second)))
     return tuple(found)
 
 
 def backlashes(path: str | Path) -> tuple[str, ...]:
     """The names of the model's backlashes."""
-    return tuple(row["name"] for row in _own_tables(path)[1])
+    return _own_elements(path).backlashes
 
 
-def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, ...]:
+def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
     """The frictions that the drive cannot overcome: the force that arrives there is below their
     breakaway force."""
     arriving = arriving_N(path, overrides)
@@ -130,7 +151,7 @@ def held(path: str | Path, overrides: Values | None = None) -> tuple[Friction, .
     )
 
 
-def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, float]:
+def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
     """{friction: force in N} that the drive brings to a sticking friction while all others slide
     and contacts are pressed: at the full scale of the DAC, within the drive's limits; empty without
     a drive."""
@@ -143,12 +164,10 @@ def arriving_N(path: str | Path, overrides: Values | None = None) -> dict[str, f
     most = _stall_N(path, known)
     found = {}
     for one in own:
-        m = _core.linear(
-            str(path), ["drive.command"], [f"{one.name}.force"], values,
-            _sliding(path, own) | {one.name: STUCK}, False, True,
-        )  # fmt: skip
-        answer = np.linalg.solve(1j * SLOW_PER_S * np.eye(len(m["A"])) - m["A"], m["B"])
-        found[one.name] = min(full_V * abs((m["C"] @ answer + m["D"]).item()), most)
+        states = _sliding(path, own) | {one.name: STUCK}
+        m = equations.read(str(path), ["drive.command"], [f"{one.name}.force"], values, states)
+        answer = np.linalg.solve(1j * SLOW_PER_S * np.eye(len(m.A)) - m.A, m.B)
+        found[one.name] = min(full_V * abs((m.C @ answer + m.D).item()), most)
     return found
 
 
@@ -183,7 +202,7 @@ def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, s
 
 def working(
     path: str | Path,
-    overrides: Values | None = None,
+    overrides: Overrides | None = None,
     modes: States | None = None,
     free: bool = False,
 ) -> Working:
@@ -192,7 +211,7 @@ def working(
     free: contacts are open. Raises InputError for a file that is not a model.
     """
     named = dict(modes or {})
-    if not any(_own_tables(path)):
+    if not any(_own_elements(path)):
         return Working(named)
     known = plant_facts.read(str(path), overrides)
     used = tuple(sorted((name, value) for name, (value, _) in known.parameters.items()))
@@ -207,7 +226,7 @@ def working(
 
 
 def friction_states(
-    path: str | Path, overrides: Values | None = None
+    path: str | Path, overrides: Overrides | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
     """For each friction of the model ((name, state), ...): sliding and stuck, or only stuck if the
     drive does not overcome the friction. Both directions of sliding give the same linear system."""
@@ -220,7 +239,7 @@ def friction_states(
 
 
 def choices(
-    path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Values | None = None
+    path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Overrides | None = None
 ) -> list[list[dict[str, str]]]:
     """For each element that switches, the states that can last and that differ as linear systems,
     each as {switch: state}. switches: as in facts. A backlash or a stop with two ends has at most
@@ -246,8 +265,8 @@ def choices(
 def _text(path: str | Path, contacts: list[str], taken: dict[str, str], free: bool) -> str:
     left = dict(taken)
     words = []
-    for row in _own_tables(path)[0]:
-        words.append(f"{row['name']} {'stuck' if left.pop(row['name']) == STUCK else 'slides'}")
+    for row in _own_elements(path).frictions:
+        words.append(f"{row.name} {'stuck' if left.pop(row.name) == STUCK else 'slides'}")
     for name in backlashes(path):
         flanks = [left.pop(name + flank, OPEN) for flank in FLANKS]
         words.append(f"{name} {'closed' if CLOSED in flanks else 'open'}")
@@ -257,7 +276,7 @@ def _text(path: str | Path, contacts: list[str], taken: dict[str, str], free: bo
 
 def cut_by(
     path: str | Path,
-    overrides: Values | None,
+    overrides: Overrides | None,
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
