@@ -137,9 +137,8 @@ def load(
     rows = [change.shown() for change in loaded.changed]
     same = loaded.concerned - len(rows)
     if as_json:
-        result = {"dry_run": dry_run, "changes": rows, "unchanged": same, "bank": loaded.bank,
-                  "managed": loaded.managed}  # fmt: skip
-        print_json(result)
+        print_json({"dry_run": dry_run, "changes": rows, "unchanged": same, "bank": loaded.bank,
+                    "managed": loaded.managed})  # fmt: skip
         return
     for line in table(rows):
         click.echo(line)

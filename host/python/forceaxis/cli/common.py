@@ -11,7 +11,7 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar, cast
 
@@ -24,7 +24,13 @@ from forceaxis.errors import ParameterError
 from forceaxis.words import printable, suggestion
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
     from forceaxis.experiments.link import LinkOptions
+
+    # What a verb can print as JSON.
+    Scalar = str | float | bool | Path | None
+    Printable = DataclassInstance | Scalar | Mapping[str, "Printable"] | Sequence["Printable"]
 
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
@@ -459,7 +465,7 @@ def show(rows: Iterable[tuple[str, str]]) -> None:
         click.echo(line)
 
 
-def print_json(result: object) -> None:
+def print_json(result: "Printable") -> None:
     """Print a result on one line as JSON: a dataclass, or a dict or list of results."""
     from forceaxis.results import to_json
 
@@ -468,7 +474,7 @@ def print_json(result: object) -> None:
 
 
 def print_result(
-    result: object, as_json: bool, text: Callable[[], str], out: Path | None = None
+    result: "Printable", as_json: bool, text: Callable[[], str], out: Path | None = None
 ) -> None:
     """Print a result as JSON, or the text that `text` returns and the folder `out` of the files."""
     if as_json:

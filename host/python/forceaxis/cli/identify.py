@@ -26,6 +26,7 @@ from forceaxis.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from forceaxis.cli.common import Printable
     from forceaxis.identify.procedures import Estimate, EstimateWithInterval
     from forceaxis.identify.resonance import ResonanceResult
 
@@ -37,7 +38,7 @@ class Known(click.ParamType["Estimate"]):
     name = "VALUE[+-ERROR]"
 
     def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+        self, value: str | Estimate, param: click.Parameter | None, ctx: click.Context | None
     ) -> Estimate:
         from forceaxis.identify import procedures
 
@@ -67,7 +68,7 @@ def identify() -> None:
     """
 
 
-def show(result: Any, as_json: bool, rows: Iterable[tuple[str, Any]]) -> None:
+def show(result: Printable, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
     """Print the result of an identification as JSON, or as the lines of `rows` (name, text)."""
     print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))
 
@@ -127,7 +128,7 @@ def decrement(
         | {name: e.with_interval() for name, e in estimates.items()},
         as_json,
         [
-            ("cycles", found.cycles),
+            ("cycles", f"{found.cycles}"),
             (
                 "fit",
                 f"explains {100 * found.explained:.5g} % of the record, noise {found.noise:.2g}",
@@ -169,15 +170,13 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_
     def masses(pair: tuple[Estimate, Estimate]) -> dict[str, EstimateWithInterval]:
         return {name: e.with_interval() for name, e in zip(("m_r1", "m_r2"), pair, strict=True)}
 
-    result = {
+    words = [f"m_r1 {m_r1}, m_r2 {m_r2}" for m_r1, m_r2 in found.solutions]
+    show({
         "solutions": [masses(pair) for pair in found.solutions],
         "rule": "m_r1 > m_r2",
         "locked_frequency_hz": found.locked_frequency_hz,
         "if_locked": masses(found.locked),
-    }
-    words = [f"m_r1 {m_r1}, m_r2 {m_r2}" for m_r1, m_r2 in found.solutions]
-    show(
-        result,
+        },
         as_json,
         [
             ("chosen", f"{words[0]} (the actuator has more than half)"),
@@ -319,7 +318,7 @@ def fit(
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import fit as fit_response
 
-    held: dict[str, Any] = {**linear.overrides(overrides)}
+    held = linear.overrides(overrides)
     settings = fit_response.ResponseSettings(**given)
     measured = fit_response.read_response(response, model, held, settings)
     starts, units = fit_response.starts_of(names, measured)

@@ -1,7 +1,7 @@
 """The verbs `limit`, `rlocus`, `nyquist` and `step`, which analyse a linear force loop."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,13 +13,16 @@ from forceaxis.cli.models import (
     free,
     law_options,
     loop_output,
-    loop_request,
     loop_timing,
     over_options,
     present,
+    requests_loop,
     subject_options,
     vary,
 )
+
+if TYPE_CHECKING:
+    from forceaxis.linear.request import LoopRequest
 
 
 @click.command(
@@ -37,7 +40,10 @@ from forceaxis.cli.models import (
     "--output", default="reading", help="Feed back this signal. Default: the input of ADC 0."
 )
 @as_json
-def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: Any) -> None:
+@requests_loop
+def limit(
+    request: "LoopRequest", as_json: bool, ranges: tuple[str, ...], visit: str | None
+) -> None:
     """Compute the critical gain of the force loop of MODEL|EXPERIMENT: the gain at which the loop
     becomes unstable.
 
@@ -57,7 +63,6 @@ def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: An
     from forceaxis.cli.text_loops import describe_limit, describe_limit_of_set
     from forceaxis.linear import limits, sets
 
-    request = loop_request(given)
     if sets.wanted(request, ranges, visit):
         found = sets.loop_set(request, ranges, visit)
         present(sets.limit_of(found), as_json, describe_limit_of_set)
@@ -84,8 +89,13 @@ def limit(as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: An
 )
 @drawn
 @as_json
+@requests_loop
 def rlocus(
-    vary: tuple[str, ...], span_hz: float | None, out: Path | None, as_json: bool, **given: Any
+    request: "LoopRequest",
+    vary: tuple[str, ...],
+    span_hz: float | None,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Draw the root locus of the force loop of MODEL|EXPERIMENT: the closed-loop poles over the
     gain, with the critical gain.
@@ -99,7 +109,7 @@ def rlocus(
     from forceaxis.linear import locus
 
     check_drawing(out)
-    loci, result = locus.loci_of(loop_request(given), vary, span_hz)
+    loci, result = locus.loci_of(request, vary, span_hz)
     draw(out, lambda plots: plots.rlocus_figure(loci, result))
     present(result, as_json, describe_loci, out)
 
@@ -116,8 +126,13 @@ def rlocus(
 @loop_output
 @drawn
 @as_json
+@requests_loop
 def nyquist(
-    out: Path | None, as_json: bool, ranges: tuple[str, ...], visit: str | None, **given: Any
+    request: "LoopRequest",
+    out: Path | None,
+    as_json: bool,
+    ranges: tuple[str, ...],
+    visit: str | None,
 ) -> None:
     """Draw the Nyquist plot of the force loop of MODEL|EXPERIMENT, and print its margins.
 
@@ -130,7 +145,6 @@ def nyquist(
     from forceaxis.linear import curves, sets
 
     check_drawing(out)
-    request = loop_request(given)
     if sets.wanted(request, ranges, visit):
         found, of_set = sets.nyquist_of(sets.loop_set(request, ranges, visit))
         draw(out, lambda plots: plots.nyquist_set_figure(found, of_set))
@@ -153,13 +167,14 @@ def nyquist(
 @click.option("--duration-s", type=float, default=1.0, show_default=True)
 @drawn
 @as_json
+@requests_loop
 def step(
+    request: "LoopRequest",
     duration_s: float,
     out: Path | None,
     as_json: bool,
     ranges: tuple[str, ...],
     visit: str | None,
-    **given: Any,
 ) -> None:
     """Compute the response of the closed force loop of MODEL|EXPERIMENT to a step of the set-point,
     with rise time, settling time and overshoot, for the linear model in contact.
@@ -174,7 +189,6 @@ def step(
     from forceaxis.linear import limits, sets
 
     check_drawing(out)
-    request = loop_request(given)
     if sets.wanted(request, ranges, visit):
         of_set = sets.step_of(sets.loop_set(request, ranges, visit), duration_s)
         draw(out, lambda plots: plots.step_set_figure(of_set))

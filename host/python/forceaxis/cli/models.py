@@ -1,8 +1,10 @@
 """The verbs `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models, and the
 options that they share with the verbs for force loops."""
 
+import functools
+import inspect
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -134,19 +136,28 @@ LAW_PARAMETERS = {
 }
 
 
-def loop_request(given: Mapping[str, Any]) -> "LoopRequest":
-    """Return the request for a force loop from `given`, the values of the options of a verb."""
-    from forceaxis import linear
-    from forceaxis.linear.request import LoopRequest
+def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
+    """Give a verb the parameter `request`, a LoopRequest. It is made from the values of all options
+    that are no parameters of the verb itself."""
+    own = inspect.signature(verb).parameters
 
-    own = dict(given)
-    parameters = {name: own.pop(option) for option, name in LAW_PARAMETERS.items()}
-    return LoopRequest(
-        overrides=linear.overrides(own.pop("overrides")),
-        states=linear.states(own.pop("modes")),
-        parameters={name: value for name, value in parameters.items() if value is not None},
-        **own,
-    )
+    @functools.wraps(verb)
+    def with_request(
+        *arguments: Any, overrides: tuple[str, ...], modes: tuple[str, ...], **given: Any
+    ) -> None:
+        from forceaxis import linear
+        from forceaxis.linear.request import LoopRequest
+
+        values = {name: given.pop(option) for option, name in LAW_PARAMETERS.items()}
+        request = LoopRequest(
+            overrides=linear.overrides(overrides),
+            states=linear.states(modes),
+            parameters={name: value for name, value in values.items() if value is not None},
+            **{name: given.pop(name) for name in [*given] if name not in own},
+        )
+        verb(*arguments, request=request, **given)
+
+    return with_request
 
 
 vary = click.option(
@@ -306,13 +317,14 @@ def modes_(
 @click.option("--span-hz", type=Positive(), help="Half-width of the figure, Hz.")
 @drawn
 @as_json
+@requests_loop
 def poles(
+    request: "LoopRequest",
     as_json: bool,
     input_: str | None,
     output: str | None,
     out: Path | None,
     span_hz: float | None,
-    **given: Any,
 ) -> None:
     """Compute the poles and zeros of MODEL, or of the closed force loop of MODEL|EXPERIMENT.
 
@@ -325,7 +337,7 @@ def poles(
     from forceaxis.linear import limits
 
     check_drawing(out)
-    result = limits.poles_of(loop_request(given), input_, output)
+    result = limits.poles_of(request, input_, output)
     draw(out, lambda plots: plots.poles_figure(result, span_hz))
     present(result, as_json, text_models.describe_poles, out)
 
@@ -366,8 +378,10 @@ def poles(
 @drawn
 @as_json
 @click.pass_context
+@requests_loop
 def bode(
     context: click.Context,
+    request: "LoopRequest",
     out: Path | None,
     as_json: bool,
     measured: tuple[str, ...],
@@ -379,7 +393,6 @@ def bode(
     outputs: tuple[str, ...],
     from_hz: float,
     to_hz: float,
-    **given: Any,
 ) -> None:
     """Draw the frequency response (Bode plot) of MODEL|EXPERIMENT or of its force loop.
 
@@ -396,10 +409,10 @@ def bode(
 
     check_drawing(out)
     if measured:
-        _overlay(context, given["model"], out, as_json, measured)
+        _overlay(context, request.model, out, as_json, measured)
         return
     view = curves.BodeView(part, input_, outputs, (from_hz, to_hz), vary)
-    found, result = sets.bode(loop_request(given), view, ranges, visit)
+    found, result = sets.bode(request, view, ranges, visit)
     draw(out, lambda plots: plots.bode_figure(found, result))
     if isinstance(result, sets.CurvesOfSet):
         present(result, as_json, describe_curves_of_set, out)

@@ -9,15 +9,25 @@ from pathlib import Path
 import click
 
 from forceaxis import objects, paths
-from forceaxis.cli.common import File, Verb, as_json, print_json, print_result
+from forceaxis.cli.common import Callback, File, Verb, as_json, print_json, print_result
 from forceaxis.words import suggestion
 
 DETAIL_COLUMNS = 80
 FILES = {
     "eds": ("forceaxis.eds", "CANopen data sheet (CiA 306)"),
-    "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6"),
+    "dbc": ("forceaxis.dbc", "default PDOs of nodes 1 to 6, as a DBC"),
     "modbus": ("forceaxis-modbus.csv", "Modbus registers and bits, CSV"),
 }
+
+
+def file_options(verb: Callback) -> Callback:
+    """Add an option for each kind of file that describes the objects."""
+    for kind, (_, content) in reversed(FILES.items()):
+        option = click.option(
+            f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."
+        )
+        verb = option(verb)
+    return verb
 
 
 def addresses(o: objects.AxisObject) -> tuple[str, str]:
@@ -82,9 +92,7 @@ def details(o: objects.AxisObject) -> Iterator[str]:
     "forceaxis objects --eds forceaxis.eds --dbc forceaxis.dbc",
 )
 @click.argument("pattern", default="")
-@click.option("--eds", type=File(), metavar="FILE", help=f"Write the {FILES['eds'][1]}.")
-@click.option("--dbc", type=File(), metavar="FILE", help=f"Write the {FILES['dbc'][1]}, as a DBC.")
-@click.option("--modbus", type=File(), metavar="FILE", help=f"Write the {FILES['modbus'][1]}.")
+@file_options
 @as_json
 def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     """List the objects of the firmware (parameters, commands and signals), or write files that
@@ -105,8 +113,11 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     for kind, path in wanted.items():
         shutil.copyfile(paths.OBJECT_FILES / FILES[kind][0], path)
     if wanted:
-        result = {"objects_hash": objects.OBJECTS_HASH, "written": wanted}
-        print_result(result, as_json, lambda: "\n".join(map(paths.display, wanted.values())))
+        print_result(
+            {"objects_hash": objects.OBJECTS_HASH, "written": wanted},
+            as_json,
+            lambda: "\n".join(map(paths.display, wanted.values())),
+        )
         return
     rows = [o for o in objects.OBJECTS if pattern in o.name]
     if not rows:
