@@ -20,7 +20,7 @@ from forceaxis.axis import session as sessions
 from forceaxis.bus.client import AxisClient, Refused
 from forceaxis.bus.lcm import TABLE_HASH, Bus, decode, now_us
 from forceaxis.bus.messages import axis_command_t, axis_event_t, axis_state_t
-from forceaxis.bus.state_names import BY_NAME
+from forceaxis.objects import BY_NAME
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import (
     PORT,

@@ -8,8 +8,8 @@ import tempfile
 import time
 
 from forceaxis.bus.client import AxisClient, NoAnswer
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.experiments import link
+from forceaxis.objects import BY_NAME
 
 PORT = 1502
 CAN_FRAME = "=IB3x8s"

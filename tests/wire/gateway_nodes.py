@@ -10,8 +10,8 @@ from forceaxis.axis import session as sessions
 from forceaxis.bus.client import AxisClient, Refused
 from forceaxis.bus.lcm import TABLE_HASH
 from forceaxis.bus.messages import axis_state_t
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.experiments import link
+from forceaxis.objects import BY_NAME
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import PORT, Can, Tcp, gateway, operational, registers, until
 from pymodbus.client import ModbusTcpClient

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 from forceaxis.bus.client import AxisClient
-from forceaxis.bus.state_names import BY_NAME
+from forceaxis.objects import BY_NAME
 from forceaxis.thesis import session as thesis_session
 from gateway_clients import CAN_FRAME, Can, Tcp, gateway, operational, until
 

@@ -115,12 +115,12 @@ def test_words_for_numbers_that_nobody_knows():
     assert state_names.mode(10) == "cyclic force"
     assert state_names.mode(-77) == "mode -77"
     # The names are those of the table.
-    named = dict(state_names.BY_NAME["modes_of_operation"].values)
-    assert named == dict(state_names.BY_NAME["modes_of_operation_display"].values)
+    named = dict(objects.BY_NAME["modes_of_operation"].values)
+    assert named == dict(objects.BY_NAME["modes_of_operation_display"].values)
     assert set(MODES) == {state_names.mode(n) for n in named}
     assert all(MODES[text.replace("_", " ")] == n for n, text in named.items())
     assert state_names.emergency(0) == "EMCY 0000h error reset"
-    for code, text in state_names.BY_NAME["error_code"].values[1:]:
+    for code, text in objects.BY_NAME["error_code"].values[1:]:
         assert state_names.emergency(code) == f"EMCY {code:04X}h {text.replace('_', ' ')}"
     assert state_names.enum("fault", 6) == "force_max"
     assert state_names.enum("fault", 200) == "200"

@@ -17,7 +17,6 @@ from forceaxis._core import InputError
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import REASONS, NoAnswer, Refused
 from forceaxis.axis.sim import SimLink
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.cli import live_options
 from forceaxis.commission import (
     as_found,
@@ -36,7 +35,7 @@ from forceaxis.design.search import Goal, StructureDesign
 from forceaxis.linear import over, plant_set
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
-from forceaxis.objects import OBJECTS
+from forceaxis.objects import BY_NAME, OBJECTS
 from forceaxis.pages import tuning as tuning_page
 
 pytestmark = pytest.mark.beside

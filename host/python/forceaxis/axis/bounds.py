@@ -16,8 +16,8 @@ from forceaxis._core import InputError
 from forceaxis.axis import quantity
 from forceaxis.axis.values import AxisValues, PlannedValues
 from forceaxis.bus.client import Value, to_raw
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
+from forceaxis.objects import BY_NAME
 
 INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or the output
 RELATIVE = 1 << 6  # bit of the controlword: a target position is relative to the present position

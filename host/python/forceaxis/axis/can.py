@@ -22,8 +22,8 @@ from forceaxis.axis.link import (
     Refused,
 )
 from forceaxis.bus.keeper import HeartbeatKeeper
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
+from forceaxis.objects import BY_NAME
 
 OPERATIONAL, START = 5, 1
 OWN_NODE = 126  # 127 is a gateway's

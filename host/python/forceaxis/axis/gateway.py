@@ -16,7 +16,7 @@ from forceaxis.axis.link import (
 from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient
 from forceaxis.bus.keeper import GatewayKeeper
-from forceaxis.bus.state_names import BY_NAME
+from forceaxis.objects import BY_NAME
 
 READY_S = 10.0
 STOPPED_S = 2.0  # longest time until the gateway's polling detects the end of a recording

@@ -20,8 +20,9 @@ from forceaxis import _core
 from forceaxis._core import InputError
 from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.keeper import Keeper, WatchdogKeeper
-from forceaxis.bus.state_names import BY_NAME, enum
+from forceaxis.bus.state_names import enum
 from forceaxis.linear import plant_facts
+from forceaxis.objects import BY_NAME
 
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 

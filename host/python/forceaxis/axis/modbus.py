@@ -9,8 +9,8 @@ from typing import Any, NoReturn
 
 from forceaxis.axis.link import COMMAND_SOURCES, NAME, SOFTWARE, Link, NoAnswer, Refused
 from forceaxis.bus.keeper import WatchdogKeeper
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.errors import ParameterError
+from forceaxis.objects import BY_NAME
 
 TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")

@@ -16,8 +16,8 @@ from forceaxis.axis.drive import Drive
 from forceaxis.axis.link import NAME, POLL_PERIOD_S, SOFTWARE, NoAnswer, Refused
 from forceaxis.axis.parameter_file import MEASURED, PARAMETERS, About, engineering
 from forceaxis.bus import state_names
-from forceaxis.bus.state_names import BY_NAME, texts
-from forceaxis.objects import AxisObject
+from forceaxis.bus.state_names import texts
+from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.results import json_field
 
 INVALID = 1 << 31  # bit of a COB-ID: its PDO is disabled and may be changed

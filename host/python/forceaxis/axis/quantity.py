@@ -17,9 +17,9 @@ from forceaxis.axis.link import TICKS_PER_S
 from forceaxis.axis.values import AxisValues, PlannedValues, known_object, object_names
 from forceaxis.bus import client
 from forceaxis.bus.client import Value, object_named
-from forceaxis.bus.state_names import BY_NAME, texts
+from forceaxis.bus.state_names import texts
 from forceaxis.errors import ParameterError
-from forceaxis.objects import AxisObject, default
+from forceaxis.objects import BY_NAME, AxisObject, default
 
 CODES_PER_V = 4096 / 20  # of the DAC
 METRE = 0x01  # of CiA 303-2

@@ -18,7 +18,7 @@ from forceaxis.axis.link import (
     Refused,
     unsigned,
 )
-from forceaxis.bus.state_names import BY_NAME
+from forceaxis.objects import BY_NAME
 
 if TYPE_CHECKING:
     from forceaxis._core import ConverterTable

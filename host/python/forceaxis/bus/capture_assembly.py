@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forceaxis.bus.messages import axis_capture_t
-from forceaxis.bus.state_names import BY_NAME
+from forceaxis.objects import BY_NAME
 
 Samples = NDArray[np.float64]
 

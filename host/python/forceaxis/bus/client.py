@@ -35,8 +35,8 @@ from forceaxis.bus.lcm import (
     decode,
 )
 from forceaxis.bus.messages import axis_capture_t, axis_command_t, axis_event_t, axis_state_t
-from forceaxis.bus.state_names import BY_NAME, texts
-from forceaxis.objects import AxisObject
+from forceaxis.bus.state_names import texts
+from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.words import suggestion
 
 LATE_BLOCKS_WAIT_S = 1.0  # for blocks of a capture that arrive after its final event
@@ -229,13 +229,17 @@ class AxisClient(Closable):
             )
         return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
-    def _ended(self, command_id: int) -> axis_event_t | None:
-        """The event that ends a capture of this client."""
-        for _, event in self._events:
-            mine = (event.command_run_id, event.command_id) == (self._bus.run_id, command_id)
-            if mine and event.kind == axis_event_t.EVENT_CAPTURE:
+    def _event_of(self, command_id: int, *kinds: int) -> axis_event_t | None:
+        """The latest event of one of these kinds that belongs to a command of this client."""
+        own = (self._bus.run_id, command_id)
+        for _, event in reversed(self._events):
+            if event.kind in kinds and (event.command_run_id, event.command_id) == own:
                 return event
         return None
+
+    def _ended(self, command_id: int) -> axis_event_t | None:
+        """The event that ends a capture of this client."""
+        return self._event_of(command_id, axis_event_t.EVENT_CAPTURE)
 
     def _command(
         self, kind: int, items: Sequence[tuple[str, int]] = (), signals: Sequence[str] = ()
@@ -265,12 +269,8 @@ class AxisClient(Closable):
         raise self._silence(f"an answer to command {self._command_id} within {self.timeout_s:g} s")
 
     def _answer(self) -> axis_event_t | None:
-        kinds = (axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED)
-        for _, event in reversed(self._events):
-            mine = (event.command_run_id, event.command_id) == (self._bus.run_id, self._command_id)
-            if mine and event.kind in kinds:
-                return event
-        return None
+        answers = axis_event_t.EVENT_DONE, axis_event_t.EVENT_REFUSED
+        return self._event_of(self._command_id, *answers)
 
     def state(self, timeout_s: float | None = None) -> axis_state_t:
         """The next axis_state_t."""

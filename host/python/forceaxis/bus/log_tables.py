@@ -25,8 +25,8 @@ from forceaxis.bus.messages import (
     sim_clock_t,
     sim_truth_t,
 )
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.bus.wire import Message
+from forceaxis.objects import BY_NAME
 
 Row = dict[str, int | float | str | None]
 Table = dict[str, NDArray[Any]]

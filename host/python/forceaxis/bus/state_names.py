@@ -1,9 +1,6 @@
 """Names of a drive's numbers: CiA 402 state, mode of operation, EMCY code, enumerations."""
 
-from forceaxis import objects
-from forceaxis.objects import AxisObject
-
-BY_NAME = {o.name: o for o in objects.OBJECTS}
+from forceaxis.objects import BY_NAME, AxisObject
 
 # CiA 402: (mask, value, state of the drive); exactly one matches a correct statusword.
 STATES = (

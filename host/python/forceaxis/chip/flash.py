@@ -1,7 +1,6 @@
 """An image onto its board: checked here, written and verified by openocd."""
 
 import re
-import shlex
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -234,10 +233,6 @@ def expect_options(plan: Plan, output: str) -> None:
             f"openocd: expected {options.title}, read back "
             f"{found.group(1) if found else 'nothing'}; the axis stays disabled, write it again"
         )
-
-
-def quoted(words: Sequence[str]) -> str:
-    return shlex.join(words)
 
 
 def expect_openocd() -> None:

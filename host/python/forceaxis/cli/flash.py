@@ -1,5 +1,6 @@
 """`forceaxis flash`: write an image of the firmware to the flash memory of a board."""
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -74,7 +75,7 @@ def flash_(
     if dry_run:
         show(plan, as_json)
         if not as_json:
-            click.echo(flash.quoted(flash.command(plan)))
+            click.echo(shlex.join(flash.command(plan)))
         return
     flash.expect_openocd()
     if not yes and (as_json or not sys.stdin.isatty()):

@@ -30,11 +30,11 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.drive import ExcitationObjects
 from forceaxis.axis.link import TICKS_PER_S, NoAnswer, Recording, Refused
 from forceaxis.bus.client import Value
-from forceaxis.bus.state_names import BY_NAME
 from forceaxis.commission import known, response
 from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest, Samples, noise_of
 from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
+from forceaxis.objects import BY_NAME
 
 Record = tuple[Samples, Samples, Samples]  # waveform, codes, output; (n,) each
 

@@ -19,8 +19,9 @@ from forceaxis._core import InputError
 from forceaxis.axis import actions, parameter_set
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
-from forceaxis.bus.state_names import BY_NAME, enum
+from forceaxis.bus.state_names import enum
 from forceaxis.commission.refusal import ORPHANED
+from forceaxis.objects import BY_NAME
 from forceaxis.results import from_json, to_json
 
 T = TypeVar("T")
