@@ -49,7 +49,7 @@ FORCE_MARGIN_SHARE = 0.1
 RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
 RELEASE_S = 1.0  # time that the axis needs to release the force
-WAIT_POLL_S = 0.1  # period of the checks while the analyzer waits
+WAIT_POLL_S = 0.1  # period in which the state of the axis is checked during a wait
 BIAS_TRIES = 8  # largest number of targets for one bias force
 QUIET_LSB = 0.4  # rms: below it the rounding hides the noise of the measured force
 DISTORTION_RECORDS = 3  # number of realisations from which the distortion is computed
@@ -60,22 +60,25 @@ REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest range of the position out of contact, peak to peak
 FREE_SETTLE_SHARE = 0.3  # settling time out of contact, as a share of the settling time in contact
-# settling time during the search of the amplitude, as a share of the normal one
+# settling time during the search of the amplitude, as a share of the settling time of the
+# measurement
 SEARCH_SETTLE_SHARE = 0.5
-ERROR_ENOUGH = 0.04  # relative error, median over the lines, at which fewer averages suffice
+# relative error of a response, median over the lines, at which the averaging may end
+ERROR_ENOUGH = 0.04
 STANDSTILL_CNT = 4  # at standstill the position changes by less than this
 CODE_NOISE = 5.0  # largest difference of two mean DAC codes, in standard deviations of a mean
 
 
 @dataclass(frozen=True)
 class OutputSignal:
-    """The output of a response, and when the amplitude of the excitation is large enough.
+    """The output of a frequency response, and the conditions under which the search of the
+    amplitude ends.
 
-    name: as in a Measurement. deviation_max: relative standard deviation of the response, median
-    over the lines, that is small enough. distortion_max: permitted ratio of the difference of
-    realisations to their noise; it is above 1, because the rounding of a slow motion is not white
-    noise. factor_max: largest factor by which the search increases the amplitude.
-    """
+    name: of the output in a Measurement; unit: of the output in a message. deviation_max: relative
+    standard deviation of the response, median over the lines, that is small enough. distortion_max:
+    permitted ratio of the difference of realisations to their noise; it is above 1, because the
+    rounding of a slow motion is not white noise. factor_max: largest factor by which the search
+    increases the amplitude."""
 
     name: str
     unit: str
@@ -119,7 +122,7 @@ class TouchObjects:
 
 @dataclass(frozen=True)
 class EnabledObjects:
-    """Fault and state of the drive."""
+    """Latched fault of the axis, and state of the drive."""
 
     fault: str
     drive_state: str
@@ -127,27 +130,28 @@ class EnabledObjects:
 
 @dataclass(frozen=True)
 class PressedObjects(EnabledObjects):
-    """State of an axis that presses; contact: 1 in contact."""
+    """State of an axis in a force mode; contact is 1 while the axis is in contact."""
 
     contact: int
 
 
 @dataclass(frozen=True)
 class FreeObjects(PressedObjects):
-    """State of an axis that moves out of contact."""
+    """State of an axis that moves out of contact, and the bound that limits its DAC code."""
 
     limit_reason: str
 
 
 @dataclass(frozen=True)
 class ExcitedObjects(EnabledObjects):
-    """State of an axis with an excitation."""
+    """State of an axis and of its excitation."""
 
     excitation_state: str
 
 
 class Ended(Exception):
-    """The axis has ended an excitation; `reason` is the name in `excitation_state`."""
+    """The axis has ended an excitation itself; `reason` is the value of the object
+    `excitation_state`."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
@@ -155,16 +159,17 @@ class Ended(Exception):
 
 
 class Play(Protocol):
-    """Records a realisation with an amplitude in codes. settle: settling time as a share of the
-    normal one."""
+    """Records one realisation of the noise with an amplitude in DAC codes. settle: settling time as
+    a share of `settle_s` of the order."""
 
     def __call__(self, amplitude: int, seed: int, settle: float = 1.0) -> Record: ...
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """How a response is measured. still: record without an excitation; swing: largest range of the
-    output, in its unit; seeds: of the realisations."""
+    """How a frequency response is measured. still: DAC codes and output without an excitation;
+    swing: largest range of the output from peak to peak, in N or encoder counts; seeds: of the
+    noise of each realisation."""
 
     play: Play
     output: OutputSignal
@@ -174,8 +179,8 @@ class Excitation:
 
 
 class Analyzer:
-    """Measures responses of an Axis that is owned and disabled; close() restores its parameters and
-    disables it.
+    """Measures frequency responses of an axis that is owned and disabled; close() restores the
+    parameters of the axis and disables it.
 
     model, overrides: the model and its changed parameters for Measurement.predict(); "" without a
     model. Methods raise Refusal, and NoAnswer and Refused of the connection.
@@ -233,9 +238,9 @@ class Analyzer:
             self.close()
 
     def rest(self) -> Rest:
-        """Checks and returns the state of the disabled axis at rest. Raises Refusal if the axis
-        moves or its force is not tared. A motor without power may move within the backlash of its
-        gear; the check permits this motion."""
+        """Checks the disabled axis at rest and returns its state. Raises Refusal if the axis moves
+        or its force is not tared. The check permits a motion within the backlash of the gear,
+        because the motor has no power."""
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
         # total backlash in encoder counts
@@ -254,9 +259,9 @@ class Analyzer:
         return Rest(reading, None if is_at_end else noise_of(raw), int(np.median(place)))
 
     def contact(self, force_N: float, of_loop: bool = False) -> Level:
-        """The response from the DAC code to the measured force at the force `force_N`. of_loop: the
-        amplitude is searched for the accuracy of the sensitivity function, for which a smaller
-        amplitude suffices."""
+        """Measures the response from the DAC code to the measured force about the force `force_N`.
+        of_loop: only the sensitivity function has to be accurate, so that a smaller amplitude
+        suffices."""
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
@@ -280,8 +285,9 @@ class Analyzer:
         self.wait(RELEASE_S)
 
     def bound(self, bias_N: float, waveform: str, period: int) -> None:
-        """Sets up an excitation of the force law's output about `bias_N`, with the bounds at which
-        the axis ends the excitation. period: ticks, 0 without a period."""
+        """Sets up an excitation that is added to the output of the force law, and the bounds about
+        the force `bias_N` at which the axis ends the excitation. period: of the waveform in ticks,
+        0 without a period."""
         least = (FORCE_MIN_SHARE + FORCE_MARGIN_SHARE) * bias_N
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * bias_N
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
@@ -294,7 +300,7 @@ class Analyzer:
         )  # fmt: skip
 
     def free(self) -> Level:
-        """The response from the DAC code to the encoder position, out of contact."""
+        """Measures the response from the DAC code to the encoder position, out of contact."""
         start = self.axis.read("position")
         travel = self.order.travel
         self.set(
@@ -321,7 +327,7 @@ class Analyzer:
         return level
 
     def _hold_ticks(self) -> int:
-        """Ticks for which the noise keeps a value."""
+        """Number of ticks for which the noise keeps a value."""
         return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
 
     @property
@@ -329,8 +335,8 @@ class Analyzer:
         return REDUCTIONS_MAX_SLIDING if self.order.rubs else REDUCTIONS_MAX
 
     def _measure(self, level: Level, excitation: Excitation) -> None:
-        """Searches the amplitude unless the order gives it, then measures the response into
-        `level`."""
+        """Searches the amplitude unless the order states it, then measures the response and writes
+        it to `level`."""
         if not level.amplitude:
             level.amplitude = self._search(level, excitation)
         for _ in range(self._reductions_max):
@@ -376,16 +382,16 @@ class Analyzer:
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:
-        """Rms of the output's rate of change that the codes cause, in force counts/s or encoder
-        counts/s."""
+        """Rms of the rate of change of the output that the DAC codes cause, in force counts/s or
+        encoder counts/s. H: the response; u: the codes, (K, n)."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * H) ** 2
         return float(np.sqrt(power.sum()))
 
     def _realisations(self, level: Level, excitation: Excitation) -> list[Record]:
-        """Records all realisations. If the first realisations show distortion, the amplitude is
-        reduced first."""
+        """Records all realisations. Raises Ended if the first realisations show distortion, so that
+        the amplitude is reduced."""
         play, seeds, output = excitation.play, excitation.seeds, excitation.output
         steps = self._steps(output)
         records = [play(level.amplitude, seed) for seed in seeds[:DISTORTION_RECORDS]]
@@ -433,8 +439,8 @@ class Analyzer:
             error = errors[level.of_loop]
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
-            # While the axis sticks its noise is small, so the amplitude has to be as large as the
-            # bounds permit.
+            # The noise of an axis that sticks is small, so the expected deviation does not show
+            # that the axis slides. With dry friction the amplitude therefore grows to its bound.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
             if moved >= 0.9 * swing or is_accurate or amplitude >= most:
@@ -445,7 +451,8 @@ class Analyzer:
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
     def _reduce(self, level: Level, amplitude: int, ended: Ended) -> int:
-        """A smaller amplitude in codes after the axis has ended an excitation."""
+        """A smaller amplitude in DAC codes, after the axis has ended an excitation. Raises Refusal
+        after too many reductions."""
         level.aborts.append(Abort(amplitude, ended.reason))
         less = "less" if self.order.rubs else "halved"
         self.say(f"{ended.reason} at {amplitude} codes: {less}")
@@ -459,7 +466,7 @@ class Analyzer:
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
 
     def _force_counts(self, held: Recording) -> Samples:
-        """The output of the force sensor in force counts, without zero and sign."""
+        """The signal of the force sensor in force counts; zero code and sign are not applied."""
         return held.values("force_raw") * self.count_per_code
 
     def press(self, force_N: float) -> float:
@@ -486,9 +493,9 @@ class Analyzer:
         )  # fmt: skip
 
     def _touch(self) -> None:
-        """Waits for the contact. After a contact loss the axis may then approach at the speed of
-        the first approach. With the default limit, a weak force law would lose a light contact for
-        a tick again and again because of noise."""
+        """Waits for the contact, and raises contact_loss_cap to the largest DAC code of the
+        approach. With the default cap, a weak force law would lose a light contact again and again
+        because of noise."""
         fastest = 0
 
         def touches(state: TouchObjects) -> bool:
@@ -505,13 +512,14 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def per_mille(self, force_N: float) -> float:
-        """Target of a force in per mille of the rated force, limited to the axis' own limit."""
+        """The force in per mille of the rated force, at most the largest target that the axis
+        accepts."""
         return min(1e6 * force_N / self.objects.rated_force, bounds.most_force(self.axis))
 
     def standing(self, timeout_s: float = 20.0) -> float:
         """Waits until the measured force in contact and the DAC code are constant; returns the
-        force in N. Both are compared, because dry friction can keep the force constant while the
-        integral action still changes the code."""
+        force in N. The code is compared too, because dry friction can keep the force constant while
+        the integral action still changes the code."""
         passed, before, code = 0.0, None, 0.0
         while passed < timeout_s:
             self.axis.link.wait(0.2)
@@ -548,7 +556,8 @@ class Analyzer:
         return held
 
     def _pressed(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """Records a realisation in contact: (r, u, y), each (n,), in codes, codes and counts."""
+        """Records a realisation in contact: (waveform in DAC codes, DAC codes, force in force
+        counts), (n,) each."""
         self.set(excitation_code=amplitude, excitation_seed=seed)
         settle_s = RAMP_S + settle * self.order.settle_s
         held = self.excited(SIGNALS_IN_CONTACT, self.samples, settle_s)
@@ -573,13 +582,14 @@ class Analyzer:
                 check()
 
     def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
-        """A realisation out of contact: (u, u, y), without the drift from period to period."""
+        """Records a realisation out of contact: (DAC codes, DAC codes, position in encoder counts),
+        (n,) each. The drift from period to period is removed from the position."""
         axis, n = self.axis, self.samples
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
         axis.enable("excitation")
         self.wait(FREE_SETTLE_SHARE * settle * self.order.settle_s, self._expect_free)
-        # the drift is the difference of two samples that are one period apart
+        # The drift is the mean difference of samples that are one period apart.
         count = min(n + n // 4, _most_samples(SIGNALS_APART))
         axis.arm(SIGNALS_APART, count)
         held = axis.link.recording(10 + 2 * count / TICKS_PER_S)

@@ -13,20 +13,21 @@ from forceaxis.bus import client
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 
-REST_SAMPLES = 750  # half a second at rest
-READINGS, READING_PERIOD_S = 25, 0.02  # for a connection without recordings
+REST_SAMPLES = 750  # samples of the recording at rest: half a second
+# number and period of the values at rest, if the connection has no recordings
+READINGS, READING_PERIOD_S = 25, 0.02
 STANDING_CNT = 2  # largest change of the encoder count at standstill, as in the firmware's test
-DITHER_LSB = 0.4  # with less noise, a value smaller than one code cannot be measured
-FIRST_MOTION_REACH = (
-    8  # multiple of first_motion_counts that bounds the motion of the firmware's test
-)
-TRAVEL_CNT, OUTPUT_CODES = 400, 250  # travel and largest code of the move out and back
-MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # duration of each move; most counts per tick
-SETTLE_S = 1.3
-MOVE_SPEED_MAX = 8  # counts per tick: at least four times the speed of the move
-ARRIVED_CNT = 20
+DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code
+# The firmware's first motion test moves the axis at most by this multiple of first_motion_counts.
+FIRST_MOTION_REACH = 8
+TRAVEL_CNT, OUTPUT_CODES = 400, 250  # travel and largest DAC code of the move out and back
+MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # duration of each move; largest speed in counts per tick
+SETTLE_S = 1.3  # time after a move until its position error is read
+# speed in counts per tick that disables the axis: at least four times the speed of the move
+MOVE_SPEED_MAX = 8
+ARRIVED_CNT = 20  # largest position error at the end of a move
 RESTORE_TRIES = 4
-ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # digital_inputs
+ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # bits of the object digital_inputs
 NO_LIMIT = 2**31 - 1
 # {fault: its most frequent causes} of the faults that stop the first motion.
 FAULT_CAUSES = {
@@ -52,9 +53,9 @@ Value = float | str | None
 
 @dataclass(frozen=True)
 class CheckStep:
-    """One step of the test. verdict: "passed", "noted" (no failure, but to be examined), "skipped"
-    or "failed"; value and limit of the checked quantity, each a number or a name, None without a
-    value."""
+    """Result of one step of the first motion test. verdict: "passed", "noted" (no failure, but a
+    person has to examine the value), "skipped" or "failed". value, limit: of the checked quantity,
+    as a number or a name; None if the step has no value."""
 
     step: str
     verdict: str
@@ -65,7 +66,7 @@ class CheckStep:
 
 @dataclass(frozen=True)
 class CheckedObjects:
-    """Objects of an axis, in engineering values, that the steps compare with observations."""
+    """Objects of an axis, in engineering values, with which the steps compare what they observe."""
 
     adc_bits: int
     force_zero_code: int
@@ -152,7 +153,7 @@ class MotionCheck:
         return all(step.verdict != "failed" for step in self.steps)
 
     def result(self) -> MotionCheckResult:
-        """The steps that have ended, as a result."""
+        """The result of the steps that have ended."""
         return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
     def run(self, consent: Callable[[str], bool]) -> None:
@@ -173,7 +174,7 @@ class MotionCheck:
             self._tare()
 
     def asked(self) -> str:
-        """The text about the motion that a person has to confirm before the axis moves."""
+        """The text that describes the motion; a person has to confirm it before the axis moves."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
@@ -258,7 +259,7 @@ class MotionCheck:
         try:
             held = self.axis.capture(list(names), samples=REST_SAMPLES)
             raw, force, current, place = (held.values(name) for name in names)
-        except Refused:  # this connection has no recordings
+        except Refused:  # The connection has no recordings.
             rows = []
             for _ in range(READINGS):
                 rows.append([self.axis.read(name) for name in names])
@@ -296,8 +297,8 @@ class MotionCheck:
                     ": the axis moves, or its cable picks up noise")  # fmt: skip
 
     def _limits(self) -> None:
-        """Finds a direction with enough distance to the position limits; away from the workpiece is
-        preferred."""
+        """Finds a direction in which the position limits are far enough away. The direction away
+        from the workpiece is preferred."""
         low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
@@ -310,8 +311,8 @@ class MotionCheck:
                     f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
     def _span(self) -> int:
-        """Largest distance in counts that the axis can move from its start, including any
-        overshoot."""
+        """Largest distance in encoder counts, including an overshoot, that the axis moves from its
+        start."""
         return max(self.travel, FIRST_MOTION_REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:
@@ -322,7 +323,8 @@ class MotionCheck:
         return min(self.output, self.known.output_limit)
 
     def _motion(self) -> None:
-        """Runs the first motion and the move, each with narrower limits on the axis."""
+        """Runs the first motion test and the move out and back. Both run with narrower limits,
+        which are written to the axis and restored at the end."""
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
         bounds: dict[str, client.Value] = {
@@ -407,8 +409,9 @@ class MotionCheck:
                     "is too low")  # fmt: skip
 
     def _put_back(self, before: dict[str, int]) -> None:
-        """Disables the axis and restores the objects that were set for the motion. A lost
-        connection is tried again; a first Ctrl-C takes effect only afterwards."""
+        """Disables the axis and restores the objects that were set for the motion. After an error
+        of the connection the axis is tried again. A first Ctrl-C ends the program only after the
+        objects are restored."""
         interrupt: KeyboardInterrupt | None = None
         reason: str | None = None
         for again in range(RESTORE_TRIES):
@@ -455,7 +458,8 @@ class MotionCheck:
 
 
 def _least(own: float, bound: float) -> float:
-    """The smaller of a limit and a bound; a limit of 0 means no limit. Integers stay integers."""
+    """The smaller of a limit of the axis and a bound. The limit `own` is 0 if the axis has no
+    limit. Integers remain integers."""
     return min(own, bound) if own else bound
 
 

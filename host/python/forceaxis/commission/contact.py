@@ -72,7 +72,7 @@ class FittedAxis:
         return Design(str(self.tuning.model), self.fitted.values)
 
     def bench(self, plant: Design, bank: Bank) -> simulation.ContactBench:
-        """A simulated contact of a plant with the firmware settings of the axis."""
+        """The simulation of contacts of a plant, with the firmware settings of the axis."""
         bench = simulation.ContactBench(
             plant, self.designed.adc_bits, firmware=firmware_of(self.tuning, self.checked)
         )
@@ -83,7 +83,8 @@ class FittedAxis:
 
 
 def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
-    """Firmware settings with which the axis is simulated."""
+    """The objects of the firmware, {object: engineering value}, with which the axis is
+    simulated."""
     held = tuning.axis.get("position_gain", "velocity_gain", "approach_velocity_max",
                            "contact_force")  # fmt: skip
     held |= checked.settings
@@ -109,7 +110,8 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
         bench.measure_impacts(bank, cases=plain)
         cases: list[tuple[str, ContactCase, Values]] = []
         cases += [("contact", case, {}) for case in plain]
-        for force in sorted(forces)[:-1]:  # as a design is struck
+        # An impact acts at the same forces as in `forceaxis design`.
+        for force in sorted(forces)[:-1]:
             cases.append(("strike", ContactCase(force, speed, strike), {}))
         cases += [("set", case, member) for member in members for case in plain]
         jobs = [bench.job(case, bank, member, 0, loss) for _, case, member in cases]
@@ -133,18 +135,19 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
 
 @dataclass(frozen=True)
 class TouchDown:
-    """A recorded first contact."""
+    """The measured force during a first contact, and the settings of the axis on which it
+    depends."""
 
     time_s: Samples  #: 0 at the first measured force above contact_force
     force_N: Samples
     force_asked_N: float
-    order: MeasuringOrder  #: of the analyzer
+    order: MeasuringOrder  #: the order with which the analyzer pressed
     settings: Settings  #: {object of TOUCH_DOWN_OBJECTS: engineering value} at the contact
 
 
 class Touching(Analyzer):
-    """An Analyzer that begins each contact out of contact and records it; `touch` is the last
-    record."""
+    """An Analyzer that moves out of contact before it presses and records the first contact;
+    `touch` is the last record."""
 
     touch: TouchDown
     asked_N: float
@@ -155,7 +158,8 @@ class Touching(Analyzer):
         self.press(force_N)
 
     def press(self, force_N: float) -> float:
-        """As Analyzer.press(), but from out of contact and with a recording."""
+        """As Analyzer.press(), but the axis first moves out of contact, and the first contact is
+        recorded."""
         self.asked_N = force_N
         self._leave()
         before = round(BEFORE_S * TICKS_PER_S)
@@ -220,6 +224,6 @@ def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
                 # the second contact begins at the distance at which the axis began
                 for _ in range(2):
                     same.touch_down(touch.force_asked_N)
-            except (Refusal, Refused, NoAnswer):  # of that plant
+            except (Refusal, Refused, NoAnswer):  # The simulated force does not settle.
                 return np.full(len(touch.time_s), np.nan)
     return np.interp(touch.time_s, same.touch.time_s, same.touch.force_N)

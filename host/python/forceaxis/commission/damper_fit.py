@@ -38,7 +38,7 @@ START_SHARE = 0.1
 
 @dataclass(frozen=True)
 class RecordedFriction:
-    """Dry friction in the file of a response. dead_zone: DAC codes that guide and gear need;
+    """Dry friction in the file of a response. dead_zone: dead zone of guide and gear in DAC codes;
     moving_N: friction of guide and gear; speed: rms speed of the axis in m/s; None if not known."""
 
     is_recorded: bool = False  #: the measurement searched for friction
@@ -58,8 +58,9 @@ class RecordedFriction:
 def recorded_friction(
     path: str | Path, model: str, overrides: linear.Overrides
 ) -> RecordedFriction:
-    """The friction that a folder of `forceaxis measure --out` contains. If the file contains DAC
-    codes but no newtons, the model converts the codes."""
+    """Reads the dry friction from a folder that `forceaxis measure` has written. If the file states
+    the friction in DAC codes only, the model converts the codes to newtons. Without such a file no
+    friction is known."""
     file = Path(path) / "result.json"
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
@@ -90,8 +91,9 @@ def recorded_friction(
 
 @dataclass(frozen=True)
 class FittedDamper:
-    """A damper that replaces a dry friction in a fit. newton: the friction, None if it is not
-    known; damping: in N s/m, None if the two bodies stick; declared: the model has the friction."""
+    """A damper that replaces dry friction in a fit. newton: friction in N, None if it is not known.
+    damping: in N s/m, None if the two bodies do not move against each other. declared: the model
+    contains the friction."""
 
     name: str
     between: tuple[str, str]
@@ -127,7 +129,8 @@ class DamperFit:
     newtons: dict[str, float | None]
 
     def dampers(self) -> FittedDampers:
-        """The dampers and the elements that the model lacks."""
+        """The fitted dampers, and the friction elements that the model lacks, as results for
+        JSON."""
         values = dict(zip(self.found.names, self.found.values.tolist(), strict=True))
         rows = [
             FittedDamper(
@@ -146,8 +149,9 @@ def fit(
     measured: Measurement, starts: dict[str, float], units: dict[str, str], path: str | Path,
     folder: Path,
 ) -> tuple[fit_response.ParameterFit, Measurement, AxisFitSummary]:  # fmt: skip
-    """Fits the response at `path`: (fit, the Measurement with the fitted model, summary). folder:
-    for the file of that model. Raises InputError, and Refusal `friction`."""
+    """Fits parameters of a model to the response in the folder `path`; returns (fit, the
+    Measurement with the fitted model, summary). folder: folder for the file of a model with
+    dampers. Raises InputError, and Refusal `friction` if dampers do not explain the response."""
     model = measured.model
     found = fit_response.fit(measured, starts)
     about = recorded_friction(path, model, measured.overrides)
@@ -181,7 +185,8 @@ def _with_fewest_dampers(
     else:
         sets = [moving, *([] if measured.free else [table, moving + table])]
     best = None
-    # If a workpiece slides only part of the time, a fitted mass is wrong by a factor.
+    # A damper cannot represent the friction of a workpiece that slides only part of the time: the
+    # fitted mass would be far too large.
     fits_workpiece = not starts.keys().isdisjoint(workpiece_names(model))
     for frictions in filter(None, dict.fromkeys(map(tuple, sets))):
         has_table = any(one in table for one in frictions)
@@ -220,7 +225,7 @@ class _Damper:
 
 
 def _damper_of(one: FrictionElement, on_table: bool, about: RecordedFriction) -> _Damper:
-    """The damper for a friction whose newtons are its share of the measured friction."""
+    """The damper for a friction `one`, whose newtons are a share of the measured friction."""
     total_N = (about.table_N if on_table else about.moving_N) or 0.0
     is_known = on_table or not about.is_least
     return _Damper(
@@ -246,7 +251,7 @@ def _with_dampers(
             start = _start_damping(measured, damper.start_N, speed)
             free[damper.friction.damping] = start
     model = str(file)
-    # the parameters of a replaced friction do not exist in this model
+    # The model with dampers has no parameters of the friction that the dampers replace.
     left = linear.facts(model).parameters
     held = {name: value for name, value in measured.overrides.items() if name in left}
     slides = replace(
@@ -255,9 +260,10 @@ def _with_dampers(
     )  # fmt: skip
     try:
         found = fit_response.fit(slides, starts | free, tries=OTHER_STARTS)
-    except InputError:  # the damper has no effect, or only together with another parameter
+    # The response does not depend on the damper, or only together with another parameter.
+    except InputError:
         return None
-    # the parameter has no effect while the workpiece sticks
+    # A parameter of a workpiece that sticks does not change the response.
     if found.single.max() > fit_response.SEARCH_RANGE:
         return None
     values = dict(zip(found.names, found.values.tolist(), strict=True))
@@ -311,9 +317,10 @@ def joint(
     model: str | Path, priors: dict[str, known.Prior], measured: list[Measurement],
     paths_of: Sequence[str | Path], over: tuple[str, ...], states: dict[str, str], folder: Path,
 ) -> joint_fit.JointFit:  # fmt: skip
-    """commission.joint_fit.joint of the responses at `paths_of`. If the model is rejected, it is
-    fitted again with dampers for the measured friction of guide and gear. Raises Refusal `friction`
-    if the friction is under the workpiece or if the dampers do not explain the responses either."""
+    """Fits all responses of an axis at once by joint_fit.joint(). If the model is rejected, the fit
+    is repeated with dampers for the measured friction of guide and gear. paths_of: folders of the
+    responses. Raises Refusal `friction` if there is friction under the workpiece, or if a model
+    with dampers does not explain the responses."""
     found = joint_fit.joint(model, priors, measured, over, states=states)
     about = [recorded_friction(path, str(model), {}) for path in paths_of]
     worst = max(about, key=lambda one: (one.table_N, one.dead_zone))

@@ -16,7 +16,7 @@ SWING_TICKS = 450  # 0.3 s
 NEAR_TICKS = 75  # 50 ms
 CLOSE_TICKS = 10
 
-# {fault: general explanation}, independent of the recording.
+# {fault: its meaning, which does not depend on the recording}.
 FAULT_TEXTS = {
     "enable_lost": "the enable chain opened while the axis was enabled",
     "limit_switches": "both limit switches were active at once",
@@ -53,9 +53,9 @@ CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 
 @dataclass(frozen=True)
 class IncidentStory:
-    """An incident in text. tick: tick of the error; later: number of later errors; kept: the
-    incident is older than the last restart; story: lines about its causes, the decisive ones first.
-    """
+    """An incident and its explanation in the form of JSON. tick: tick of the error; later: number
+    of later errors; kept: the incident is older than the last restart; story: lines about its
+    causes, the decisive ones first."""
 
     fault: str
     error_code: str
@@ -72,7 +72,7 @@ class IncidentStory:
 
 
 def tell(incident: Incident, counts_per_mm: float | None = None) -> list[str]:
-    """Lines of text: the fault, then the events before the fault."""
+    """Explains an incident in lines of text: the fault, then the events before the fault."""
     return [_headline(incident), *_Story(incident, counts_per_mm).lines()]
 
 
@@ -199,7 +199,8 @@ class _Story:
         return f"force sensor at an end of its range in the last {ticks} ticks" if ticks else None
 
     def still(self) -> str | None:
-        """A measured force that does not change although the axis moves in contact or presses."""
+        """Text about a measured force that does not change although the axis moves in contact or
+        presses; None without this finding."""
         ticks = _last_run(self.raw == self.raw[-1])
         is_sign = self.incident.fault in ("force_stuck", "force_disconnected")
         if ticks < 5 or not (is_sign or self.contact[-1]):
@@ -234,7 +235,7 @@ class _Story:
         return f"limited by {enum('limit_reason', int(self.reason[-2]))} in the last {ticks} ticks"
 
     def error(self) -> str | None:
-        """Difference between set-point and actual value, in a mode with a set-point."""
+        """Text about the difference between set-point and position just before the error."""
         lag = (self.incident.column("profile_position") - self.incident.column("position"))[
             : self.at
         ]
@@ -243,12 +244,13 @@ class _Story:
         return f"set-point {self.length(float(lag[-1]))} ahead of the position just before"
 
     def standing(self) -> str | None:
-        """A finding if the axis does not move although a DAC code is output."""
+        """Text about an axis that does not move although a DAC code is output; None without this
+        finding."""
         ticks = min(NEAR_TICKS, self.at)
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None
         if self.contact[-ticks - 1 : -1].any():
-            return None  # a held force
+            return None  # The axis controls a force, so it may stand still.
         codes = self.code[-ticks - 1 : -1]
         if np.abs(codes).min() < 1 or np.ptp(np.sign(codes)):
             return None

@@ -53,9 +53,9 @@ LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 @dataclass(frozen=True)
 class ResponseScore:
-    """How well a model explains one response. name: "apart" or "in contact"; points: number of
-    lines; modes: {element: state} in which the model is linearised; p: probability of a chi-square
-    at least as large."""
+    """Test of whether a model explains one response. name: "apart" or "in contact"; points: number
+    of frequencies; modes: {element: state} in which the model is linearised; p: probability of a
+    chi-square at least as large."""
 
     name: str
     points: int
@@ -67,9 +67,9 @@ class ResponseScore:
 
 @dataclass(frozen=True, kw_only=True)
 class JointSummary:
-    """A JointFit in the form of its JSON. values, intervals, ratios, correlation, over and set are
-    None for a rejected fit; order: names of the rows of the correlation; why: text about the
-    rejection; set: the values as options of the command line."""
+    """The result of joint() in the form of JSON. values, intervals, ratios, correlation, over and
+    set are None for a rejected fit; order: parameters of the rows of the correlation matrix; why:
+    reason of the rejection as text; set: the values as options of the command line."""
 
     model: str = ""
     values: Values | None = None
@@ -99,18 +99,18 @@ class JointFit:
     best: Values
     chi2: float
     dof: int
-    levels: list[ResponseScore]  #: per response
+    levels: list[ResponseScore]  #: one for each response
     problem: "Responses"  #: the fitted responses; `at` are the logarithms of the values `best`
     at: Samples
     rejected: str | None = None  #: reason in one word: prior, chi2 or coherence
-    text: str = ""  #: why, for people
+    text: str = ""  #: reason as text
     values: Values | None = None  #: `best` if the fit is not rejected
     intervals: dict[str, tuple[float, float]] | None = None  #: 95 %
     #: {"a/b" or "a*b": (value, low, high)} of pairs that are known better than their parameters
     ratios: dict[str, tuple[float, float, float]] | None = None
     #: correlation matrix; rows and columns in the order of the names in `best`
     correlation: Samples | None = None
-    plants: plant_set.PlantSet | None = None  #: for a design
+    plants: plant_set.PlantSet | None = None  #: the plants for which a force law is designed
     limiting_hz: float | None = None
     #: for each response {parameter: value}, with the parameters that belong to this response alone
     own: list[Values] = field(default_factory=list)
@@ -130,7 +130,7 @@ class JointFit:
         return tuple(f"{n}={r[1]:.9g}..{r[2]:.9g}" for n, r in ranges.items())
 
     def summary(self) -> JointSummary:
-        """The fit as JSON shows it."""
+        """The fit in the form of JSON."""
         summary = JointSummary(
             model=self.model, best=self.best, order=tuple(self.best), chi_square=self.chi2,
             dof=self.dof, p_value=self.p, responses=tuple(self.levels),
@@ -161,11 +161,11 @@ class Responses:
     model: str
     priors: dict[str, Prior]
     measured: list[Measurement]
-    modes: list[States] = field(default_factory=list)  # of each response
+    modes: list[States] = field(default_factory=list)  # {element: state} of each response
     # for each response {parameter: its name in priors}
     own: list[dict[str, str]] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)  # relative model error of each response
-    states: States = field(default_factory=dict)  # of all in contact
+    states: States = field(default_factory=dict)  # {element: state} of all responses in contact
 
     def __post_init__(self) -> None:
         self.names = tuple(self.priors)
@@ -187,16 +187,15 @@ class Responses:
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
-        """{parameter: value} of the shared parameters and of those that one response has as its
-        `own`."""
+        """{parameter: value} for one response. own: {parameter: its name in priors} of the
+        parameters that belong to this response alone."""
         every = self.all_values(x)
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
 
     def predictions(self, x: Samples) -> list[Response]:
-        """The response of the model for each measured response. Responses with the same modes and
-        lines share one prediction. A prediction is kept until a parameter changes on which it
-        depends."""
+        """The response of the model for each measured response. A prediction is computed again only
+        if a parameter has changed on which the prediction depends."""
         found = []
         for m, modes, own in zip(self.measured, self.modes, self.own, strict=True):
             one = (
@@ -218,7 +217,7 @@ class Responses:
         return found
 
     def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
-        """For each parameter, whether the response depends on it."""
+        """For each parameter whether a response depends on the parameter, (parameters,) bool."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
             measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)
@@ -226,8 +225,8 @@ class Responses:
         return np.array([bool(np.any(abs(h / exact - 1) > 1e-9)) for h in moved])
 
     def coarse(self, x: Samples) -> Samples:
-        """Residuals of the logarithm of the ratio of responses; they converge from distant start
-        values."""
+        """Residuals for the first search: logarithm of the ratio of measured and predicted
+        response. With them the search converges from distant start values."""
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             relative = np.sqrt(v) / np.maximum(abs(m.response), 1e-300)
@@ -246,7 +245,7 @@ class Responses:
         return found
 
     def fine(self, x: Samples) -> Samples:
-        """Residuals of the likelihood: those of all responses and those of the priors."""
+        """Residuals of the likelihood: of all responses, then of the priors."""
         # The factor of the likelihood, (dof + 1) / dof, is set to 1 here and in the chi-square
         # test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
@@ -305,7 +304,7 @@ class Responses:
         return self.centre - reach, self.centre + reach
 
     def near(self, begin: Samples, evaluations: int) -> Minimum:
-        """Search with the coarse residuals from `begin`."""
+        """Searches the minimum of the coarse residuals from the start values `begin`."""
         found = optimize.least_squares(
             self.coarse, begin, loss="soft_l1", bounds=self.bounds(), x_scale=self.spread,
             max_nfev=evaluations,
@@ -313,7 +312,7 @@ class Responses:
         return Minimum(found.x, float(found.cost))
 
     def search(self, begin: Samples) -> Minimum:
-        """Search with the coarse residuals, then with the likelihood."""
+        """Searches the minimum of the coarse residuals, then the maximum of the likelihood."""
         near = np.clip(self.near(begin, 20).x, *self.bounds(1e-3))
         found = optimize.least_squares(
             self.fine, near, bounds=self.bounds(), x_scale=self.spread, max_nfev=25, xtol=1e-7,
@@ -364,8 +363,8 @@ def joint(
 
 
 def _in_modes(problem: Responses) -> Responses:
-    """The problem in those linear ranges of the amplifier whose best start values explain the
-    responses best; given states stay fixed."""
+    """The problem with that linear range of the amplifier for each response which explains the
+    responses best. States that the caller has given remain."""
     states = problem.states
     ranges = sets.slopes(problem.model, fixed=states)
     slopes = [states, *(modes for modes in ranges if modes != states)]
@@ -385,7 +384,7 @@ def _in_modes(problem: Responses) -> Responses:
 
 
 def _searched(problem: Responses) -> Samples:
-    """The best parameters x."""
+    """The logarithms of the best parameters."""
     best: Minimum | None = None
     enough = stats.chi2.isf(0.05, 2 * sum(len(m.frequency_hz) for m in problem.measured))
     for start in problem.starts():
@@ -400,9 +399,9 @@ def _searched(problem: Responses) -> Samples:
 
 
 def _by_level(problem: Responses, best: Samples) -> Samples | None:
-    """The best parameters of each force in contact, fitted without the other forces, and p, as
-    (levels, p). None if a response is not explained in this way either, or if the values of the
-    forces differ too much for one plant."""
+    """The logarithms of the best parameters for each force in contact, (forces, parameters), if
+    each force is fitted alone. None if the model does not explain a response in this way either, or
+    if the parameters differ too much for one plant."""
     pressed = [i for i, m in enumerate(problem.measured) if not m.free]
     found = []
     for level in pressed:
@@ -428,7 +427,8 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
 def _evaluated(
     problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
 ) -> JointFit:
-    """The JointFit of the best parameters x; apart: the parameters of each force if they differ."""
+    """The result of a fit. x: logarithms of the best parameters; apart: those of each force,
+    (forces, parameters), if they differ."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
         name = "apart" if m.free else "in contact"
@@ -460,7 +460,8 @@ def _evaluated(
     size = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
     found.intervals = {
         name: (value * math.exp(-size * h), value * math.exp(size * h))
-        for (name, value), h in zip(best.items(), spread, strict=False)  # the shared ones first
+        # The shared parameters come first.
+        for (name, value), h in zip(best.items(), spread, strict=False)
     }
     found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
     found.ratios = _ratios(best, covariance, size)
@@ -528,8 +529,8 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
 def _ratios(
     best: Values, covariance: Samples, size: float
 ) -> dict[str, tuple[float, float, float]]:
-    """{text: (value, low, high)} of pairs whose quotient or product has at most half the
-    uncertainty of each parameter."""
+    """{"a/b" or "a*b": (value, low, high)} of pairs of parameters whose quotient or product has at
+    most half the uncertainty of each parameter alone."""
     found = {}
     names = list(best)
     for i, j in itertools.combinations(range(len(names)), 2):

@@ -74,9 +74,9 @@ def measure(
     model: str | Path = "", overrides: linear.Overrides | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, AxisMeasurement]:  # fmt: skip
-    """{name: MeasurementResult} of a response out of contact, if `free`, and of one response in
-    contact at each force in N. The axis has to be owned, disabled and at rest. At the end it is
-    disabled at its start position.
+    """Measures a response out of contact, if `free` is set, and one response in contact at each of
+    the `forces` in N; returns {name: response}. The axis has to be owned, disabled and at rest. At
+    the end it is disabled at its start position.
 
     model: path of a model with which the response is compared, or "". Raises InputError before the
     axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.
@@ -110,7 +110,7 @@ def measure(
 def _taken(
     axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
 ) -> AxisMeasurement:
-    """The MeasurementResult of a Level, with the friction that `looks` has found."""
+    """The result of a measured response, with the friction that `looks` has found."""
     if looks:
         looks.expect_sliding(level)
     done = result_of(axis, analyzer.order, level, rest)
@@ -120,7 +120,8 @@ def _taken(
 
 
 def hints(level: Level, rest: Rest) -> list[str]:
-    """Texts about conditions that make the response less certain than its confidence band."""
+    """Texts about conditions under which the error of the response is larger than its confidence
+    band states."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
     if noise is not None and noise < QUIET_LSB:
@@ -138,7 +139,7 @@ def hints(level: Level, rest: Rest) -> list[str]:
 
 
 def result_of(axis: Axis, order: MeasuringOrder, level: Level, rest: Rest) -> AxisMeasurement:
-    """The result of a Level, without friction."""
+    """The result of a measured response, without friction."""
     measured = level.measured
     model = measured.predict() if measured.model else None
     where = "apart" if measured.free else f"pressed with {level.bias_N:.4g} N"

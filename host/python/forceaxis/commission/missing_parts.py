@@ -20,7 +20,7 @@ from forceaxis.design import model_file
 from forceaxis.identify.fit import REJECTED_BELOW
 
 START_MODES = 10  # number of frequencies at which the search of a mode begins
-SHOWN_CANDIDATES = 3  # candidates in a text
+SHOWN_CANDIDATES = 3  # number of candidates that a text names
 START_LAG_S = 4e-4  # initial value of a lag
 GAIN_SPREAD = 0.2  # standard deviation of the logarithm of a gain that differs between forces
 START_SPLIT = 1.05  # initial ratio of pole to zero of a mode
@@ -29,9 +29,10 @@ EVALUATIONS_MAX = 25
 
 @dataclass(frozen=True)
 class Shape:
-    """A candidate. factor(parameters, i, hz): factor of response i; words(parameters, best):
-    (description, TOML), where `best` are the values of the model. `parameters` are values in the
-    order of `priors`. A candidate with `freed` parameters of the model itself has the factor 1."""
+    """A part that the model may lack. factor(parameters, i, hz): factor of response i;
+    words(parameters, best): (description, TOML), where `best` are the values of the model.
+    `parameters` are values in the order of `priors`. A candidate with `freed` parameters of the
+    model itself has the factor 1."""
 
     name: str
     priors: dict[str, Prior]
@@ -40,11 +41,11 @@ class Shape:
     freed: bool = False
 
     def parameters(self, values: Values) -> list[float]:
-        """The parameters among all values of a fit."""
+        """The values of the candidate's parameters, from all values of a fit."""
         return [values[self.key(name)] for name in self.priors]
 
     def key(self, name: str) -> str:
-        """Name of a candidate's parameter in the fit."""
+        """The name of a parameter of the candidate in the fit."""
         return name if self.freed else f"{name}@shape"
 
 
@@ -62,10 +63,11 @@ class Tried:
 
 
 def tried(problem: Responses, x: Samples) -> list[Tried]:
-    """The candidates that decrease the chi-square by more than their penalty, best first.
+    """Fits all candidates and returns those that decrease the chi-square by more than their
+    penalty, the best candidate first.
 
-    problem, x: the Responses of fit.joint and the parameters at which it was rejected.
-    """
+    problem, x: the responses of a rejected joint_fit.joint(), and the logarithms of its best
+    parameters."""
     scores = np.concatenate(problem.scores(x))
     before = float(np.sum(scores**2)) + float(np.sum(((x - problem.centre) / problem.spread) ** 2))
     found = []
@@ -87,8 +89,8 @@ def lines_of(found: list[Tried]) -> str:
 
 
 def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
-    """Fits the parameters of a Shape while all other parameters stay at x: (shape, problem with its
-    parameters, cost, logarithms of its parameters)."""
+    """Fits the parameters of a candidate alone, while all other parameters stay at x; returns
+    (candidate, problem with its parameters, cost, logarithms of its parameters)."""
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
 
     class Shaped(Responses):
@@ -114,7 +116,7 @@ def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Respons
 def _fitted(
     x: Samples, shape: Shape, wider: Responses, _: float, y: Samples, before: float, size: int
 ) -> Tried:
-    """Fits a Shape again, with all parameters free, from the result of _begun."""
+    """Fits all parameters together, from the result of _begun()."""
     begin = np.clip(np.concatenate([x, y]), *wider.bounds(1e-3))
     best = optimize.least_squares(
         wider.fine, begin, bounds=wider.bounds(), x_scale=wider.spread, max_nfev=EVALUATIONS_MAX
@@ -129,7 +131,7 @@ def _fitted(
 
 
 def _shapes(problem: Responses) -> list[list[Shape]]:
-    """Kinds of candidates; for each kind the Shapes from which a fit begins."""
+    """The candidates from which fits begin, one list for each kind of part."""
     return [
         [_sensor_lag(problem)],
         [_drive_lag(problem)],
@@ -251,5 +253,5 @@ def _gains(problem: Responses) -> Shape:
 
 
 def of(found: JointFit) -> list[Tried]:
-    """The candidates for a rejected JointFit."""
+    """Parts that the model of a rejected fit may lack, the most likely part first."""
     return tried(replace(found.problem), found.at)

@@ -19,7 +19,8 @@ from forceaxis.commission.level import Samples
 RECORD_SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
-FREQUENCIES, FREQUENCIES_MIN = 11, 3  # number of sines, and of those that slide at least
+# number of frequencies, and smallest number at which the workpiece has to slide
+FREQUENCIES, FREQUENCIES_MIN = 11, 3
 # Displacements of the workpiece, as multiples of that at which the spring overcomes the friction:
 # enough for a result, and smallest accepted one.
 SLIDES, SLIDES_MIN = 3.0, 1.25
@@ -29,9 +30,9 @@ AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 @dataclass(frozen=True)
 class SineTestResult:
-    """Stiffness in N/m, mass in kg, damping in N s/m and friction in N of a workpiece; relative
-    standard errors of stiffness and mass; frequencies in Hz and amplitudes in codes and N of the
-    sines."""
+    """Result of the test with sines: stiffness in N/m, mass in kg, damping in N s/m and friction in
+    N of a workpiece, relative standard errors of stiffness and mass, and the frequencies in Hz and
+    amplitudes in DAC codes and N of the sines."""
 
     stiffness: float
     mass: float
@@ -48,9 +49,9 @@ class SineTestResult:
 
 @dataclass(frozen=True)
 class SineTestSetup:
-    """Knowledge before the sines are measured: friction in N, stiffnesses of sensor and workpiece
-    in N/m, frequencies in Hz; rate: encoder counts/s per code; scale: encoder counts per m; newton:
-    N per force count."""
+    """What is known before the test with sines: friction under the workpiece in N, stiffnesses of
+    sensor and workpiece in N/m, frequencies in Hz; rate: encoder counts/s per code; scale: encoder
+    counts per m; newton: N per force count."""
 
     friction_N: float
     sensor: float
@@ -64,8 +65,9 @@ class SineTestSetup:
 def measure(
     analyzer: Analyzer, force_N: float, setup: SineTestSetup, codes_max: Callable[[float], int]
 ) -> SineTestResult | None:
-    """Presses an Analyzer's axis with `force_N` and excites it with sines; None if too few sines
-    make the workpiece slide. codes_max(hz): largest code that the drive tolerates."""
+    """Presses with `force_N`, excites the axis with sines and computes stiffness and mass of the
+    workpiece. None if the workpiece slides at too few frequencies. codes_max(hz): largest amplitude
+    in DAC codes at which the drive stays linear."""
     analyzer.bound(analyzer.press(force_N), "sine", period=0)
     found = [_largest_sine(analyzer, hz, setup, codes_max(hz)) for hz in setup.hz]
     analyzer.release()
@@ -97,7 +99,8 @@ def _largest_sine(
 ) -> _Sine | None:
     """The sine with the largest displacement of the workpiece within the bounds; None if the
     workpiece does not slide enough. The amplitude is increased until the workpiece slides."""
-    friction_m = setup.friction_N / setup.workpiece  # displacement with the force of the friction
+    # displacement at which the spring overcomes the friction
+    friction_m = setup.friction_N / setup.workpiece
     target = SLIDES * friction_m
     codes = max(2, round(2 * math.pi * hz * target * setup.scale / setup.rate))
     best: _Sine | None = None
@@ -126,7 +129,8 @@ def _largest_sine(
 
 
 def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _Sine:
-    """Excites the axis with a sine. Raises Ended if the axis ends the excitation."""
+    """Excites the axis with a sine of `codes` DAC codes. Raises Ended if the axis ends the
+    excitation."""
     analyzer.set(excitation_code=codes, excitation_frequency=hz)
     held = analyzer.excited(SIGNALS, RECORD_SAMPLES, SETTLE_S)
     wave = np.exp(-2j * np.pi * hz * np.arange(RECORD_SAMPLES) / TICKS_PER_S) * 2 / RECORD_SAMPLES
@@ -142,8 +146,8 @@ def _sine(analyzer: Analyzer, hz: float, codes: int, setup: SineTestSetup) -> _S
 def of_sines(
     rows: Sequence[Sequence[float]], sensor: float, damping: float = 0.0
 ) -> SineTestResult:
-    """The SineTestResult of `rows`. sensor, damping: stiffness in N/m and damping in N s/m
-    of the sensor between axis and workpiece."""
+    """Stiffness, mass and friction of a workpiece from the rows of a SineTestResult. sensor,
+    damping: stiffness in N/m and damping in N s/m of the sensor between axis and workpiece."""
     hz, f_re, f_im, x_re, x_im, codes = np.array(rows, float).T
     force, w = f_re + 1j * f_im, 2 * np.pi * hz
     way = x_re + 1j * x_im - force / (sensor + 1j * w * damping)
