@@ -68,7 +68,7 @@ def test_a_scale_that_is_not_its_models_is_warned_of():
 
 def test_newtons_of_a_scale_that_nobody_set_are_warned_of(axis, capsys):
     def warned(**way):
-        live_options.warn_of_newtons(axis, live_options.Way(**way))
+        live_options.warn_of_newtons(axis, live_options.AxisConnection(**way))
         return capsys.readouterr().err
 
     assert warned(sim=CONTACT) == "", "is compared with its model"

@@ -144,7 +144,7 @@ def test_a_run_after_a_kill_puts_back_what_was_changed(axis_file, tmp_path, monk
     axis.acquire()
     axis.set(force_max=40.0, excitation_travel=77)
     before = axis.get(*names)
-    monkeypatch.setattr(live_options.Way, "link", lambda way: link)
+    monkeypatch.setattr(live_options.AxisConnection, "link", lambda way: link)
     words = ["measure", "--axis", 1, "--force", 30, "--force-max", 100, "--averages", 4]
     out = tmp_path / "m"
     assert "Kill" in verbs.forceaxis(*words, "--out", out).stderr

@@ -450,7 +450,7 @@ def test_refusals_by_name_leave_the_axis_as_it_was(
         case.folder(request.getfixturevalue("designed"))
     axis = case.link(plants / case.plant / "contact.toml", case.overrides)
     before = everything(axis)
-    monkeypatch.setattr(live_options.Way, "link", lambda way: axis)
+    monkeypatch.setattr(live_options.AxisConnection, "link", lambda way: axis)
     monkeypatch.setattr(tuning_page, "write", lambda tuning, summary: None)  # drawn elsewhere
     done = tuned(plants, folder, **(case.options or {}))
     assert done.returncode == 1, done.stderr

@@ -24,7 +24,14 @@ from forceaxis.cli.common import (
     print_json,
     print_result,
 )
-from forceaxis.cli.live_options import Way, connected, live, live_in_mm, owned, warn_of_newtons
+from forceaxis.cli.live_options import (
+    AxisConnection,
+    connected,
+    live,
+    live_in_mm,
+    owned,
+    warn_of_newtons,
+)
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
@@ -114,7 +121,7 @@ def print_state(axis: Axis, prefix: str, as_json: bool, **more: float) -> None:
 )
 @live_options.options
 @as_json
-def list_axes(way: Way, as_json: bool) -> None:
+def list_axes(connection: AxisConnection, as_json: bool) -> None:
     """List the axes on a bus, each with node id, name, firmware version, object table, drive state
     and fault.
 
@@ -123,7 +130,7 @@ def list_axes(way: Way, as_json: bool) -> None:
     adds mode of operation and owner. The exit status is 1 if no axis is found.
     """
     with live_options.errors():
-        rows = scanned(way)
+        rows = scanned(connection)
     if as_json:
         print_json(rows)
     elif rows:
@@ -133,21 +140,21 @@ def list_axes(way: Way, as_json: bool) -> None:
         sys.exit(1)
 
 
-def scanned(way: Way) -> list[ScannedAxis]:
+def scanned(connection: AxisConnection) -> list[ScannedAxis]:
     """Return the axes found on the bus that the options select. Raises InputError if the options
     select several buses or a single axis."""
     from forceaxis.axis import scan
 
-    given = [bus for bus in (way.can, way.modbus, way.sim) if bus is not None]
-    if len(given) > 1 or way.axis is not None:
+    given = [bus for bus in (connection.can, connection.modbus, connection.sim) if bus is not None]
+    if len(given) > 1 or connection.axis is not None:
         raise InputError("expected one bus, selected by --lcm-url URL, --can, --modbus or --sim")
-    if way.can is not None:
-        return list(scan.on_can(way.can))
-    if way.modbus is not None:
-        return list(scan.on_modbus(way.modbus))
-    if way.sim is not None:
-        return [scan.scanned(way.link())]
-    return list(scan.at_gateway(way.lcm_url))
+    if connection.can is not None:
+        return list(scan.on_can(connection.can))
+    if connection.modbus is not None:
+        return list(scan.on_modbus(connection.modbus))
+    if connection.sim is not None:
+        return [scan.scanned(connection.link())]
+    return list(scan.at_gateway(connection.lcm_url))
 
 
 def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
@@ -173,7 +180,7 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
 @click.argument("names", nargs=-1, required=True, type=Object(), metavar="NAME...")
 @live
 @as_json
-def get(names: Sequence[str], way: Way, as_json: bool) -> None:
+def get(names: Sequence[str], connection: AxisConnection, as_json: bool) -> None:
     """Read objects of the axis and print their values in engineering units, such as N or mm.
 
     NAME is the name of an object, or a pattern such as 'tare*' for all objects that match.
@@ -183,7 +190,7 @@ def get(names: Sequence[str], way: Way, as_json: bool) -> None:
     for name in names:
         fitting = fnmatch.filter((o.name for o in objects.OBJECTS if o.access != "wo"), name)
         wanted += fitting if fitting else [name]
-    with connected(way) as axis:
+    with connected(connection) as axis:
         values = axis.get(*dict.fromkeys(wanted))
         print_result(values, as_json, lambda: "\n".join(lines(axis, values)))
 
@@ -197,7 +204,7 @@ def get(names: Sequence[str], way: Way, as_json: bool) -> None:
 @click.argument("words", nargs=-1, required=True, type=Object("="), metavar="NAME=VALUE...")
 @live_in_mm
 @as_json
-def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
+def set_objects(words: Sequence[str], connection: AxisConnection, as_json: bool) -> None:
     """Write values in engineering units to objects of the axis, in the order of the arguments, and
     print the new values.
 
@@ -206,7 +213,7 @@ def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
     client of the same bus has enabled stays enabled. `axis params store` keeps the values over a
     power cut.
     """
-    with owned(way, shared=True) as axis:
+    with owned(connection, shared=True) as axis:
         values = assignments(words)
         axis.set(**values)
         readable = [name for name in values if objects.BY_NAME[name].access != "wo"]
@@ -217,7 +224,7 @@ def set_objects(words: Sequence[str], way: Way, as_json: bool) -> None:
 @axis.command(epilog="forceaxis axis stop --can can0 --node 3")
 @live
 @as_json
-def stop(way: Way, as_json: bool) -> None:
+def stop(connection: AxisConnection, as_json: bool) -> None:
     """Stop the axis by a quick stop, even if another client owns the axis.
 
     The object quick_stop_option selects whether the axis stops by a ramp or at once.
@@ -225,7 +232,7 @@ def stop(way: Way, as_json: bool) -> None:
     """
     from forceaxis.axis import actions
 
-    with connected(way) as axis:
+    with connected(connection) as axis:
         actions.stop(axis)
         print_state(axis, "stopped", as_json)
 
@@ -233,11 +240,11 @@ def stop(way: Way, as_json: bool) -> None:
 @axis.command(epilog="forceaxis axis reset --axis 1")
 @live
 @as_json
-def reset(way: Way, as_json: bool) -> None:
+def reset(connection: AxisConnection, as_json: bool) -> None:
     """Reset the latched fault of the axis. The exit status is 1 if its cause is still present."""
     from forceaxis.axis.drive import FaultObjects
 
-    with owned(way) as axis:
+    with owned(connection) as axis:
         axis.reset_fault()
         axis.wait_for(FaultObjects, lambda s: s.fault == "none", "the fault to be reset", 1.0)
         print_state(axis, "reset", as_json)
@@ -256,7 +263,13 @@ NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
 @click.option("--seconds", type=Positive(0.01, 1e6), help="Duration in s. Default: until Ctrl-C.")
 @live_in_mm
 @as_json
-def enable(mode: str, words: Sequence[str], seconds: float | None, way: Way, as_json: bool) -> None:
+def enable(
+    mode: str,
+    words: Sequence[str],
+    seconds: float | None,
+    connection: AxisConnection,
+    as_json: bool,
+) -> None:
     """Enable the axis in a mode of operation for --seconds, or until Ctrl-C, then disable it.
 
     MODE is a number or a name, as "profile position". The objects are written before the axis is
@@ -270,7 +283,7 @@ def enable(mode: str, words: Sequence[str], seconds: float | None, way: Way, as_
 
     number = int(mode) if mode.lstrip("-").isdigit() else MODES.get(mode, mode)
     moved = state_names.FORCE_MODES | state_names.TARGET_MODES | state_names.PROFILE_MODES
-    with owned(way) as axis:
+    with owned(connection) as axis:
         values = assignments(words)
         targets = {n: v for n, v in actions.expect(axis, values).items() if n in bounds.BOUNDS}
         axis.enable(number, **values)
@@ -323,7 +336,7 @@ def move(
     speed: str | None,
     timeout: float,
     force_max: str | None,
-    way: Way,
+    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Move the axis to POSITION and disable it there.
@@ -337,7 +350,7 @@ def move(
 
     quantity.expect_written("POSITION", position, "10 mm")
     quantity.expect_written("--speed", speed, "5 mm/s")
-    with owned(way) as axis:
+    with owned(connection) as axis:
         bound = actions.most_counts(axis, force_max) or actions.MOVE_COUNTS
         actions.move(axis, position, speed, timeout, bound)
         print_state(axis, "reached", as_json)
@@ -381,7 +394,7 @@ def press(
     approach: float,
     retract: str | None,
     force_max: str | None,
-    way: Way,
+    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Approach the workpiece, press on it with the force FORCE, print the measured force, and
@@ -400,14 +413,14 @@ def press(
     quantity.expect_written("--speed", speed, "4 mm/s")
     quantity.expect_written("--retract", retract, "5 mm")
     begin = time.monotonic()
-    with owned(way) as axis:
+    with owned(connection) as axis:
 
         def report(now: PressSample) -> None:
             count = now.force
-            at = f"{time.monotonic() - begin:.1f} s, " if way.sim is None else ""
+            at = f"{time.monotonic() - begin:.1f} s, " if connection.sim is None else ""
             click.echo(f"{at}force {count * per_count:.4g} N ({count:.4g} force counts)")
 
-        warn_of_newtons(axis, way)
+        warn_of_newtons(axis, connection)
         per_count = quantity.force_per_count(axis)
         order = actions.PressOrder(seconds, speed, approach, force_max, retract)
         held = actions.press(axis, wanted, order, None if as_json else report)

@@ -12,7 +12,7 @@ import click
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis, lines, shown
 from forceaxis.cli.common import Folder, Object, Positive, as_json, print_json, print_result
-from forceaxis.cli.live_options import Way, live, owned
+from forceaxis.cli.live_options import AxisConnection, live, owned
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 @axis.command(epilog="forceaxis axis tare --axis 1")
 @live
 @as_json
-def tare(way: Way, as_json: bool) -> None:
+def tare(connection: AxisConnection, as_json: bool) -> None:
     """Measure the force without load and set it as the tare, so that the force is 0 without load.
 
     The axis has to be at standstill and out of contact. The exit status is 1, with the reason, if
     the axis moves, if the measured force is too noisy or if it exceeds tare_band."""
     from forceaxis.axis import actions
 
-    with owned(way) as axis:
+    with owned(connection) as axis:
         found = to_json(actions.tare(axis))
         print_result(found, as_json, lambda: "\n".join(lines(axis, found)))
 
@@ -50,7 +50,7 @@ def tare(way: Way, as_json: bool) -> None:
 )
 @live
 @as_json
-def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
+def calibrate(given: Sequence[str], connection: AxisConnection, as_json: bool) -> None:
     """Calibrate the force sensor: determine force_scale, in N per count, from 2 to 8 forces of a
     reference load cell or of weights.
 
@@ -62,7 +62,7 @@ def calibrate(given: Sequence[str], way: Way, as_json: bool) -> None:
     from forceaxis.axis import actions
 
     points = [point(text) for text in given]
-    with owned(way) as axis:
+    with owned(connection) as axis:
         if not points:
             points = list(asked(axis, actions.CALIBRATION_POINTS.stop - 1))
         found = actions.calibrate(axis, points)
@@ -149,7 +149,7 @@ def capture(
     trigger: str | None,
     timeout: float,
     out: Path | None,
-    way: Way,
+    connection: AxisConnection,
     as_json: bool,
 ) -> None:
     """Record up to 8 signals in the memory of the axis, at up to 1500 samples per second, and print
@@ -160,7 +160,7 @@ def capture(
     """
     from forceaxis.axis import quantity, recordings
 
-    with owned(way, shared=True) as axis:
+    with owned(connection, shared=True) as axis:
         settings = quantity.trigger(axis, trigger) if trigger else {}
         where = axis.link.where
         held = axis.capture(

@@ -8,7 +8,7 @@ import click
 
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import as_json, fitted, print_json
-from forceaxis.cli.live_options import Way, live, owned
+from forceaxis.cli.live_options import AxisConnection, live, owned
 
 
 @axis.command(
@@ -26,7 +26,7 @@ from forceaxis.cli.live_options import Way, live, owned
 )  # fmt: skip
 @live
 @as_json
-def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
+def check(yes: bool, travel: int, output: int, connection: AxisConnection, as_json: bool) -> None:
     """Check a new axis in steps before it is used: sensors at standstill, signs of encoder and
     drive at low output, then one small move out and back.
 
@@ -51,7 +51,7 @@ def check(yes: bool, travel: int, output: int, way: Way, as_json: bool) -> None:
             return yes
         return click.confirm(fitted(f"{text} Nothing stands in its way?"), err=True)
 
-    with owned(way) as found:
+    with owned(connection) as found:
         run = MotionCheck(found, travel, output, show)
         run.run(consent)
     if as_json:

@@ -13,7 +13,7 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.cli.axis import axis
 from forceaxis.cli.common import File, Verbs, aligned, as_json, print_json, print_result
-from forceaxis.cli.live_options import Way, connected, live, owned
+from forceaxis.cli.live_options import AxisConnection, connected, live, owned
 from forceaxis.results import to_json
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def params() -> None:
 @click.option("--all", "everything", is_flag=True, help="Include default values.")
 @live
 @as_json
-def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
+def dump(file: Path | None, everything: bool, connection: AxisConnection, as_json: bool) -> None:
     """Write all parameters of the axis that differ from their default values to FILE, or print
     them if FILE is missing.
 
@@ -64,7 +64,7 @@ def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
     """
     from forceaxis.axis import parameter_set
 
-    with connected(way) as found:
+    with connected(connection) as found:
         text = parameter_set.dump(found, everything)
     if file is not None:
         paths.replace_text(file, text)
@@ -87,7 +87,9 @@ def dump(file: Path | None, everything: bool, way: Way, as_json: bool) -> None:
 @with_measured
 @live
 @as_json
-def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool) -> None:
+def diff(
+    file: str, skip: Sequence[str], measured: bool, connection: AxisConnection, as_json: bool
+) -> None:
     """Compare the parameters of the axis with FILE, and print each parameter that differs with its
     value in the axis, its value in FILE and its unit.
 
@@ -97,7 +99,7 @@ def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool
     """
     from forceaxis.axis import parameter_set
 
-    with connected(way) as found:
+    with connected(connection) as found:
         rows = [d.shown() for d in parameter_set.differences(found, file, skip, measured)]
     if as_json:
         print_json({"differences": rows})
@@ -118,7 +120,12 @@ def diff(file: str, skip: Sequence[str], measured: bool, way: Way, as_json: bool
 @live
 @as_json
 def load(
-    file: str, dry_run: bool, skip: Sequence[str], measured: bool, way: Way, as_json: bool
+    file: str,
+    dry_run: bool,
+    skip: Sequence[str],
+    measured: bool,
+    connection: AxisConnection,
+    as_json: bool,
 ) -> None:
     """Write the values of FILE to the parameters of a disabled axis. If one value cannot be
     written, none of the parameters changes.
@@ -132,7 +139,7 @@ def load(
     """
     from forceaxis.axis import parameter_set
 
-    with connected(way) if dry_run else owned(way) as found:
+    with connected(connection) if dry_run else owned(connection) as found:
         loaded = parameter_set.load(found, file, skip, measured, dry_run)
     rows = [change.shown() for change in loaded.changed]
     same = loaded.concerned - len(rows)
@@ -155,7 +162,7 @@ def load(
 @params.command(epilog="forceaxis axis params store --axis 1")
 @live
 @as_json
-def store(way: Way, as_json: bool) -> None:
+def store(connection: AxisConnection, as_json: bool) -> None:
     """Store all parameters of the axis in its non-volatile memory, so that they are kept when the
     power is off.
 
@@ -164,7 +171,7 @@ def store(way: Way, as_json: bool) -> None:
     """
     from forceaxis.axis import parameter_set
 
-    with owned(way) as found:
+    with owned(connection) as found:
         parameter_set.store(found)
         where = found.link.where
     print_result({"store_state": "saved"}, as_json, lambda: f"{where}: stored")
@@ -174,7 +181,7 @@ def store(way: Way, as_json: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask for consent.")
 @live
 @as_json
-def restore(yes: bool, way: Way, as_json: bool) -> None:
+def restore(yes: bool, connection: AxisConnection, as_json: bool) -> None:
     """Delete the parameters that the axis has stored. After its next power-up the axis has the
     default values.
 
@@ -189,7 +196,7 @@ def restore(yes: bool, way: Way, as_json: bool) -> None:
                 "params restore: expected --yes, because there is no terminal to ask for consent"
             )
         click.confirm("Delete all parameters that the axis has stored?", abort=True)
-    with owned(way) as found:
+    with owned(connection) as found:
         parameter_set.restore(found)
         where = found.link.where
     text = f"{where}: defaults become active at its next power-up or reset of the node"

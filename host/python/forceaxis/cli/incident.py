@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from forceaxis.cli.common import Folder, Positive, Verb, as_json, print_result
-from forceaxis.cli.live_options import Way, connected, live
+from forceaxis.cli.live_options import AxisConnection, connected, live
 
 
 @click.command(
@@ -28,9 +28,13 @@ from forceaxis.cli.live_options import Way, connected, live
 )
 @as_json
 def incident(
-    way: Way, out: Path | None, clear: bool, wait_s: float | None, counts_per_mm: float | None,
+    connection: AxisConnection,
+    out: Path | None,
+    clear: bool,
+    wait_s: float | None,
+    counts_per_mm: float | None,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Explain why an axis has stopped with a fault: read the signals of the last second before the
     error, which the axis has recorded, and describe in words what happened.
 
@@ -42,7 +46,7 @@ def incident(
     from forceaxis.commission import incident as incidents
     from forceaxis.commission import incident_text
 
-    with connected(way) as axis:
+    with connected(connection) as axis:
         if wait_s:
             incidents.wait(axis, wait_s)
         axis.acquire()

@@ -30,7 +30,7 @@ CONNECTIONS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
 
 
 @dataclass(frozen=True)
-class Way:
+class AxisConnection:
     """Connection to one axis: the values of the options --axis, --can, --modbus and --sim and of
     the options that belong to them."""
 
@@ -88,7 +88,7 @@ class Way:
 
     def expect_one(self) -> None:
         """Raise InputError unless the options select exactly one connection."""
-        given = [way for way in (self.axis, self.can, self.modbus, self.sim) if way is not None]
+        given = [one for one in (self.axis, self.can, self.modbus, self.sim) if one is not None]
         if len(given) != 1:
             raise InputError(f"expected exactly one connection to an axis: {CONNECTIONS}")
         for option, is_given, belongs in (
@@ -143,15 +143,17 @@ OPTIONS = (
 
 def options(command: Verb) -> Verb:
     """Add the options of a connection to a verb. The function of the verb receives their values as
-    a `Way`, which may select no axis or several."""
+    a `AxisConnection`, which may select no axis or several."""
 
     @functools.wraps(command)
-    def with_way(*arguments: Any, **given: Any) -> None:
-        names = [field.name for field in dataclasses.fields(Way) if field.name != "model"]
-        way = Way(**{name: given.pop(name) for name in names})
-        command(*arguments, way=way, **given)
+    def with_connection(*arguments: Any, **given: Any) -> None:
+        names = [
+            field.name for field in dataclasses.fields(AxisConnection) if field.name != "model"
+        ]
+        connection = AxisConnection(**{name: given.pop(name) for name in names})
+        command(*arguments, connection=connection, **given)
 
-    found: Verb = with_way
+    found: Verb = with_connection
     for option in reversed(OPTIONS):
         found = option(found)
     return found
@@ -159,12 +161,12 @@ def options(command: Verb) -> Verb:
 
 def live(command: Verb) -> Verb:
     """Add the options of a connection to a verb that needs exactly one axis. The function of the
-    verb receives their values as a `Way`."""
+    verb receives their values as a `AxisConnection`."""
 
     @functools.wraps(command)
-    def with_one(*arguments: Any, way: Way, **others: Any) -> None:
-        way.expect_one()
-        command(*arguments, way=way, **others)
+    def with_one(*arguments: Any, connection: AxisConnection, **others: Any) -> None:
+        connection.expect_one()
+        command(*arguments, connection=connection, **others)
 
     return options(with_one)
 
@@ -174,8 +176,10 @@ def live_in_mm(command: Verb) -> Verb:
     converts counts to mm."""
 
     @functools.wraps(command)
-    def with_model(*arguments: Any, way: Way, model: str | None, **others: Any) -> None:
-        command(*arguments, way=dataclasses.replace(way, model=model), **others)
+    def with_model(
+        *arguments: Any, connection: AxisConnection, model: str | None, **others: Any
+    ) -> None:
+        command(*arguments, connection=dataclasses.replace(connection, model=model), **others)
 
     option = click.option(
         "--model",
@@ -187,16 +191,16 @@ def live_in_mm(command: Verb) -> Verb:
 
 
 @contextlib.contextmanager
-def connected(way: Way) -> Iterator[Axis]:
+def connected(connection: AxisConnection) -> Iterator[Axis]:
     """Connect to an axis for a `with` block. Ctrl-C in the block ends the program with exit status
     130, the signal SIGTERM with 143."""
     from forceaxis.axis.axis import Axis
 
     axis: Axis | None = None
     before = signal.signal(signal.SIGTERM, _terminate)
-    with errors(way):
+    with errors(connection):
         try:
-            axis = Axis(way.link())
+            axis = Axis(connection.link())
             if axis.link.warning:
                 click.echo(f"forceaxis: warning: {axis.link.warning}", err=True)
             yield axis
@@ -210,13 +214,13 @@ def connected(way: Way) -> Iterator[Axis]:
                 axis.close()
 
 
-def warn_of_newtons(axis: Axis, way: Way) -> None:
+def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
     """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
     A simulated axis gets no warning here, because its link compares the scale with the model."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
-    if way.sim is None and quantity.never_set(**found):
+    if connection.sim is None and quantity.never_set(**found):
         scale = f"force_scale ({found['force_scale'] * 1e-6:g} N/count)"
         click.echo(
             f"forceaxis: warning: {axis.link.where}: {scale} was never set, so forces in N are "
@@ -227,16 +231,16 @@ def warn_of_newtons(axis: Axis, way: Way) -> None:
 
 
 @contextlib.contextmanager
-def owned(way: Way, shared: bool = False) -> Iterator[Axis]:
+def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
     """Connect to an axis and own the axis for a `with` block. At the end of the block the axis is
     disabled and released. `shared`: see Axis.acquire()."""
-    with connected(way) as axis:
+    with connected(connection) as axis:
         axis.acquire(shared)
         yield axis
 
 
 @contextlib.contextmanager
-def errors(way: Way | None = None) -> Iterator[None]:
+def errors(connection: AxisConnection | None = None) -> Iterator[None]:
     """Print one line and exit with status 1 if the axis refuses a request or does not respond
     during a `with` block."""
     from forceaxis.axis.link import NoAnswer, Refused
@@ -245,8 +249,8 @@ def errors(way: Way | None = None) -> Iterator[None]:
         yield
     except (Refused, NoAnswer) as error:
         text = str(error)
-        if way is not None:
-            text = text.replace("reset_fault()", f"`forceaxis axis reset {way.options()}`")
+        if connection is not None:
+            text = text.replace("reset_fault()", f"`forceaxis axis reset {connection.options()}`")
         fail(text, status=1)
 
 

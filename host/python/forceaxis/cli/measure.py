@@ -59,7 +59,7 @@ def newtons(context: click.Context, option: click.Parameter, text: str | None) -
 
 
 def measure_axis(
-    way: live_options.Way,
+    connection: live_options.AxisConnection,
     out: Path | None,
     as_json: bool,
     live: Mapping[str, Any],
@@ -83,14 +83,14 @@ def measure_axis(
             "measure: expected --free, --force or both, to measure out of contact or in contact"
         )
     model = str(linear.find_model(live["model"])) if live["model"] else ""
-    own = [text for text in way.overrides if not text.startswith("firmware.")]
+    own = [text for text in connection.overrides if not text.startswith("firmware.")]
     values = linear.overrides(own) if model else {}
 
     def say(text: str) -> None:
         click.echo(fitted(text, 2), err=True)
 
-    with live_options.owned(way) as axis:
-        live_options.warn_of_newtons(axis, way)
+    with live_options.owned(connection) as axis:
+        live_options.warn_of_newtons(axis, connection)
         kept: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
         if out:
             kept = as_found.kept(as_found.AxisFolder(axis, out, say))
@@ -187,7 +187,7 @@ def measure_axis(
 @as_json
 def measure(
     target: str | None,
-    way: live_options.Way,
+    connection: live_options.AxisConnection,
     plant_set: tuple[str, ...],
     out: Path | None,
     as_json: bool,
@@ -226,16 +226,16 @@ def measure(
 
     live = {n: options.pop(n) for n in ("forces", "force_max_N", "travel", "settle_s", "model")}
     if target is None:
-        way.expect_one()
-        measure_axis(way, out, as_json, live, options)
+        connection.expect_one()
+        measure_axis(connection, out, as_json, live, options)
         return
-    if way != live_options.Way(overrides=way.overrides):
+    if connection != live_options.AxisConnection(overrides=connection.overrides):
         raise InputError(
             f"measure: {target}: expected either TARGET or the connection to an axis, got both"
         )
 
-    if way.overrides:
-        options["set"] = linear.overrides(way.overrides)
+    if connection.overrides:
+        options["set"] = linear.overrides(connection.overrides)
     with waiting("measure"):
         plant: dict[str, Any] = {**linear.overrides(plant_set)}
         done = analyzer.run(target, options, plant, command_line(target, options, plant))

@@ -18,7 +18,7 @@ from forceaxis.cli.common import (
     mode_option,
     print_json,
 )
-from forceaxis.cli.live_options import Way
+from forceaxis.cli.live_options import AxisConnection
 from forceaxis.cli.measure import band, newtons
 
 
@@ -69,7 +69,7 @@ from forceaxis.cli.measure import band, newtons
 @click.option("--out", type=Folder(), required=True, help="Folder; tune continues an earlier one.")
 @as_json
 def tune(
-    way: Way, only: str | None, out: Path, as_json: bool, **options: Any
+    connection: AxisConnection, only: str | None, out: Path, as_json: bool, **options: Any
 ) -> None:  # fmt: skip
     """Tune the force control of a live axis: measure the axis, design the force law with the
     largest bandwidth, verify the law on the axis and store it.
@@ -107,7 +107,7 @@ def tune(
     if "band_hz" in given:
         given["band_hz"] = tuple(given["band_hz"])
     order = TuningOrder(**given)
-    with live_options.owned(way) as axis:
+    with live_options.owned(connection) as axis:
         steps = tuning.Tuning(
             axis, order, out, lambda text: click.echo(fitted(text, 2), err=as_json)
         )
