@@ -251,7 +251,9 @@ def test_a_hidden_plant_is_tuned_and_the_law_holds_on_it(plants, designed, tmp_p
     for text in ("before, on the fitted plant", "designed, over the set", "Contact, measured"):
         assert text in page
     assert 'src="http' not in page
-    assert drawing.page_style() in page and "data:image/svg+xml," in page  # as the other pages
+    assert (
+        drawing.page_style().rstrip() in page and "data:image/svg+xml," in page
+    )  # as the other pages
     for force in FORCES:
         touched = np.genfromtxt(designed / f"touch-down-{force:g}N.csv", delimiter=",", names=True)
         late = touched["time_s"] > 1.0

@@ -82,7 +82,7 @@ def test_a_strike_that_nothing_survives_is_drawn():
 
 
 def test_each_kind_of_curve_has_its_own_name():
-    from forceaxis.design import page
+    from forceaxis.pages import design as page
 
     loops = [(None, kind) for kind in ("nominal", "members", "late", "members")]
     assert [handle.get_label() for handle in page.keys(loops)] == [

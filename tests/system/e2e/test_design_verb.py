@@ -21,7 +21,6 @@ from forceaxis.design import (
     for_set,
     new,
     outcome,
-    page,
     search,
     simulate,
 )
@@ -30,6 +29,7 @@ from forceaxis.design.certificate import WorstFigures
 from forceaxis.linear import over
 from forceaxis.linear.bank import COEFFICIENT_STEP, GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member
+from forceaxis.pages import design as page
 from verbs import forceaxis
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -143,7 +143,7 @@ def test_what_is_written_runs_and_an_axis_takes_it(found, tmp_path):
         assert known[name][int(float(named[name]))] == state
 
     html = (out / "index.html").read_text()
-    assert drawing.page_style() in html  # as the other pages
+    assert drawing.page_style().rstrip() in html  # as the other pages
     assert html.count('src="data:image/') == html.count("<img") == 6
     assert not re.search(r'(src|href)="(?!data:|bank\.toml)', html)
     for text in ("PI and one biquad", "Nothing.", "contact 75 N at 20 mm/s", "-3 dB"):
@@ -277,7 +277,9 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
     sheet = data_sheet.collect({"workpiece_stiffness_n_per_m": "2e4"})
     new.write(tmp_path / "soft", *sheet)
     out = tmp_path / "law"
-    done = for_set.design(order(tmp_path / "soft/model.toml", latency="0", **given), out)
+    done = for_set.design(
+        order(tmp_path / "soft/model.toml", latency="0", **given), out, None, page.write
+    )
     text = design_text.describe(done)
     run = package.run(str(out / "contact.toml"))
     lost = run.metrics["contact_losses_run"]
@@ -385,7 +387,7 @@ def test_where_no_p_meets_the_margins_the_design_stands_alone(found, monkeypatch
         return replace(got, structures=rows, p=certificate.NoPFigures())
 
     monkeypatch.setattr(search, "search", alone)
-    done = for_set.design(order(latency="1"), tmp_path / "law")
+    done = for_set.design(order(latency="1"), tmp_path / "law", None, page.write)
     assert {r.law for r in done.rows} == {"design"}
     assert "P " in design_text.describe(done)
     assert (tmp_path / "law/index.html").read_text().count("<img") == 4
@@ -399,13 +401,12 @@ def test_a_folder_that_is_there_is_left_alone(found, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["note"]
 
 
-def test_a_failure_on_the_way_leaves_nothing(found, monkeypatch, tmp_path, order):
+def test_a_failure_on_the_way_leaves_nothing(found, tmp_path, order):
     def fails(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(page, "write", fails)
     with pytest.raises(OSError, match="No space"):
-        for_set.design(order(simulate=False), tmp_path / "law")
+        for_set.design(order(simulate=False), tmp_path / "law", None, fails)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -189,8 +189,13 @@ def design(
     if pareto:
         _pareto(order, pareto, out, as_json)
         return
+    write_page = None
+    if out:
+        from forceaxis.pages import design as page  # imports Matplotlib
+
+        write_page = page.write
     with progress_on(sys.stderr) as progress:
-        found = for_set.design(order, out, progress)
+        found = for_set.design(order, out, progress, write_page)
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     common.print_result(
         found.result(), as_json, lambda: common.fitted_lines(design_text.describe(found, width))

@@ -2,7 +2,7 @@
 
 The search (`search`) uses the linear set of plants. The simulation (`simulate`) may then reduce the
 gain; the reduction is reported, and if another structure has more bandwidth after its own
-reduction, that structure is chosen. `files` and `page` write the design.
+reduction, that structure is chosen. `files` writes the design.
 """
 
 import contextlib
@@ -33,6 +33,8 @@ from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]
+# Writes a page into a folder: the page names the experiment that the last argument is.
+PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
 # function that returns the design with the named structure, if there is one
 Instead = Callable[[str], DesignOutcome | None]
 
@@ -89,12 +91,16 @@ def visited(
 
 
 def design(
-    order: DesignOrder, out: str | Path | None = None, progress: Say | None = None
+    order: DesignOrder,
+    out: str | Path | None = None,
+    progress: Say | None = None,
+    write_page: PageWriter | None = None,
 ) -> DesignOutcome:
     """Designs for an order, and writes the design to the folder `out` if one is given. The folder
     is written completely or not at all.
 
-    progress(text) is called at every step. Raises InputError, SimulationError.
+    progress(text) is called at every step. write_page: writes the page of the design into the
+    folder, as `forceaxis.pages.design.write`. Raises InputError, SimulationError.
     """
     check(order)
     say = progress or (lambda text: None)
@@ -115,13 +121,12 @@ def design(
         if order.simulate:
             outcome, bench = simulated(bench, outcome, instead, say)
         if out is not None:
-            from forceaxis.design import page  # imports Matplotlib, which only figures need
-
             with files.NewFolder(out) as folder:
                 outcome.written = files.write(folder, bench, outcome, own)
-                say("drawing the page")
-                page.write(folder, bench, outcome, f"{paths.display(Path(out))}/contact.toml")
-                outcome.written.append("index.html")
+                if write_page:
+                    say("drawing the page")
+                    write_page(folder, bench, outcome, f"{paths.display(Path(out))}/contact.toml")
+                    outcome.written.append("index.html")
             outcome.out = paths.display(Path(out))
         return outcome
 

@@ -1,1 +1,1 @@
-"""Pages: HTML files about a folder of experiments and about a tuning. Verbs write them."""
+"""Pages: HTML files about a folder of experiments, a design and a tuning. Verbs write them."""

@@ -17,7 +17,7 @@ from forceaxis.experiments import sweep_plots
 from forceaxis.experiments.run_result import Criterion
 from forceaxis.identify import result as measure_result
 from forceaxis.linear import beam, modes
-from forceaxis.pages import axes, designs, folder, pictures, plots
+from forceaxis.pages import axes, folder, pictures, plant_designs, plots
 from forceaxis.pages.folder import Entry, figure_order
 from forceaxis.thesis import claims as thesis
 from forceaxis.thesis import figures as thesis_figures
@@ -141,7 +141,7 @@ class DrawnFigure:
 class FrequencySection:
     """The section of the page on the frequency domain."""
 
-    designs: list[designs.PlantDesign]
+    designs: list[plant_designs.PlantDesign]
     designs_image: Markup
     advice: advise.Advice
     advice_image: Markup
@@ -157,7 +157,7 @@ class FrequencySection:
 class FrequencyJobs:
     """The computations of the frequency domain in the processes of a pool."""
 
-    designs: list[AsyncResult[designs.PlantDesign]]
+    designs: list[AsyncResult[plant_designs.PlantDesign]]
     advice: AsyncResult[tuple[advise.Advice, Markup]]
     claims: AsyncResult[thesis.CheckedClaims]
     modes: AsyncResult[list[tuple[str, str, list[str]]]]
@@ -173,7 +173,10 @@ class FrequencyJobs:
         )
         figures = range(len(thesis_figures.thesis_figures()))
         return cls(
-            designs=[pool.apply_async(designs.plant_design, plant) for plant in designs.PLANTS],
+            designs=[
+                pool.apply_async(plant_designs.plant_design, plant)
+                for plant in plant_designs.PLANTS
+            ],
             advice=pool.apply_async(advised),
             claims=pool.apply_async(thesis.check),
             modes=pool.apply_async(mode_rows),
@@ -188,7 +191,7 @@ class FrequencyJobs:
         errors = beam.Beam(1.0, 1.0, 1.0).approximation_errors()
         return FrequencySection(
             designs=rows,
-            designs_image=pictures.figure(designs.figure(rows)),
+            designs_image=pictures.figure(plant_designs.figure(rows)),
             advice=advice,
             advice_image=advice_image,
             claims=self.claims.get(),

@@ -1,14 +1,11 @@
 """Writes the page of a design: one HTML file with tables and figures."""
 
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
-from markupsafe import Markup
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -26,6 +23,7 @@ from forceaxis.experiments import run as runs
 from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.system import TICK_S
+from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
@@ -173,12 +171,10 @@ def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
 
 
 def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
-    """Write index.html into a folder. run: the experiment that the page names."""
+    """Writes index.html into the folder of a design. run: the experiment that the page names."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    text = resources.files("forceaxis.design").joinpath("page.html.jinja").read_text("utf-8")
-    html = environment.from_string(text).render(
+    html = template("design").render(
         o=outcome,
         title=drawing.name_of(bench.design.model),
         ranges=", ".join(f"{n} {plain(r[1], 4)} to {plain(r[2], 4)} {outcome.units[n]}"
@@ -205,7 +201,6 @@ def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: s
         case_head=outcomes.CASE_HEAD,
         cases=[[case, {"p": "P", "design": outcome.chosen}[law], *cells]
                for case, law, *cells in outcomes.cases(outcome.rows)],
-        style=Markup(drawing.page_style()),
         unsettled=lambda cell: len(set(cell.split(" of "))) > 1,
         members=outcomes.MEMBERS,
         run=run,
