@@ -5,7 +5,7 @@
 #include "firmware/app/board.h"
 #include "firmware/app/incident.h"
 #include "firmware/app/law.h"
-#include "firmware/app/layers.h"
+#include "firmware/app/lss_settings.h"
 #include "firmware/app/ownership.h"
 #include "firmware/app/recording.h"
 #include "firmware/app/reports.h"
@@ -97,7 +97,7 @@ static void drive_written(dictionary_t *objects, uint8_t source, uint16_t object
 static int check_device(const dictionary_t *objects, uint8_t source, uint16_t object,
                         int32_t value) {
   (void)source;
-  return layers_check(fw_of_const(objects), object, value);
+  return lss_settings_check(fw_of_const(objects), object, value);
 }
 
 static int check_node(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
@@ -111,7 +111,7 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   fw_t *fw = fw_of(objects);
   canopen_written(&fw->canopen, objects, object, previous, value);
   if (value != previous && canopen_watches_by(object)) {
-    ownership_judge_watch(fw);
+    ownership_check_watch(fw);
   }
 }
 
@@ -223,7 +223,7 @@ static void power_up(fw_t *fw) {
   law_banks_init(&fw->banks);
   recorder_init(&fw->recorder, fw->config.recorder_buffer, fw->config.recorder_bytes);
   cia402_init(&fw->drive);
-  layers_begin(fw);
+  lss_settings_begin(fw);
   value_store_defaults(&fw->device, AXIS_BLOCK_DEVICE_PARAMETER);
   fw->device_signals.object_table_hash = AXIS_OBJECTS_HASH32;
   fw->source_silence = 0;
@@ -234,7 +234,7 @@ static void power_up(fw_t *fw) {
   fw->contact_seen = 0;
   fw->owner_on_can = 1;
   fw->device_signals.store_state = store_load(&fw->store, &fw->objects);
-  const bool has_id = layers_load(fw);
+  const bool has_id = lss_settings_load(fw);
   const bool has_law = law_loaded(fw);
   if (!has_id || !has_law) {
     fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
@@ -327,7 +327,7 @@ static void execute_reset(fw_t *fw) {
     cia402_wake(&fw->drive, &fw->axis);
     boot(fw);
   } else {
-    const bool loaded = layers_reset_communication(fw);
+    const bool loaded = lss_settings_reset_communication(fw);
     canopen_start(&fw->canopen, &fw->objects);
     if (!loaded) {
       fw->device_signals.store_state = AXIS_STORE_STATE_FAILED;
@@ -349,7 +349,7 @@ static void serve_store(fw_t *fw) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, state);
     }
     fw->device_signals.store_state = state;
-    layers_stored(fw, state);
+    lss_settings_stored(fw, state);
   }
 }
 
@@ -412,8 +412,8 @@ void fw_between(fw_t *fw) {
   }
   if (fw->config.buses != 0) {
     serve_node(fw);
-    if (layers_pending(fw)) {
-      layers_serve(fw, ticks);
+    if (lss_settings_pending(fw)) {
+      lss_settings_serve(fw, ticks);
     }
     fw->on_serial = 1;
     modbus_tick(&fw->modbus, &fw->objects);

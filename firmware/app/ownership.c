@@ -131,7 +131,7 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
   }
 }
 
-void ownership_judge_watch(fw_t *fw) {
+void ownership_check_watch(fw_t *fw) {
   if (fw->drive.signals.drive_state != AXIS_DRIVE_STATE_OPERATION_ENABLED || is_watched(fw)) {
     return;
   }
@@ -197,7 +197,7 @@ static void check_canopen(fw_t *fw) {
 /* Notes after a write to command_source whether the owner reaches the axis over CAN. An owner that
  * enabled the axis over CAN remains on CAN, even if the same number is written again over the
  * serial line. */
-static void note_way(fw_t *fw, bool is_new, uint8_t owner) {
+static void note_connection(fw_t *fw, bool is_new, uint8_t owner) {
   const bool on_can = owner != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0;
   if (on_can || is_new || !will_be_active(fw)) {
     fw->owner_on_can = on_can ? 1 : 0;
@@ -209,10 +209,10 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
   fw_t *fw = fw_of(objects);
   fw->source_silence = 0;
   if (object == AXIS_OBJ_UNSUPERVISED_OWNER) {
-    ownership_judge_watch(fw);
+    ownership_check_watch(fw);
   }
   if (object == AXIS_OBJ_COMMAND_SOURCE) {
-    note_way(fw, value != previous, (uint8_t)value);
+    note_connection(fw, value != previous, (uint8_t)value);
   }
   if (object != AXIS_OBJ_COMMAND_SOURCE || value == previous) {
     return;

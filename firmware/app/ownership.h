@@ -60,7 +60,7 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
  * detected. If the owner is canopen and its loss would no longer be detected, an enabled axis is
  * disabled with the fault source_lost if unsupervised_owner is refused; otherwise a warning is
  * shown. */
-void ownership_judge_watch(fw_t *fw);
+void ownership_check_watch(fw_t *fw);
 
 /* The owner can no longer reach the axis; `fault` (AXIS_FAULT_) is the reason. */
 void ownership_lost(fw_t *fw, uint8_t fault);

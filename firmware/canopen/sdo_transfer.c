@@ -58,7 +58,8 @@ enum {
   COB_IDS = 4,
   COB_ID_FIRST = AXIS_OBJ_SDO_MODBUS_RECEIVE,
 };
-_Static_assert(AXIS_OBJ_SDO_LCM_TRANSMIT == COB_ID_FIRST + COB_IDS - 1, "two servers, both ways");
+_Static_assert(AXIS_OBJ_SDO_LCM_TRANSMIT == COB_ID_FIRST + COB_IDS - 1,
+               "two servers, both directions");
 
 bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id) {
   const int place = canopen_element(object, COB_ID_FIRST, COB_IDS);

@@ -46,7 +46,7 @@ static uint8_t state_of(certificate_t certificate, certificate_t asked) {
   return AXIS_CERTIFICATE_STATE_WRONG_HASH;
 }
 
-void certificates_judge(law_banks_t *banks, uint8_t adc_bits, uint32_t force_scale) {
+void certificates_check(law_banks_t *banks, uint8_t adc_bits, uint32_t force_scale) {
   const law_params_t *params = &banks->params;
   for (uint8_t i = 0; i < FORCE_LAW_BANKS; i++) {
     const certificate_t certificate = {.hash = params->certificate_hash[i],

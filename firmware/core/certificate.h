@@ -31,7 +31,7 @@ certificate_t certificate_of(uint32_t bank_crc, uint8_t adc_bits, uint32_t force
 /* Compares the certificate of each bank with the required one and writes the result
  * (AXIS_CERTIFICATE_STATE_) to its signal: none if the hash is 0, a match, or the first part that
  * differs. */
-void certificates_judge(law_banks_t *banks, uint8_t adc_bits, uint32_t force_scale);
+void certificates_check(law_banks_t *banks, uint8_t adc_bits, uint32_t force_scale);
 
 /* Whether the selected force law has no certificate that matches. Bank 0, force_gain alone, needs
  * no certificate unless certificate_required is set; with certificate_required it always counts as

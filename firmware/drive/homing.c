@@ -129,7 +129,7 @@ static void set_home(cia402_t *drive, const axis_t *axis) {
   drive->homing.state = CIA402_HOMING_DONE;
 }
 
-static uint32_t way_from(const axis_t *axis, int32_t place_cnt) {
+static uint32_t travel_since(const axis_t *axis, int32_t place_cnt) {
   return fx_magnitude(fx_diff_wrap(axis->signals.position, place_cnt));
 }
 
@@ -138,7 +138,7 @@ static bool has_ended(const cia402_t *drive, const axis_t *axis, const homing_st
     case CONTACT:
       return drive->signals.contact != 0;
     case RETRACTED:
-      return way_from(axis, drive->homing.step_cnt) >= drive->params.homing_retract;
+      return travel_since(axis, drive->homing.step_cnt) >= drive->params.homing_retract;
     default:
       return ((axis->signals.digital_inputs & step->until) != 0) == (step->level == ON);
   }
@@ -157,7 +157,7 @@ static bool is_blocked(const axis_t *axis, int8_t direction) {
  * its trajectory, which never happens with a position loop of more than 4 rad/s. */
 static bool is_behind(const cia402_t *drive, const axis_t *axis, int32_t speed_q16) {
   const int32_t place = fx_cnt_from_q32(drive->trajectory.position_q32);
-  return way_from(axis, place) > (uint32_t)fx_floor_shift(fx_per_s_from_q16(speed_q16), 2) + 16;
+  return travel_since(axis, place) > (uint32_t)fx_floor_shift(fx_per_s_from_q16(speed_q16), 2) + 16;
 }
 
 static bool is_pressed(const cia402_t *drive, const axis_t *axis) {
@@ -170,8 +170,9 @@ static bool is_pressed(const cia402_t *drive, const axis_t *axis) {
 static bool contact_fails(const cia402_t *drive, const axis_t *axis, const homing_step_t *step) {
   return step->until == CONTACT &&
          (is_pressed(drive, axis) ||
-          (step->speed == SLOW && fx_floor_shift((int32_t)way_from(axis, drive->homing.step_cnt),
-                                                 1) > (int32_t)drive->params.homing_retract));
+          (step->speed == SLOW &&
+           fx_floor_shift((int32_t)travel_since(axis, drive->homing.step_cnt), 1) >
+               (int32_t)drive->params.homing_retract));
 }
 
 static void fail(cia402_t *drive) { drive->homing.state = CIA402_HOMING_ERROR; }
@@ -210,7 +211,7 @@ static void seek(cia402_t *drive, axis_t *axis) {
     stand(drive, axis);
     fail(drive);
   } else if (drive->homing.remaining_tick == 0 ||
-             way_from(axis, drive->homing.start_cnt) > drive->params.homing_travel) {
+             travel_since(axis, drive->homing.start_cnt) > drive->params.homing_travel) {
     brake(drive);
     fail(drive);
   } else {

@@ -112,18 +112,18 @@ bool motion_stands(const cia402_t *drive) {
          fx_magnitude(drive->signals.velocity_actual) <= drive->params.velocity_threshold;
 }
 
-motion_way_t motion_way_from(const cia402_t *drive, uint64_t position_q32, int32_t user) {
+motion_distance_t motion_distance_from(const cia402_t *drive, uint64_t position_q32, int32_t user) {
   const int32_t at = fx_sum_wrap(fx_cnt_from_q32(position_q32), drive->origin_cnt);
   const int32_t to = cia402_count(drive, user);
-  motion_way_t way;
-  way.distance_q16 = fx_distance_q16(fx_q32_from_cnt(fx_diff_wrap(to, drive->origin_cnt)),
-                                     position_q32, &way.negative);
+  motion_distance_t distance;
+  distance.magnitude_q16 = fx_distance_q16(fx_q32_from_cnt(fx_diff_wrap(to, drive->origin_cnt)),
+                                           position_q32, &distance.negative);
   const bool forth = fx_diff_wrap(to, at) > 0;
   if (to != at && forth != (to > at) && motion_has_limits(drive)) {
-    way.distance_q16 = FX_DISTANCE_MAX_Q16;
-    way.negative = !way.negative;
+    distance.magnitude_q16 = FX_DISTANCE_MAX_Q16;
+    distance.negative = !distance.negative;
   }
-  return way;
+  return distance;
 }
 
 void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits) {

@@ -130,19 +130,19 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
  * that of the shorter distance modulo 2^32; with position limits it is the direction that does not
  * cross them. */
 typedef struct {
-  uint64_t distance_q16;
+  uint64_t magnitude_q16;
   bool negative;
-} motion_way_t;
-motion_way_t motion_way_from(const cia402_t *drive, uint64_t position_q32, int32_t user);
-static inline motion_way_t motion_way_to(const cia402_t *drive, int32_t user) {
-  return motion_way_from(drive, drive->trajectory.position_q32, user);
+} motion_distance_t;
+motion_distance_t motion_distance_from(const cia402_t *drive, uint64_t position_q32, int32_t user);
+static inline motion_distance_t motion_distance_to(const cia402_t *drive, int32_t user) {
+  return motion_distance_from(drive, drive->trajectory.position_q32, user);
 }
 
 /* Moves the trajectory by one tick towards a position. */
 static inline void motion_move_to(cia402_t *drive, int32_t user,
                                   const trajectory_limits_t *limits) {
-  const motion_way_t way = motion_way_to(drive, user);
-  trajectory_move(&drive->trajectory, way.distance_q16, way.negative, limits);
+  const motion_distance_t distance = motion_distance_to(drive, user);
+  trajectory_move(&drive->trajectory, distance.magnitude_q16, distance.negative, limits);
 }
 
 /* Moves the trajectory by one tick towards a speed. It stops at a position limit that is ahead of

@@ -61,22 +61,23 @@ static void pursue_setpoint(cia402_t *drive) {
     return;
   }
   const int32_t place = motion_within_limits(drive, drive->setpoint.position);
-  motion_way_t way = motion_way_to(drive, place);
+  motion_distance_t distance = motion_distance_to(drive, place);
   if (drive->setpoint_buffered != 0 &&
       (drive->params.controlword & CIA402_CW_CHANGE_ON_SETPOINT) != 0) {
-    const motion_way_t on =
-        motion_way_to(drive, motion_within_limits(drive, drive->buffered.position));
-    if (on.negative == way.negative && on.distance_q16 >= way.distance_q16) {
-      trajectory_move(trajectory, on.distance_q16, on.negative, &limits);
-      way = motion_way_to(drive, place);
-      if (way.negative != on.negative || way.distance_q16 == 0) {
+    const motion_distance_t to_buffered =
+        motion_distance_to(drive, motion_within_limits(drive, drive->buffered.position));
+    if (to_buffered.negative == distance.negative &&
+        to_buffered.magnitude_q16 >= distance.magnitude_q16) {
+      trajectory_move(trajectory, to_buffered.magnitude_q16, to_buffered.negative, &limits);
+      distance = motion_distance_to(drive, place);
+      if (distance.negative != to_buffered.negative || distance.magnitude_q16 == 0) {
         end_setpoint(drive);
       }
       return;
     }
   }
-  trajectory_move(trajectory, way.distance_q16, way.negative, &limits);
-  if (way.distance_q16 == 0 && trajectory->velocity_q16 == 0) {
+  trajectory_move(trajectory, distance.magnitude_q16, distance.negative, &limits);
+  if (distance.magnitude_q16 == 0 && trajectory->velocity_q16 == 0) {
     end_setpoint(drive);
   }
 }
@@ -87,10 +88,11 @@ static void guard_move(cia402_t *drive, const axis_t *axis) {
   if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
     return;
   }
-  const motion_way_t way = motion_way_from(drive, motion_followed(drive)->position_q32,
-                                           motion_within_limits(drive, drive->setpoint.position));
-  const bool pressing = way.negative == (axis->signals.force < 0);
-  if (pressing && way.distance_q16 != 0) {
+  const motion_distance_t distance =
+      motion_distance_from(drive, motion_followed(drive)->position_q32,
+                           motion_within_limits(drive, drive->setpoint.position));
+  const bool pressing = distance.negative == (axis->signals.force < 0);
+  if (pressing && distance.magnitude_q16 != 0) {
     profile_set(&drive->trajectory, axis->signals.position);
     shaper_clear(&drive->motion_shaper);
     drive->setpoint_active = 0;
@@ -147,14 +149,14 @@ void position_cyclic(cia402_t *drive, axis_t *axis) {
     trajectory_ramp(&drive->trajectory, 0, &limits);
     return;
   }
-  const motion_way_t way =
-      motion_way_to(drive, motion_within_limits(drive, drive->params.target_position));
+  const motion_distance_t distance =
+      motion_distance_to(drive, motion_within_limits(drive, drive->params.target_position));
   const uint32_t ticks = (drive->interpolation_remaining == 0) ? 1 : drive->interpolation_remaining;
   drive->interpolation_remaining = ticks - 1;
-  const int32_t step = fx_part_q16(way.distance_q16, ticks, most);
+  const int32_t step = fx_part_q16(distance.magnitude_q16, ticks, most);
   drive->limited |= (uint8_t)(step == most);
   drive->lead_cnt = lead_of(drive, &axis->params);
-  trajectory_step(&drive->trajectory, way.negative ? -step : step);
+  trajectory_step(&drive->trajectory, distance.negative ? -step : step);
 }
 
 void position_guarded_move(cia402_t *drive, axis_t *axis) {

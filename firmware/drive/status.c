@@ -179,7 +179,7 @@ static uint32_t lasting(uint32_t ticks, bool lasts) {
 }
 
 /* Checks target and standstill, in every second tick. */
-static void judge(cia402_t *drive, const axis_t *axis) {
+static void check_target_and_standstill(cia402_t *drive, const axis_t *axis) {
   drive->signals.velocity_actual =
       units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
   const bool slow =
@@ -200,7 +200,7 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
         drive, fx_per_s_from_tick(axis->signals.velocity), CIA402_POLARITY_VELOCITY);
     drive->signals.drive_inputs = inputs_bits(axis->signals.digital_inputs);
   } else {
-    judge(drive, axis);
+    check_target_and_standstill(drive, axis);
     const bool guided = guards_need_guided(&drive->guards) && cia402_is_guided_by_force(drive);
     guards_evaluate(&drive->guards, &drive->params, &drive->signals, axis, controlled, guided);
   }

@@ -4,14 +4,14 @@
 #include "firmware/guard/contact_excitation.h"
 
 /* Number of ticks between two checks of the protections. */
-enum { JUDGED_TICKS = 4 };
+enum { CHECK_PERIOD_TICKS = 4 };
 
 /* Largest distance of a bound from the last output code, so that the bound is near when the law
  * commands a larger code. */
 #define LEAD_Q16 (INT32_C(2) * 65536)
 
 /* Largest travel in two ticks, in counts, that is used; products with it need at most 32 bits. */
-#define WAY_MAX_CNT INT32_C(8192)
+#define TRAVEL_MAX_CNT INT32_C(8192)
 
 void contact_guard_start(contact_guard_t *guard) {
   guard->bounded_cnt = 0;
@@ -55,14 +55,14 @@ static int32_t change_q16(const axis_t *axis, int32_t slack_q8) {
 /* Changes the bound of each direction in every second tick: cap' = cap + k_p / 4 (2 v_max - dx). */
 static void move_bound(contact_guard_t *guard, const axis_t *axis) {
   const int32_t position = axis->signals.position;
-  const int32_t way_cnt =
-      fx_clamp(fx_diff_wrap(position, guard->bounded_cnt), -WAY_MAX_CNT, WAY_MAX_CNT);
+  const int32_t travel_cnt =
+      fx_clamp(fx_diff_wrap(position, guard->bounded_cnt), -TRAVEL_MAX_CNT, TRAVEL_MAX_CNT);
   guard->bounded_cnt = position;
-  const int32_t way_q8 = fx_scale(way_cnt, 8);
+  const int32_t travel_q8 = fx_scale(travel_cnt, 8);
   const int32_t code = axis->signals.dac_code;
-  guard->most_q16 = fx_clamp(guard->most_q16 + change_q16(axis, guard->speed_q8 - way_q8), 0,
+  guard->most_q16 = fx_clamp(guard->most_q16 + change_q16(axis, guard->speed_q8 - travel_q8), 0,
                              fx_scale((code > 0) ? code : 0, 16) + LEAD_Q16);
-  guard->least_q16 = fx_clamp(guard->least_q16 - change_q16(axis, guard->speed_q8 + way_q8),
+  guard->least_q16 = fx_clamp(guard->least_q16 - change_q16(axis, guard->speed_q8 + travel_q8),
                               fx_scale((code < 0) ? code : 0, 16) - LEAD_Q16, 0);
   guard->codes.most = (int16_t)fx_round_q16(guard->most_q16);
   guard->codes.least = (int16_t)-fx_round_q16(-guard->least_q16);
@@ -112,7 +112,7 @@ static bool is_overdue(contact_guard_t *guard, const drive_params_t *params,
     guard->approach_tick = 0;
     return false;
   }
-  guard->approach_tick += JUDGED_TICKS;
+  guard->approach_tick += CHECK_PERIOD_TICKS;
   return exceeds(guard->approach_tick, fx_ticks_from_ms(params->approach_timeout)) ||
          exceeds(fx_magnitude(fx_diff_wrap(position, guard->approach_cnt)),
                  params->approach_travel_max);
@@ -137,7 +137,7 @@ static void watch_ripple(contact_guard_t *guard, contact_t *contact, const drive
   if (guard->demand != guard->steady_demand || contact_excitation_is_active(signals)) {
     guard->steady = 0;
   }
-  guard->slot_tick = (uint8_t)(guard->slot_tick + JUDGED_TICKS);
+  guard->slot_tick = (uint8_t)(guard->slot_tick + CHECK_PERIOD_TICKS);
   if (guard->slot_tick < CONTACT_GUARD_SLOT_TICKS) {
     return;
   }
@@ -151,8 +151,9 @@ static void watch_ripple(contact_guard_t *guard, contact_t *contact, const drive
   contact->rippling = (uint8_t)(guard->slots >= params->force_ripple_time);
 }
 
-void contact_guard_judge(contact_guard_t *guard, contact_t *contact, const drive_params_t *params,
-                         drive_signals_t *signals, const axis_t *axis) {
+void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
+                            const drive_params_t *params, drive_signals_t *signals,
+                            const axis_t *axis) {
   if ((axis->signals.tick_count & 2) != 0) {
     if (exceeds_travel(guard, params, signals, axis)) {
       guard->finding = AXIS_FAULT_CONTACT_TRAVEL;
@@ -163,7 +164,7 @@ void contact_guard_judge(contact_guard_t *guard, contact_t *contact, const drive
   }
   watch_ripple(guard, contact, params, signals, axis->signals.force);
   if (guard->settling_tick != 0) {
-    guard->settling_tick = (uint16_t)(guard->settling_tick - JUDGED_TICKS);
+    guard->settling_tick = (uint16_t)(guard->settling_tick - CHECK_PERIOD_TICKS);
   } else if (signals->limit_cycle != 0 &&
              params->contact_unstable_option != AXIS_CONTACT_UNSTABLE_OPTION_WARN) {
     guard->finding = AXIS_FAULT_CONTACT_UNSTABLE;

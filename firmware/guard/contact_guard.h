@@ -91,8 +91,9 @@ static inline void contact_guard_press(contact_guard_t *guard, const drive_signa
 }
 
 /* Checks the protections of the contact guard; call it after every second tick of force control. */
-void contact_guard_judge(contact_guard_t *guard, contact_t *contact, const drive_params_t *params,
-                         drive_signals_t *signals, const axis_t *axis);
+void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
+                            const drive_params_t *params, drive_signals_t *signals,
+                            const axis_t *axis);
 
 /* Reacts to a finding of the contact guard: halves the gain and returns AXIS_FAULT_NONE, or returns
  * the fault that the drive must raise. */

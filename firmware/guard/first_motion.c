@@ -97,7 +97,7 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
 /* Each of these functions checks a tick of one phase. It returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
-static uint8_t judge_standing(first_motion_t *first, const axis_t *axis) {
+static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   const int16_t current = fx_per_mille_of_bits(signals->current_raw, axis->params.adc_bits);
   if (sensor_is_railed(axis)) {
@@ -133,7 +133,7 @@ static uint8_t judge_standing(first_motion_t *first, const axis_t *axis) {
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
-static uint8_t judge_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
+static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, const axis_t *axis) {
   const int32_t moved = fx_diff_wrap(axis->signals.position, first->start_cnt);
   if (!fx_within(moved, params->first_motion_counts - 1)) {
     return AXIS_FIRST_MOTION_RESULT_AMPLIFIER_OFFSET;
@@ -173,7 +173,7 @@ static bool runs_away(const first_motion_t *first, const drive_params_t *params,
 }
 
 /* Checks the change of the measured force in the complete motion of the phase "out". */
-static uint8_t judge_force(first_motion_t *first, const axis_t *axis, int32_t change) {
+static uint8_t check_force(first_motion_t *first, const axis_t *axis, int32_t change) {
   const int32_t step = fx_scale(1, (uint32_t)16 - axis->params.adc_bits);
   if (fx_within(first->force_start, axis->params.contact_force)) {
     return AXIS_FIRST_MOTION_RESULT_RUNNING;
@@ -189,7 +189,7 @@ static uint8_t judge_force(first_motion_t *first, const axis_t *axis, int32_t ch
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
-static uint8_t judge_out(first_motion_t *first, const drive_params_t *params,
+static uint8_t check_out(first_motion_t *first, const drive_params_t *params,
                          drive_signals_t *signals, const axis_t *axis) {
   const int32_t counts = fx_diff_wrap(axis->signals.position, first->start_cnt);
   const int32_t force = fx_diff_wrap(axis->signals.force, first->force_start);
@@ -213,7 +213,7 @@ static uint8_t judge_out(first_motion_t *first, const drive_params_t *params,
   if (moved >= params->first_motion_counts) {
     first->phase = FIRST_MOTION_BACK;
     first->phase_tick = 0;
-    return judge_force(first, axis, change);
+    return check_force(first, axis, change);
   }
   if (is_blocked(axis) && negative) {
     first->direction = 1;
@@ -224,7 +224,7 @@ static uint8_t judge_out(first_motion_t *first, const drive_params_t *params,
                                    : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
 }
 
-static uint8_t judge_back(first_motion_t *first, const drive_params_t *params, axis_t *axis) {
+static uint8_t check_back(first_motion_t *first, const drive_params_t *params, axis_t *axis) {
   const int32_t counts = fx_diff_wrap(axis->signals.position, first->start_cnt);
   const bool is_back = (first->direction < 0) ? counts >= 0 : counts <= 0;
   if (runs_away(first, params, axis)) {
@@ -242,7 +242,7 @@ static uint8_t judge_back(first_motion_t *first, const drive_params_t *params, a
 }
 
 /* Checks that pressing increases the measured force. */
-static uint8_t judge_contact(first_motion_t *first, const axis_t *axis) {
+static uint8_t check_contact(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   if (signals->active_mode == AXIS_MODE_DISABLED || signals->velocity <= 0 ||
       fx_within(signals->force, axis->params.contact_force)) {
@@ -253,27 +253,27 @@ static uint8_t judge_contact(first_motion_t *first, const axis_t *axis) {
                               : AXIS_FIRST_MOTION_RESULT_PASSED;
 }
 
-void first_motion_judge(first_motion_t *first, const drive_params_t *params,
-                        drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs) {
+void first_motion_check_running(first_motion_t *first, const drive_params_t *params,
+                                drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs) {
   if (axis->signals.fault != AXIS_FAULT_NONE) {
     return;
   }
   uint8_t result = AXIS_FIRST_MOTION_RESULT_RUNNING;
   switch (first->phase) {
     case FIRST_MOTION_STANDING:
-      result = judge_standing(first, axis);
+      result = check_standstill(first, axis);
       break;
     case FIRST_MOTION_ZERO:
-      result = judge_zero(first, params, axis);
+      result = check_zero(first, params, axis);
       break;
     case FIRST_MOTION_OUT:
-      result = judge_out(first, params, signals, axis);
+      result = check_out(first, params, signals, axis);
       break;
     case FIRST_MOTION_BACK:
-      result = judge_back(first, params, axis);
+      result = check_back(first, params, axis);
       break;
     default:
-      result = judge_contact(first, axis);
+      result = check_contact(first, axis);
       break;
   }
   signals->first_motion_result = result;

@@ -117,13 +117,13 @@ void first_motion_refuse(first_motion_t *first, drive_signals_t *signals, axis_t
 
 /* Checks the tick of a running test, after axis_tick() and before the outputs are written. A
  * finding sets the outputs to the safe state. */
-void first_motion_judge(first_motion_t *first, const drive_params_t *params,
-                        drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs);
+void first_motion_check_running(first_motion_t *first, const drive_params_t *params,
+                                drive_signals_t *signals, axis_t *axis, axis_outputs_t *outputs);
 static inline void first_motion_check(first_motion_t *first, const drive_params_t *params,
                                       drive_signals_t *signals, axis_t *axis,
                                       axis_outputs_t *outputs) {
   if (first->phase != FIRST_MOTION_OPEN && first->phase != FIRST_MOTION_DONE) {
-    first_motion_judge(first, params, signals, axis, outputs);
+    first_motion_check_running(first, params, signals, axis, outputs);
   }
 }
 

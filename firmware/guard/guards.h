@@ -103,7 +103,7 @@ static inline void guards_evaluate(guards_t *guards, const drive_params_t *param
     sensor_guides(&guards->sensor, axis, guided);
   }
   if (axis->primed != 0 && controlled) {
-    contact_guard_judge(&guards->contact_guard, &guards->contact, params, signals, axis);
+    contact_guard_evaluate(&guards->contact_guard, &guards->contact, params, signals, axis);
   }
 }
 

@@ -49,7 +49,7 @@ static void open_window(sensor_t *sensor, const axis_t *axis, uint8_t window) {
   sensor->start_cnt = axis->signals.position;
 }
 
-static uint8_t judge_window(sensor_t *sensor, const drive_params_t *params, const axis_t *axis) {
+static uint8_t check_window(sensor_t *sensor, const drive_params_t *params, const axis_t *axis) {
   const uint8_t window = window_of(sensor, params, axis);
   sensor->changed = 0;
   if (window == SENSOR_WINDOW_NONE || window != sensor->window) {
@@ -76,8 +76,8 @@ static uint8_t judge_window(sensor_t *sensor, const drive_params_t *params, cons
              : AXIS_FAULT_NONE;
 }
 
-void sensor_judge(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
-                  axis_outputs_t *outputs) {
+void sensor_check_active(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
+                         axis_outputs_t *outputs) {
   if (axis->signals.active_mode == AXIS_MODE_DISABLED) {
     sensor->code = axis->signals.force_raw;
     return;
@@ -91,7 +91,7 @@ void sensor_judge(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
   sensor->changed |= (uint8_t)(axis->signals.force_raw != sensor->code);
   sensor->code = axis->signals.force_raw;
   if (fault == AXIS_FAULT_NONE && (axis->signals.tick_count & 3) == 2) {
-    fault = judge_window(sensor, params, axis);
+    fault = check_window(sensor, params, axis);
   }
   if (fault != AXIS_FAULT_NONE) {
     axis_trip(axis, fault, outputs);

@@ -67,12 +67,12 @@ void sensor_guides(sensor_t *sensor, const axis_t *axis, bool guides);
 
 /* Checks the force sensor after axis_tick() and before the outputs are written. A finding sets the
  * outputs to the safe state. */
-void sensor_judge(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
-                  axis_outputs_t *outputs);
+void sensor_check_active(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
+                         axis_outputs_t *outputs);
 static inline void sensor_check(sensor_t *sensor, const drive_params_t *params, axis_t *axis,
                                 axis_outputs_t *outputs) {
   if (sensor->active != 0) {
-    sensor_judge(sensor, params, axis, outputs);
+    sensor_check_active(sensor, params, axis, outputs);
   }
 }
 

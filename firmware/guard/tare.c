@@ -78,8 +78,8 @@ static uint8_t measure(tare_t *tare, const drive_params_t *params, const axis_t 
                                                        : AXIS_TARE_STATE_RUNNING;
 }
 
-void tare_judge(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
-                const axis_t *axis) {
+void tare_add_sample(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
+                     const axis_t *axis) {
   signals->tare_state = measure(tare, params, axis);
   if (signals->tare_state != AXIS_TARE_STATE_RUNNING || tare->found != 0) {
     tare->running = 0;

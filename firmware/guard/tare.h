@@ -38,12 +38,12 @@ void tare_begin(tare_t *tare, drive_signals_t *signals);
 
 /* Adds the force code of a tick to the tare measurement, and ends it when it is complete or
  * refused. */
-void tare_judge(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
-                const axis_t *axis);
+void tare_add_sample(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
+                     const axis_t *axis);
 static inline void tare_tick(tare_t *tare, const drive_params_t *params, drive_signals_t *signals,
                              const axis_t *axis) {
   if (tare->running != 0) {
-    tare_judge(tare, params, signals, axis);
+    tare_add_sample(tare, params, signals, axis);
   }
 }
 

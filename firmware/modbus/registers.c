@@ -124,17 +124,17 @@ static bool is_irreversible(uint16_t object) {
 }
 
 /* Whether a write releases the axis to another command source. */
-static bool gives_axis_away(uint16_t object, int32_t value) {
+static bool releases_axis(uint16_t object, int32_t value) {
   return object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS;
 }
 
 /* Whether the request acquires the axis for Modbus. */
-static bool takes_axis(const modbus_request_t *r) {
+static bool acquires_axis(const modbus_request_t *r) {
   const uint8_t *words = r->words;
   for (const axis_register_t *entry = r->begin; entry < r->end; entry++) {
     const uint16_t object = entry->object;
     if (object == AXIS_OBJ_COMMAND_SOURCE) {
-      return !gives_axis_away(object, value_of(words, object, r->low_first));
+      return !releases_axis(object, value_of(words, object, r->low_first));
     }
     words += 2 * (uint32_t)registers_of(object);
   }
@@ -204,7 +204,7 @@ static void begin_writes(modbus_request_t *r) {
 
 static void checked(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
-  if (access->kind == MODBUS_CHECK && access->refusal == FW_ERROR_LOCKED && takes_axis(r)) {
+  if (access->kind == MODBUS_CHECK && access->refusal == FW_ERROR_LOCKED && acquires_axis(r)) {
     /* Values that are written after the request acquires the axis are checked as writes of the
      * owner. */
     ask_for_entry(r, CHECK, MODBUS_CHECK_OWNER);
@@ -214,13 +214,13 @@ static void checked(modbus_request_t *r) {
     modbus_end(r, modbus_exception_of(access->refusal));
     return;
   }
-  const bool gives_away = gives_axis_away(access->object, access->value);
-  if (gives_away && r->entry + 1 < r->end) {
+  const bool releases = releases_axis(access->object, access->value);
+  if (releases && r->entry + 1 < r->end) {
     /* After the axis is released nothing can be written or rolled back. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
     return;
   }
-  if (gives_away || is_irreversible(access->object)) {
+  if (releases || is_irreversible(access->object)) {
     r->irreversible++;
   }
   go_on(r);

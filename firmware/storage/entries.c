@@ -30,7 +30,7 @@ static uint32_t entry_node_id(const dictionary_t *objects, uint16_t object) {
 
 /* Handles an entry at its default in the table of the set, which may differ from the present
  * default. */
-static void judge_default(const dictionary_t *objects, entry_t *entry) {
+static void check_default(const dictionary_t *objects, entry_t *entry) {
   if (entry->value != axis_objects[entry->object].initial) {
     entry->verdict = ENTRY_OLD_DEFAULT;
   }
@@ -57,7 +57,7 @@ static entry_t read_entry(const store_memory_t *memory, const dictionary_t *obje
   }
   entry.verdict = fits ? ENTRY_FITS : ENTRY_DROPPED;
   if (fits && flags == ENTRY_AT_DEFAULT) {
-    judge_default(objects, &entry);
+    check_default(objects, &entry);
   }
   if (fits && !mapping_is_in_force(entry.object, (uint32_t)entry.value)) {
     entry.verdict = ENTRY_INERT;
@@ -98,7 +98,7 @@ static bool next_omitted(const store_memory_t *memory, const dictionary_t *objec
                      .value = change->initial,
                      .verdict = (change->fits != 0) ? ENTRY_FITS : ENTRY_DROPPED};
   if (change->fits != 0) {
-    judge_default(objects, entry);
+    check_default(objects, entry);
   }
   return true;
 }

@@ -1,4 +1,4 @@
-#include "firmware/app/layers.h"
+#include "firmware/app/lss_settings.h"
 
 /* The only value that store_all accepts: the text "save" as a 32-bit number. */
 #define SAVE fx_s32_from_u32(UINT32_C(0x65766173))
@@ -6,7 +6,7 @@
 _Static_assert(AXIS_OBJ_STORED_BIT_RATE == AXIS_OBJ_STORED_NODE_ID + 1, "saved together");
 _Static_assert((int)FW_NODE_ID_BY_LSS == (int)LSS_NO_NODE_ID, "no id");
 
-int layers_check(const fw_t *fw, uint16_t object, int32_t value) {
+int lss_settings_check(const fw_t *fw, uint16_t object, int32_t value) {
   bool fits = true;
   if (object == AXIS_OBJ_STORED_NODE_ID) {
     fits = value <= 127 || value == LSS_NO_NODE_ID;
@@ -29,7 +29,7 @@ static bool is_fixed(const fw_t *fw) {
   return fw->config.node_id != 0 && fw->config.node_id != FW_NODE_ID_BY_LSS;
 }
 
-void layers_begin(fw_t *fw) {
+void lss_settings_begin(fw_t *fw) {
   const uint8_t node_id = is_fixed(fw) ? fw->config.node_id : 1;
   fw->device_signals.node_id = 0;
   assume_node_id(fw, node_id);
@@ -39,9 +39,10 @@ static bool load_node(fw_t *fw) {
   return store_load_block(&fw->store, &fw->objects, AXIS_BLOCK_CANOPEN_PARAMETER);
 }
 
-bool layers_load(fw_t *fw) {
+bool lss_settings_load(fw_t *fw) {
   /* An image with other rules may have stored the set. */
-  const bool fits = layers_check(fw, AXIS_OBJ_STORED_NODE_ID, fw->device.stored_node_id) == FW_OK;
+  const bool fits =
+      lss_settings_check(fw, AXIS_OBJ_STORED_NODE_ID, fw->device.stored_node_id) == FW_OK;
   const uint8_t stored = fits ? fw->device.stored_node_id : 0;
   uint8_t node_id = fw->device_signals.node_id;
   if (!is_fixed(fw) && (stored != 0 || fw->config.node_id == FW_NODE_ID_BY_LSS)) {
@@ -57,7 +58,7 @@ bool layers_load(fw_t *fw) {
   return load_node(fw);
 }
 
-bool layers_reset_communication(fw_t *fw) {
+bool lss_settings_reset_communication(fw_t *fw) {
   assume_node_id(fw, fw->canopen.lss.node_id);
   return load_node(fw);
 }
@@ -80,7 +81,7 @@ static uint8_t begin_store(fw_t *fw) {
   return LSS_STORED;
 }
 
-void layers_serve(fw_t *fw, uint32_t ticks) {
+void lss_settings_serve(fw_t *fw, uint32_t ticks) {
   canopen_lss_tick(&fw->canopen, ticks);
   fw->device_signals.bit_rate = lss_kbit_s(fw->canopen.lss.rate);
   if (fw->canopen.lss.store == LSS_STORE_REQUESTED) {
@@ -93,7 +94,7 @@ void layers_serve(fw_t *fw, uint32_t ticks) {
   }
 }
 
-void layers_stored(fw_t *fw, uint8_t state) {
+void lss_settings_stored(fw_t *fw, uint8_t state) {
   if (fw->canopen.lss.store == LSS_STORE_RUNNING && state != AXIS_STORE_STATE_SAVING) {
     lss_stored(&fw->canopen, (state == AXIS_STORE_STATE_SAVED) ? LSS_STORED : LSS_STORE_FAILED);
   }
