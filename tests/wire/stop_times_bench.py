@@ -31,7 +31,7 @@ WORDS = {
     "quick stop": 0x02,
     "shutdown": 0x06,
     "disable operation": 0x07,
-    "halt (held)": 0x10F,
+    "halt (controlled)": 0x10F,
 }
 SO_TIMESTAMPNS, SO_RCVBUFFORCE = 35, 33
 TO_PLANT = 1 << 28
@@ -209,7 +209,7 @@ def machine():
 
 
 def filled(table, found, count):
-    """The document with this column and what it says about it."""
+    """The document with the measured column of wall-clock times and the text after the table."""
     lines = []
     for line in table.splitlines():
         cells = [c.strip() for c in line.strip("|").split("|")]
@@ -222,9 +222,12 @@ def filled(table, found, count):
     today = datetime.datetime.now(tz=datetime.UTC).date()
     lines += [
         "",
-        "Wall, ms: median / maximum from the client's call to the outputs seen on the link, of",
-        f"{count} repetitions, CANopen the owner. Gateway killed: 3, LCM the owner, watchdog 60 s.",
-        f"Measured {today} on {machine()}, not a bound: nothing here is in real time.",
+        "The last column gives the median and the maximum of the time in ms from the call of the "
+        "client to the",
+        f"outputs that the link shows. It was measured on {today} on {machine()}",
+        "without real time, so it is no bound. Each row has",
+        f"{count} repetitions with CANopen as the owner. The row of the killed gateway has 3",
+        "repetitions, with LCM as the owner and a watchdog of 60 s.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -212,19 +212,22 @@ class FwStop : public Fw {
   }
 };
 
-// The table of the documentation, which is this test's own output but for the wall times and the
-// text after it: those are of tests/wire/stop_times_bench.py.
+// The test writes docs/stop_times.md itself, except the wall times and the text after the table,
+// which tests/wire/stop_times_bench.py measures.
 TEST_F(FwStop, EveryStopActsWhoeverOwns) {
   std::ostringstream table;
-  table << "Ticks of 1/1500 s from an event to code 0 and amplifier off, whoever owns the axis; of "
-           "a halt\n"
-           "to the axis held. Options that ask for a ramp are off. \"-\": the axis goes on.\n\n"
-           "| event | of |";
+  table
+      << R"(The four columns of owners give the ticks of 1/1500 s from an event to DAC code 0 with the amplifier
+off. For a halt they give the ticks until the axis is controlled at standstill. Options that select a
+ramp are off. "-": the event does not stop the axis.
+
+| event | source |)";
   for (Way owner : kWays) table << " owner " << NameOf(owner) << " |";
-  table << " wall, ms |\n|---|---|---|---|---|---|---|\n";
+  table << " wall clock, ms |\n|---|---|---|---|---|---|---|\n";
   for (size_t k = 0; k < Stops().size(); ++k) {
     const Stop stop = Stops()[k];
-    table << "| " << stop.name << (stop.halts ? " (held)" : "") << " | " << stop.source << " |";
+    table << "| " << stop.name << (stop.halts ? " (controlled)" : "") << " | " << stop.source
+          << " |";
     for (Way owner : kWays) {
       Prepare(owner);
       const int ticks = TicksTo(stop);
@@ -232,7 +235,7 @@ TEST_F(FwStop, EveryStopActsWhoeverOwns) {
       EXPECT_LE(ticks, 2) << stop.name << " from " << stop.source << ", owner " << NameOf(owner);
       table << ' ' << ticks << " |";
     }
-    table << WallTime(stop.name + (stop.halts ? " (held)" : ""), stop.source);
+    table << WallTime(stop.name + (stop.halts ? " (controlled)" : ""), stop.source);
   }
   for (size_t k = 0; k < Silences().size(); ++k) {
     const Silence silence = Silences()[k];
