@@ -969,7 +969,7 @@ typedef struct {
   int32_t excitation_period; /* ticks after which the waveform starts again, the noise with the same values; 0 means that the waveform does not start again [tick] */
   int32_t force_setpoint; /* set-point f_d of the force, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* force that is subtracted from the measured force, in counts of an 8-bit ADC [1/256 count] */
-  int32_t position_setpoint; /* set-point of the position; acts if it was written in position mode or for the next position mode; the axis stops at a soft limit before it [count] */
+  int32_t position_setpoint; /* set-point of the position in position mode; a value that was written before the mode begins acts when the mode begins; the axis stops at a soft limit before the set-point [count] */
   uint32_t profile_velocity_max; /* speed limit of the trapezoidal profile [1/65536 count/tick] */
   uint32_t profile_acceleration_max; /* acceleration limit of the trapezoidal profile [1/65536 count/tick^2] */
   int32_t position_min; /* soft limit: below this position no negative code is output; the smallest value means no limit [count] */
@@ -978,23 +978,23 @@ typedef struct {
   int32_t speed_max; /* largest speed while a mode is active; 0 means off [count/tick] */
   int32_t force_max; /* largest magnitude of the force while a mode is active; 0 means off [1/256 count] */
   int32_t contact_force; /* magnitude of the measured force above which the axis counts as in contact [1/256 count] */
-  int32_t tare_band; /* largest magnitude of a tare; 0 means any, and that force_tare may be written while the axis is enabled [1/256 count] */
+  int32_t tare_band; /* largest permitted magnitude of force_tare; 0 means no limit, and force_tare may then be written while the axis is enabled [1/256 count] */
   int16_t open_loop_code; /* DAC code that is output in open-loop mode, and mean value of the output in excitation mode [code] */
   uint16_t excitation_amplitude; /* largest magnitude of the excitation; the noise is distributed uniformly between its negative and positive value [code] */
   uint16_t excitation_seed; /* start value of the waveform: each seed gives another noise; the start phase of the sine in 1/65536 turn [1] */
   uint16_t excitation_hold; /* ticks for which each value of the noise is output, which limits its bandwidth; a new number acts after the present value [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
-  uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned reading, 2^(adc_bits-1) for a signed one [1] */
-  uint16_t position_gain; /* gain k_p of the position law; 0 means that no position is followed: the axis does not move in position, velocity and homing modes, nor approach a contact in force modes 4 and 10 [1/256 code/count] */
+  uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned code, 2^(adc_bits-1) for a signed code [1] */
+  uint16_t position_gain; /* gain k_p of the position law; 0 means that the axis follows no position: it does not move in the position, velocity and homing modes, and does not approach a contact in force modes 4 and 10 [1/256 code/count] */
   uint16_t velocity_gain; /* gain k_d of the position law, on the velocity in counts per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
   uint8_t mode; /* requested mode; set back to disabled by a fault [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
   int8_t force_sign; /* sign of the measured force, +1 or -1; select it so that compression is positive [1] */
   uint8_t adc_bits; /* resolution of both ADC channels; a code of 2^adc_bits or more is a fault [1] */
-  uint8_t profile_enable; /* how the position set-point is approached [enum] */
+  uint8_t profile_enable; /* whether the axis moves to a new position set-point at once or along the trapezoidal profile [enum] */
   uint8_t latency_ticks; /* ticks from reading the sensors until the code that is computed from them is output [tick] */
-  uint8_t bump_decay_shift; /* exponent n of the bias after a change of mode or gain: the bias shrinks by 2^-n in each tick; 0 means that the next change leaves no bias [1] */
+  uint8_t bump_decay_shift; /* exponent n: after a change of mode or gain a bias keeps the output continuous and decays by 2^-n in each tick; 0 means that the bias is removed at once [1] */
 } axis_params_t;
 
 typedef struct {
@@ -1005,7 +1005,7 @@ typedef struct {
   int32_t profile_position; /* set-point of the position law; outside position mode the position itself [count] */
   int32_t profile_velocity; /* speed of the trapezoidal profile [1/65536 count/tick] */
   int32_t position_error; /* profile_position minus position, modulo 2^32 [count] */
-  int32_t bump_bias; /* bias in the output that a change of mode or gain has left [1/65536 code] */
+  int32_t bump_bias; /* present bias in the output that keeps it continuous after a change of mode or gain [1/65536 code] */
   int32_t force_integral; /* output of the integral of the force law [1/65536 code] */
   uint16_t force_raw; /* ADC code of the force sensor [1] */
   uint16_t current_raw; /* ADC code of the motor current [1] */
@@ -1021,39 +1021,39 @@ typedef struct {
   uint32_t bank_integral[4]; /* rate of the integral, per second; 0 means no integral [2.235174e-05 1/s] */
   uint32_t bank_crc[4]; /* CRC-32 of the bank's other values as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
   int32_t bank_coefficient[60]; /* b0, b1, b2, a1, a2 of each section, a0 = 1 [1/67108864 1] */
-  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, version of the force law and signature of the objects that it computes with; written by the tool that designed the bank, 0 is none [1] */
-  uint32_t certificate_parts[4]; /* a byte of each part of the hash, by which certificate_state says what does not fit: bank, ADC, scale, law, the lowest byte first [1] */
+  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, the version of the force law and the signature of the objects that the law uses; the tool that designed the bank writes it; 0 means no certificate [1] */
+  uint32_t certificate_parts[4]; /* one byte of each part of certificate_hash, so that certificate_state can name the part that differs: bank, ADC, scale, law, lowest byte first [1] */
   uint16_t bank_gain[4]; /* gain of the filtered force error, in codes per count of an 8-bit ADC [1/256 code/count] */
-  uint16_t bank_velocity_gain[4]; /* damping on the encoder's velocity, in codes per count a tick [1/256 code tick/count] */
-  uint16_t certificate_date[4]; /* when the bank was designed, days since 1984-01-01 [1] */
-  uint16_t certificate_ms[4]; /* largest magnitude of the sensitivity function over the tolerances [1/1000 1] */
-  uint16_t certificate_stiffness[4]; /* tolerance of the stiffness of the workpiece [per mille] */
-  uint16_t certificate_mass[4]; /* tolerance of the mass of the workpiece [per mille] */
+  uint16_t bank_velocity_gain[4]; /* damping by the encoder's velocity, in codes per count in a tick [1/256 code tick/count] */
+  uint16_t certificate_date[4]; /* day on which the bank was designed, days since 1984-01-01 [1] */
+  uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function over all tolerances of the certificate [1/1000 1] */
+  uint16_t certificate_stiffness[4]; /* tolerance of the stiffness of the workpiece for which the bank was designed [per mille] */
+  uint16_t certificate_mass[4]; /* tolerance of the mass of the workpiece for which the bank was designed [per mille] */
   uint16_t uncertified_force; /* share of force_limit that bounds the demanded force in every mode that controls force while no certificate matches the law [per mille] */
   uint16_t uncertified_output; /* largest magnitude of the code of the force law while no certificate matches the law, in addition to output_limit; 2048 means no limit [code] */
-  uint8_t force_bank; /* bank of the force law; 0 is force_gain alone. A bank is selected only while its bank_state is valid, and not written while it is selected [1] */
+  uint8_t force_bank; /* selected bank of the force law; 0 means the law with force_gain alone. A bank can be selected only while its bank_state is valid, and cannot be written while it is selected [1] */
   uint8_t bank_sections[4]; /* number of second-order sections that filter the force error [1] */
-  uint8_t certificate_required; /* whether force_gain alone, bank 0, is restricted too, since it has no certificate [enum] */
+  uint8_t certificate_required; /* whether the drive also restricts bank 0, the force law with force_gain alone, which has no certificate [enum] */
 } law_params_t;
 
 typedef struct {
-  uint8_t bank_state[4]; /* whether the bank can be selected, and if not, why [enum] */
-  uint8_t certificate_state[4]; /* whether the certificate matches the bank, and otherwise the part of the certificate that does not match [enum] */
+  uint8_t bank_state[4]; /* whether the bank can be selected, or the reason why not [enum] */
+  uint8_t certificate_state[4]; /* whether the certificate matches the bank, or which part of the certificate differs [enum] */
 } law_signals_t;
 
 typedef struct {
   uint32_t recorder_signal[8]; /* object recorded in this channel: CANopen index times 256 plus sub-index; 0 means none [1] */
-  uint32_t recorder_trigger_source; /* object watched by the trigger: CANopen index times 256 plus sub-index [1] */
-  int32_t recorder_trigger_level; /* raw value, for a u32 source the same 32 bits: rising is from below it to it or above, falling from above it to it or below [1] */
+  uint32_t recorder_trigger_source; /* object whose value triggers the recording: CANopen index times 256 plus sub-index [1] */
+  int32_t recorder_trigger_level; /* raw value of the trigger level; for a source of type u32 its 32 bits. A rising edge goes from below the level to the level or above it, a falling edge from above the level to the level or below it [1] */
   uint16_t recorder_decimation; /* ticks from one sample to the next [tick] */
-  uint16_t recorder_pretrigger; /* samples kept from before the trigger [1] */
-  uint16_t recorder_length; /* samples of a recording; 0 means as many as the buffer holds [1] */
-  uint8_t recorder_trigger_edge; /* how the source must pass the level from one tick to the next; excitation_start needs neither: the tick in which the first value of the excitation acts [enum] */
+  uint16_t recorder_pretrigger; /* number of samples before the trigger that a recording keeps [1] */
+  uint16_t recorder_length; /* number of samples of a recording; 0 means as many samples as the buffer has room for [1] */
+  uint8_t recorder_trigger_edge; /* direction in which recorder_trigger_source must pass recorder_trigger_level; excitation_start triggers in the tick in which the first value of the excitation acts, whatever source and level are [enum] */
 } recorder_params_t;
 
 typedef struct {
-  uint32_t recorder_count; /* samples that can be read [1] */
-  uint32_t recorder_capacity; /* samples of the present recording when it is done [1] */
+  uint32_t recorder_count; /* number of samples that a client can read [1] */
+  uint32_t recorder_capacity; /* number of samples that the present recording will have when it is complete [1] */
   uint32_t recorder_trigger_index; /* index of the first sample at or after the trigger [1] */
   uint8_t recorder_state; /* state of the recorder [enum] */
 } recorder_signals_t;
@@ -1061,10 +1061,10 @@ typedef struct {
 typedef struct {
   uint32_t following_error_window; /* largest following error; 4294967295 means off [count] */
   uint32_t position_window; /* distance from the target below which the target counts as reached [count] */
-  int32_t target_position; /* target of the position [count] */
-  int32_t home_offset; /* position that the place found by homing gets [count] */
-  int32_t position_limit_min; /* smallest target; a smaller target is replaced by this limit; the smallest value means no limit; a force is limited by 2016h alone [count] */
-  int32_t position_limit_max; /* largest target; a larger target is replaced by this limit; the largest value means no limit; a force is limited by 2017h alone [count] */
+  int32_t target_position; /* position to which the axis shall move [count] */
+  int32_t home_offset; /* position that homing assigns to the reference position [count] */
+  int32_t position_limit_min; /* smallest target position; a smaller target is replaced by this limit; the smallest value of the object means no limit; in force modes only position_min (2016h) acts [count] */
+  int32_t position_limit_max; /* largest target position; a larger target is replaced by this limit; the largest value of the object means no limit; in force modes only position_max (2017h) acts [count] */
   uint32_t encoder_increments; /* encoder counts in encoder_revolutions motor revolutions [count] */
   uint32_t encoder_revolutions; /* motor revolutions in which the encoder counts encoder_increments [1] */
   uint32_t gear_motor_revolutions; /* motor revolutions in gear_shaft_revolutions revolutions of the driving shaft [1] */
@@ -1074,211 +1074,211 @@ typedef struct {
   uint32_t position_unit; /* name of the user's position unit by CiA 303-2, 0xFA010000 is um; changes no value [1] */
   uint32_t velocity_unit; /* name of the user's velocity unit by CiA 303-2, 0xFA010300 is um/s; changes no value [1] */
   uint32_t velocity_max; /* largest magnitude of every target velocity and profile velocity [count/s] */
-  uint32_t trajectory_velocity; /* speed of profile position [count/s] */
+  uint32_t trajectory_velocity; /* speed of the profile position mode [count/s] */
   uint32_t trajectory_acceleration; /* acceleration of the profiles [count/s^2] */
-  uint32_t trajectory_deceleration; /* deceleration of the profiles, and of slowing down [count/s^2] */
+  uint32_t trajectory_deceleration; /* deceleration of the profiles and of the slow-down ramp [count/s^2] */
   uint32_t quick_stop_deceleration; /* deceleration of the quick-stop ramp [count/s^2] */
-  int32_t target_velocity; /* target of the velocity [count/s] */
-  int32_t velocity_offset; /* added to the velocity demand in the cyclic modes of position and velocity [count/s] */
+  int32_t target_velocity; /* velocity that the axis shall reach [count/s] */
+  int32_t velocity_offset; /* velocity that is added to the velocity demand in the cyclic modes of position and velocity [count/s] */
   uint32_t rated_force; /* force that corresponds to 1000 per mille [mN] */
-  uint32_t force_slope; /* rate at which the force mode changes its force [per mille/s] */
+  uint32_t force_slope; /* rate at which the force mode changes the demanded force [per mille/s] */
   uint32_t force_scale; /* force of one count of an 8-bit ADC [uN] */
-  uint32_t approach_velocity_max; /* speed at which the force modes approach out of contact [count/s] */
-  uint32_t stiffness; /* force per position error in the stiffness and impedance modes, reading counts per encoder count [1/65536 count/count] */
-  uint32_t damping; /* force per velocity error in the damping and impedance modes, reading counts per encoder count a tick [1/256 count tick/count] */
-  uint32_t homing_travel; /* largest distance of homing from its start [count] */
+  uint32_t approach_velocity_max; /* speed with which the force modes approach the workpiece before contact [count/s] */
+  uint32_t stiffness; /* gain from position error to force in the stiffness and impedance modes, force counts per encoder count [1/65536 count/count] */
+  uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, force counts per encoder count in a tick [1/256 count tick/count] */
+  uint32_t homing_travel; /* largest distance from the start of homing [count] */
   uint32_t homing_timeout; /* longest duration of homing [ms] */
   uint32_t homing_retract; /* distance by which homing on contact moves back from the first contact [count] */
-  uint32_t homing_speed[2]; /* speeds of homing: toward the switch, and slow, for the place [count/s] */
+  uint32_t homing_speed[2]; /* speeds of homing: the first one for the search of the switch, the second, slow one for the reference position [count/s] */
   uint32_t homing_acceleration; /* acceleration of homing [count/s^2] */
-  int32_t interpolation_setpoint; /* target_position under its other address: writing one writes both [count] */
-  int32_t excitation_force_max; /* a reading above this ends the excitation in the same tick [1/256 count] */
-  int32_t excitation_force_min; /* a reading below this ends the excitation in the same tick [1/256 count] */
-  uint32_t excitation_travel; /* largest distance from the position at which the excitation started; beyond it the excitation ends in the same tick; 0 means off [count] */
-  uint32_t touch_velocity_max; /* largest speed out of contact of the modes that press without an approach of their own, -1, -6, -7 and -8; 0 means off [count/s] */
-  uint32_t contact_travel_max; /* largest distance that the axis may move in the direction of pressing after the first contact of a force mode, before the fault contact_travel; 0 means off [count] */
-  uint32_t approach_timeout; /* longest time that a force mode may press or approach without contact, before the fault no_contact; 0 means off [ms] */
-  uint32_t approach_travel_max; /* largest distance that the axis may move without contact in a force mode, before the fault no_contact; 0 means off [count] */
-  int32_t force_ripple_max; /* largest ripple of the measured force within 100 ms at an unchanged demand; more counts as a limit cycle; 0 means off [1/256 count] */
+  int32_t interpolation_setpoint; /* target_position under a second address: a write to either object changes both [count] */
+  int32_t excitation_force_max; /* measured force above which the excitation ends in the same tick [1/256 count] */
+  int32_t excitation_force_min; /* measured force below which the excitation ends in the same tick [1/256 count] */
+  uint32_t excitation_travel; /* largest distance of the axis from the position at which the excitation started; a larger distance ends the excitation in the same tick; 0 means off [count] */
+  uint32_t touch_velocity_max; /* largest speed without contact in the modes that press without an approach of their own, -1, -6, -7 and -8; 0 means off [count/s] */
+  uint32_t contact_travel_max; /* largest travel in the direction of pressing after the first contact of a force mode; a larger travel is the fault contact_travel; 0 means off [count] */
+  uint32_t approach_timeout; /* longest time for which a force mode may approach or press without contact; a longer time is the fault no_contact; 0 means off [ms] */
+  uint32_t approach_travel_max; /* largest travel without contact in a force mode; a larger travel is the fault no_contact; 0 means off [count] */
+  int32_t force_ripple_max; /* largest permitted ripple of the measured force within 100 ms while the demanded force does not change; a larger ripple counts as a limit cycle; 0 means off [1/256 count] */
   uint32_t force_shaper_amplitude[3]; /* amplitudes of the impulses of the force shaper; their sum is 65536 [1/65536 1] */
   uint32_t motion_shaper_amplitude[3]; /* amplitudes of the impulses of the motion shaper; their sum is 65536 [1/65536 1] */
-  int32_t force_jump_max; /* largest change of the reading from one tick to the next; beyond it the fault force_jump; 0 means off [1/256 count] */
+  int32_t force_jump_max; /* largest change of the ADC code of the force from one tick to the next; a larger change is the fault force_jump; 0 means off [1/256 count] */
   int32_t tare_noise; /* largest difference between two ADC codes of the force during the measurement of the tare [1/256 count] */
   int32_t calibration_reading[8]; /* measured force at a point of the calibration [1/256 count] */
-  int32_t calibration_force[8]; /* force that the reference sensor showed at this point of the calibration [mN] */
+  int32_t calibration_force[8]; /* force of the reference sensor at this point of the calibration [mN] */
   uint16_t controlword; /* CiA 402 controlword; each write is carried out at once [1] */
-  int16_t abort_connection_option; /* when the owner of the axis is lost: 0 nothing, 1 fault, 2 disable voltage, 3 quick stop [1] */
-  int16_t quick_stop_option; /* 0 disable at once, 1 slow down then disable, 2 quick-stop ramp then disable, 5 and 6 the same ramps but stay in quick stop [1] */
-  int16_t shutdown_option; /* on shutdown: 0 disable at once, 1 slow down first [1] */
-  int16_t disable_operation_option; /* on disable operation: 0 disable at once, 1 slow down first [1] */
-  int16_t halt_option; /* on halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
-  int16_t fault_reaction_option; /* on a fault that leaves the sensors usable: 0 disable at once, 1 slow down first, 2 quick-stop ramp first [1] */
+  int16_t abort_connection_option; /* reaction to the loss of the owner: 0 none, 1 fault, 2 disable voltage, 3 quick stop [1] */
+  int16_t quick_stop_option; /* reaction to a quick stop: 0 disable at once, 1 slow-down ramp and then disable, 2 quick-stop ramp and then disable, 5 and 6 the same ramps but the state quick stop active remains [1] */
+  int16_t shutdown_option; /* reaction to the command shutdown: 0 disable at once, 1 slow-down ramp and then disable [1] */
+  int16_t disable_operation_option; /* reaction to the command disable operation: 0 disable at once, 1 slow-down ramp and then disable [1] */
+  int16_t halt_option; /* reaction to a halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
+  int16_t fault_reaction_option; /* reaction to a fault with valid sensors: 0 disable at once, 1 slow-down ramp and then disable, 2 quick-stop ramp and then disable [1] */
   uint16_t following_error_timeout; /* time for which the following error may exceed following_error_window [ms] */
   uint16_t position_window_time; /* time for which the position must stay in position_window before the target counts as reached [ms] */
   uint16_t velocity_window; /* distance from the target velocity below which the target counts as reached [count/s] */
   uint16_t velocity_window_time; /* time for which the velocity must stay in velocity_window before the target counts as reached [ms] */
   uint16_t velocity_threshold; /* speed below which the axis counts as at standstill [count/s] */
   uint16_t velocity_threshold_time; /* time for which the speed must stay below velocity_threshold before the axis counts as at standstill [ms] */
-  int16_t target_force; /* target of the contact force [per mille] */
-  int16_t force_offset; /* added to target_force in the modes force and cyclic force [per mille] */
+  int16_t target_force; /* contact force that the axis shall reach [per mille] */
+  int16_t force_offset; /* force that is added to target_force in the modes force and cyclic force [per mille] */
   uint16_t force_limit; /* largest magnitude of the demanded force in both directions [per mille] */
-  uint16_t force_limit_positive; /* largest demanded force that presses on the workpiece, in addition to force_limit [per mille] */
-  uint16_t force_limit_negative; /* largest magnitude of a demanded force that pulls, in addition to force_limit [per mille] */
-  uint16_t contact_loss_dwell; /* time for which the force modes 4 and 10 go on with the force law after contact was lost, before the axis approaches again [ms] */
-  uint16_t contact_loss_cap; /* largest code that presses during contact_loss_dwell; 2048 means no bound [code] */
-  uint16_t excitation_code; /* amplitude at the output of the force law [code] */
-  uint16_t excitation_force; /* amplitude at the set-point of the force law [1/256 count] */
-  uint16_t excitation_ramp; /* time in which the amplitude rises from 0 at the start, and falls to 0 at the stop [ms] */
-  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window that counts as a limit cycle; 0 means off [1] */
-  uint16_t first_motion_code; /* largest magnitude of the code that the test before the first motion outputs [code] */
-  uint16_t first_motion_counts; /* encoder counts by which the test before the first motion must move the axis; the fault runaway follows at eight times as many [count] */
-  uint16_t first_motion_speed; /* speed above which the test before the first motion ends with the fault runaway [count/tick] */
-  uint16_t force_railed_time; /* time for which the ADC code of the force may be at an end of its range before the fault force_railed; 0 means off [ms] */
-  uint16_t force_stuck_travel; /* counts by which the axis may move in contact within force_stuck_time while the reading stays the same, before the fault force_stuck; 0 means off [count] */
-  uint16_t force_stuck_time; /* time within which the axis must move by force_stuck_travel for the fault force_stuck [ms] */
-  uint16_t force_disconnected_code; /* magnitude of the code that counts as pressing: an axis that is at standstill with it without contact gets the fault force_disconnected; 0 means off [code] */
-  uint16_t force_disconnected_time; /* time for which the axis must be at standstill before the fault force_disconnected [ms] */
-  uint16_t force_disconnected_travel; /* encoder counts by which the axis may move within force_disconnected_time and still count as at standstill [count] */
-  uint16_t calibration_linearity_max; /* largest linearity error of a calibration that is accepted [1/100 per mille] */
-  uint16_t calibration_date; /* day of the calibration, days since 1984-01-01; 0 means none [1] */
+  uint16_t force_limit_positive; /* largest demanded force that presses on the workpiece; force_limit applies too [per mille] */
+  uint16_t force_limit_negative; /* largest magnitude of a demanded force that pulls; force_limit applies too [per mille] */
+  uint16_t contact_loss_dwell; /* time for which force modes 4 and 10 continue the force law after a contact loss, before the axis approaches again [ms] */
+  uint16_t contact_loss_cap; /* largest DAC code that presses during contact_loss_dwell; 2048 means no limit [code] */
+  uint16_t excitation_code; /* amplitude of the waveform at the output of the force law [code] */
+  uint16_t excitation_force; /* amplitude of the waveform at the set-point of the force law [1/256 count] */
+  uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 at the start and falls to 0 at the stop [ms] */
+  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window that the firmware reports as a limit cycle; 0 means off [1] */
+  uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
+  uint16_t first_motion_counts; /* encoder counts by which the first motion test must move the axis; eight times as many counts are the fault runaway [count] */
+  uint16_t first_motion_speed; /* speed above which the first motion test ends with the fault runaway [count/tick] */
+  uint16_t force_railed_time; /* time for which the ADC code of the force may be at an end of its range; a longer time is the fault force_railed; 0 means off [ms] */
+  uint16_t force_stuck_travel; /* encoder counts of travel in contact within force_stuck_time without any change of the force code that are the fault force_stuck; 0 means off [count] */
+  uint16_t force_stuck_time; /* time within which the axis must travel by force_stuck_travel for the fault force_stuck [ms] */
+  uint16_t force_disconnected_code; /* magnitude of the DAC code from which an axis counts as pressing: standstill with such a code and without contact is the fault force_disconnected; 0 means off [code] */
+  uint16_t force_disconnected_time; /* time for which the axis must be at standstill for the fault force_disconnected [ms] */
+  uint16_t force_disconnected_travel; /* encoder counts by which the axis may move within force_disconnected_time and still counts as at standstill [count] */
+  uint16_t calibration_linearity_max; /* largest linearity error with which a calibration is accepted [1/100 per mille] */
+  uint16_t calibration_date; /* day of the calibration, days since 1984-01-01; 0 means that the sensor was never calibrated [1] */
   uint16_t calibration_validity; /* days for which a calibration is valid; 0 means that it does not expire [1] */
-  uint16_t date; /* today, days since 1984-01-01, as a master writes it; 0 means unknown [1] */
-  int8_t modes_of_operation; /* requested mode of operation; those below 0 are this firmware's own [1] */
-  uint8_t polarity; /* bits: 7 position, 6 velocity: wire values are negated [1] */
-  uint8_t inputs_fitted; /* digital inputs that are wired, bits as in digital_inputs: 2 and 4 limit switches, 8 index, 16 home switch; homing methods need them [1] */
-  int8_t homing_method; /* -1: on contact; 17, 18: limit switch; 19 to 22: home switch; 33, 34: index; 35, 37: where the axis stands [1] */
-  uint8_t interpolation_period; /* mantissa of the time between cyclic set-points; 0 means none: each acts at once [1] */
-  int8_t interpolation_exponent; /* power of ten of the period, in s [1] */
-  uint8_t excitation_point; /* where the waveform is added: at the output of the force law, or at its set-point [enum] */
-  uint8_t contact_unstable_option; /* what a limit cycle leads to: the warning alone; half of the force law's gain, at most three times, then the fault contact_unstable; that fault at once [enum] */
-  uint8_t limit_cycle_window; /* time within which the contact losses of limit_cycle_losses are counted [10 ms] */
-  uint8_t force_ripple_time; /* time for which the ripple must exceed force_ripple_max [100 ms] */
-  uint8_t force_shaper_impulses; /* impulses that the demanded force of the modes 4, 10 and -1 is shaped by; 0 is off [1] */
-  uint8_t force_shaper_delay[3]; /* delays of the impulses of the force shaper; the first is 0 and each is longer than the one before [tick] */
-  uint8_t motion_shaper_impulses; /* impulses that the trajectory of the modes 1, 3, 8, 9, -5 to -8 is shaped by; 0 is off [1] */
-  uint8_t motion_shaper_delay[3]; /* delays of the impulses of the motion shaper; the first is 0 and each is longer than the one before [tick] */
-  uint8_t first_motion_test; /* whether the first enabling since power-up begins with a test of sensors, amplifier and signs by a small motion; switched on at power-up where the parameter store holds no set [enum] */
-  uint8_t tare_averaging; /* exponent n: the tare is the mean of 2^n ticks [1] */
-  uint8_t calibration_points; /* number of points of the calibration: the first ones of calibration_reading and calibration_force [1] */
+  uint16_t date; /* present day, days since 1984-01-01, which a master writes; 0 means that the day is not known [1] */
+  int8_t modes_of_operation; /* requested mode of operation; negative numbers are modes of the manufacturer [1] */
+  uint8_t polarity; /* bit 7 negates positions and bit 6 negates velocities that a client reads or writes [1] */
+  uint8_t inputs_fitted; /* digital inputs that are wired, bits as in digital_inputs: 2 positive limit switch, 4 negative limit switch, 8 index, 16 home switch; homing methods need them [1] */
+  int8_t homing_method; /* method of homing: -1 contact; 17 and 18 limit switch; 19 to 22 home switch; 33 and 34 index pulse; 35 and 37 present position [1] */
+  uint8_t interpolation_period; /* mantissa of the time between two cyclic set-points; 0 means that each set-point acts at once [1] */
+  int8_t interpolation_exponent; /* power of ten of interpolation_period, in s [1] */
+  uint8_t excitation_point; /* signal to which the waveform is added: the output of the force law, or its set-point [enum] */
+  uint8_t contact_unstable_option; /* reaction to a limit cycle: the warning alone; or half of the force law's gain, at most three times, and then the fault contact_unstable; or this fault at once [enum] */
+  uint8_t limit_cycle_window; /* time within which contact losses are counted for limit_cycle_losses [10 ms] */
+  uint8_t force_ripple_time; /* time for which the force ripple must exceed force_ripple_max before it counts as a limit cycle [100 ms] */
+  uint8_t force_shaper_impulses; /* number of impulses that shape the demanded force in modes 4, 10 and -1; 0 means off [1] */
+  uint8_t force_shaper_delay[3]; /* delays of the impulses of the force shaper in ascending order; the first delay is 0 [tick] */
+  uint8_t motion_shaper_impulses; /* number of impulses that shape the trajectory in modes 1, 3, 8, 9 and -5 to -8; 0 means off [1] */
+  uint8_t motion_shaper_delay[3]; /* delays of the impulses of the motion shaper in ascending order; the first delay is 0 [tick] */
+  uint8_t first_motion_test; /* whether the first enabling after power-up begins with the first motion test, which checks sensors, amplifier and signs by a small motion; it is on at power-up if the parameter store has no set [enum] */
+  uint8_t tare_averaging; /* exponent n: the tare is the mean over 2^n ticks [1] */
+  uint8_t calibration_points; /* number of points of the calibration, counted from the first element of calibration_reading and calibration_force [1] */
 } drive_params_t;
 
 typedef struct {
   uint32_t supported_drive_modes; /* bits: 0 pp, 2 pv, 3 tq, 5 hm, 7 csp, 8 csv, 9 cst, 16 manufacturer [1] */
-  int32_t position_demand; /* position of the trajectory [count] */
-  int32_t position_internal; /* encoder count [count] */
-  int32_t position_actual; /* position [count] */
-  int32_t following_error; /* position demand minus position [count] */
-  int32_t velocity_sensor; /* velocity over one tick, unfiltered [count/s] */
+  int32_t position_demand; /* position set-point of the trajectory in user units [count] */
+  int32_t position_internal; /* encoder count of the axis [count] */
+  int32_t position_actual; /* actual position in user units [count] */
+  int32_t following_error; /* position demand minus actual position [count] */
+  int32_t velocity_sensor; /* velocity over one tick, without a filter [count/s] */
   int32_t velocity_demand; /* velocity of the trajectory [count/s] */
   int32_t velocity_actual; /* velocity, mean of the last 16 ticks [count/s] */
   uint32_t drive_inputs; /* bits: 0 negative limit switch, 1 positive limit switch, 2 index, 16 enable chain [1] */
-  int32_t excitation_value; /* excitation of this tick: codes at the output, or counts of the measured force at the set-point [1/256 1] */
+  int32_t excitation_value; /* excitation of this tick: in DAC codes at the output of the force law, or in counts of the measured force at its set-point [1/256 1] */
   int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
-  int32_t force_ripple; /* largest minus smallest measured force of the last 100 ms, while force_ripple_max is not 0 [1/256 count] */
-  int32_t first_motion_moved; /* encoder counts moved until first_motion_code_reached, from the position at standstill [count] */
-  int32_t first_motion_force; /* change of the measured force during the motion away from the start [1/256 count] */
+  int32_t force_ripple; /* largest minus smallest measured force of the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
+  int32_t first_motion_moved; /* encoder counts from the position at standstill to the position at which first_motion_code_reached was output [count] */
+  int32_t first_motion_force; /* change of the measured force during the motion away from the start in the first motion test [1/256 count] */
   uint16_t statusword; /* CiA 402 statusword [1] */
   uint16_t error_code; /* CiA 402 code of the latched fault, 0 without one [1] */
-  int16_t force_demand; /* set-point of the force law [per mille] */
-  int16_t force_actual; /* contact force [per mille] */
-  int16_t current_actual; /* code of the motor current, per mille of its range [per mille] */
+  int16_t force_demand; /* present set-point of the force law [per mille] */
+  int16_t force_actual; /* measured contact force [per mille] */
+  int16_t current_actual; /* motor current in per mille of the range of its ADC [per mille] */
   uint16_t contact_losses; /* number of contact losses since the start of force control [1] */
-  int16_t first_motion_code_reached; /* code at which the motion away from the start ended [code] */
-  uint16_t calibration_linearity; /* largest distance of a point from the line, per mille of the span of the reference forces [1/100 per mille] */
+  int16_t first_motion_code_reached; /* DAC code at the end of the motion away from the start in the first motion test [code] */
+  uint16_t calibration_linearity; /* largest distance of a calibration point from the straight line, per mille of the span of the reference forces [1/100 per mille] */
   int8_t modes_of_operation_display; /* active mode of operation [1] */
   uint8_t drive_state; /* state of the CiA 402 machine [enum] */
-  uint8_t stopped_by; /* who else than its owner stopped the axis: it is not enabled again until the owner has sent a controlword that does not enable [enum] */
-  int8_t homing_methods[11]; /* homing methods that inputs_fitted allows; 0 for none [1] */
+  uint8_t stopped_by; /* source other than the owner that stopped the axis; the axis cannot be enabled until the owner has sent a controlword that does not enable it [enum] */
+  int8_t homing_methods[11]; /* homing methods that are possible with inputs_fitted; 0 means none [1] */
   uint8_t contact; /* 1 while the magnitude of the measured force is above contact_force [1] */
   uint8_t excitation_state; /* state of the excitation in a force mode, or the reason for its end or refusal [enum] */
-  uint8_t limit_cycle; /* 1 while limit_cycle_losses are reached or the force ripple exceeds force_ripple_max for force_ripple_time [1] */
-  uint8_t force_saturated; /* 1 while the force reading is at an end of its range [1] */
+  uint8_t limit_cycle; /* 1 while a limit cycle is detected: limit_cycle_losses is reached, or the force ripple has exceeded force_ripple_max for force_ripple_time [1] */
+  uint8_t force_saturated; /* 1 while the ADC code of the force is at an end of its range [1] */
   uint8_t gain_halvings; /* number of times that the gain of the force law was halved since the axis was enabled [1] */
-  uint8_t force_shaper_state; /* whether the force shaper is active, and otherwise the reason [enum] */
-  uint8_t motion_shaper_state; /* whether the motion shaper is active, and otherwise the reason [enum] */
-  uint8_t first_motion_result; /* result of the test before the first motion [enum] */
+  uint8_t force_shaper_state; /* whether the force shaper is active, or the reason why not [enum] */
+  uint8_t motion_shaper_state; /* whether the motion shaper is active, or the reason why not [enum] */
+  uint8_t first_motion_result; /* result of the first motion test [enum] */
   uint8_t tare_state; /* result of the last tare: state of its measurement, or the reason of its refusal [enum] */
   uint8_t calibration_state; /* result of the last calibration, or the reason of its refusal [enum] */
-  uint8_t calibration_expired; /* 1 if date is beyond calibration_date plus calibration_validity [1] */
+  uint8_t calibration_expired; /* 1 if date is later than calibration_date plus calibration_validity [1] */
 } drive_signals_t;
 
 typedef struct {
-  uint32_t sync_cob_id; /* COB-ID of SYNC; the axis consumes it [1] */
-  uint32_t emcy_cob_id; /* COB-ID of EMCY; bit 31: off [1] */
-  uint32_t consumer_heartbeat[4]; /* a node whose heartbeat is watched: id in bits 16 to 22, time in ms in bits 0 to 15 [1] */
-  uint32_t configuration_date; /* day on which the configuration was verified, days since 1984-01-01; 0 after a stored parameter was changed [1] */
-  uint32_t configuration_time; /* time at which the configuration was verified, ms since midnight; 0 after a stored parameter was changed [1] */
-  uint32_t sdo_modbus_receive; /* COB-ID of requests, from a gateway for its Modbus clients; bit 31: not valid [1] */
-  uint32_t sdo_modbus_transmit; /* COB-ID of answers, to a gateway for its Modbus clients; bit 31: not valid [1] */
-  uint32_t sdo_lcm_receive; /* COB-ID of requests, from a gateway for its LCM clients; bit 31: not valid [1] */
-  uint32_t sdo_lcm_transmit; /* COB-ID of answers, to a gateway for its LCM clients; bit 31: not valid [1] */
-  uint32_t rpdo_cob_id[4]; /* COB-ID; bit 31: not valid [1] */
-  uint32_t rpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
-  uint32_t tpdo_cob_id[4]; /* COB-ID; bit 31: not valid, bit 30: no RTR, always 1 [1] */
-  uint32_t tpdo_mapping[32]; /* index, sub-index and bits of a mapped object [1] */
-  uint16_t emcy_inhibit_time; /* shortest time from one EMCY to the next [100 us] */
-  uint16_t producer_heartbeat_time; /* time from one heartbeat to the next; 0 means none [ms] */
+  uint32_t sync_cob_id; /* COB-ID of the SYNC messages that the axis receives [1] */
+  uint32_t emcy_cob_id; /* COB-ID of emergency messages; bit 31 set means that none are sent [1] */
+  uint32_t consumer_heartbeat[4]; /* node whose heartbeat is monitored: node id in bits 16 to 22, longest time between two heartbeats in ms in bits 0 to 15 [1] */
+  uint32_t configuration_date; /* day on which the configuration was verified, days since 1984-01-01; a change of a stored parameter sets it to 0 [1] */
+  uint32_t configuration_time; /* time at which the configuration was verified, ms since midnight; a change of a stored parameter sets it to 0 [1] */
+  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests of a gateway for its Modbus clients; bit 31: not valid [1] */
+  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers to a gateway for its Modbus clients; bit 31: not valid [1] */
+  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests of a gateway for its LCM clients; bit 31: not valid [1] */
+  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers to a gateway for its LCM clients; bit 31: not valid [1] */
+  uint32_t rpdo_cob_id[4]; /* COB-ID of the RPDO; bit 31 set means that the RPDO is not valid [1] */
+  uint32_t rpdo_mapping[32]; /* mapped object of the RPDO: index, sub-index and length in bits [1] */
+  uint32_t tpdo_cob_id[4]; /* COB-ID of the TPDO; bit 31 set means that the TPDO is not valid; bit 30 (no remote request) is always 1 [1] */
+  uint32_t tpdo_mapping[32]; /* mapped object of the TPDO: index, sub-index and length in bits [1] */
+  uint16_t emcy_inhibit_time; /* shortest time from one emergency message to the next [100 us] */
+  uint16_t producer_heartbeat_time; /* time from one heartbeat of the axis to the next; 0 means no heartbeat [ms] */
   uint16_t rpdo_timeout[4]; /* longest time between two RPDOs while the drive is enabled; 0 means not monitored [ms] */
-  uint16_t tpdo_inhibit_time[4]; /* shortest time between two TPDOs [100 us] */
-  uint16_t tpdo_event_time[4]; /* longest time between two TPDOs; 0 means no event timer [ms] */
-  uint8_t error_history_count; /* entries of the error history; 0 clears it [1] */
-  uint8_t sync_counter_overflow; /* largest value of the counter in SYNC, 2 to 240; 0: SYNC has no counter [1] */
+  uint16_t tpdo_inhibit_time[4]; /* shortest time between two messages of the TPDO [100 us] */
+  uint16_t tpdo_event_time[4]; /* longest time between two messages of the TPDO; 0 means no event timer [ms] */
+  uint8_t error_history_count; /* number of entries in the error history; a write of 0 clears the history [1] */
+  uint8_t sync_counter_overflow; /* largest value of the counter in SYNC messages, 2 to 240; 0 means that SYNC has no counter [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
-  uint8_t rpdo_transmission[4]; /* 0 to 240: taken over at the next SYNC, 254 and 255 at once [1] */
-  uint8_t rpdo_mapped[4]; /* number of mapped objects; 0 while the mapping is written [1] */
-  uint8_t tpdo_transmission[4]; /* 0 at a SYNC after a change, 1 to 240 at every n-th SYNC, 254 and 255 on change and by the event timer [1] */
-  uint8_t tpdo_sync_start[4]; /* counter of the SYNC that counts as the first; 0: any; without effect while SYNC has no counter [1] */
-  uint8_t tpdo_mapped[4]; /* number of mapped objects; 0 while the mapping is written [1] */
+  uint8_t rpdo_transmission[4]; /* when the values of the RPDO act: 0 to 240 at the next SYNC, 254 and 255 at once [1] */
+  uint8_t rpdo_mapped[4]; /* number of mapped objects of the RPDO; 0 while its mapping is written [1] */
+  uint8_t tpdo_transmission[4]; /* when the TPDO is sent: 0 at a SYNC after a change, 1 to 240 at every n-th SYNC, 254 and 255 at a change and by the event timer [1] */
+  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC that counts as the first SYNC of the TPDO; 0 means any; without effect while SYNC has no counter [1] */
+  uint8_t tpdo_mapped[4]; /* number of mapped objects of the TPDO; 0 while its mapping is written [1] */
 } canopen_params_t;
 
 typedef struct {
-  uint32_t device_type; /* CiA 402 servo drive [1] */
-  uint32_t error_history[8]; /* latest emergency first: error code, and the fault in bits 16 to 23; SDO: refused where there is none [1] */
-  uint32_t vendor_id; /* vendor number of CiA; 0: none is assigned [1] */
-  uint32_t product_code; /* one axis with force control [1] */
-  uint32_t revision_number; /* major and minor, 16 bits each [1] */
-  uint32_t serial_number; /* serial number that the port gives [1] */
-  uint32_t sdo_server_receive; /* COB-ID of requests, from CANopen [1] */
-  uint32_t sdo_server_transmit; /* COB-ID of answers, to CANopen [1] */
-  uint16_t sync_count; /* SYNCs received [1] */
+  uint32_t device_type; /* device type by CiA 402: a servo drive [1] */
+  uint32_t error_history[8]; /* emergency messages, the latest first: error code in bits 0 to 15, fault in bits 16 to 23; an SDO read of an empty entry is refused [1] */
+  uint32_t vendor_id; /* vendor number assigned by CiA; 0 means that none is assigned [1] */
+  uint32_t product_code; /* product number: one axis with force control [1] */
+  uint32_t revision_number; /* revision of the device: major number in the upper 16 bits, minor number in the lower 16 bits [1] */
+  uint32_t serial_number; /* serial number of the device, which the port provides [1] */
+  uint32_t sdo_server_receive; /* COB-ID of SDO requests of a CANopen master to the axis [1] */
+  uint32_t sdo_server_transmit; /* COB-ID of SDO answers of the axis to a CANopen master [1] */
+  uint16_t sync_count; /* number of SYNC messages that were received [1] */
   uint8_t error_register; /* bits: 0 any error, 1 current, 4 communication, 5 profile, 7 manufacturer [1] */
-  uint8_t nmt_state; /* state of the CANopen node [1] */
+  uint8_t nmt_state; /* NMT state of the CANopen node [1] */
 } canopen_signals_t;
 
 typedef struct {
-  uint16_t watchdog; /* time without a write after which an owner other than canopen is lost [ms] */
-  uint16_t stored_bit_rate; /* bit rate of CAN after the next reset of the node, one of CiA 301 that the port supports [kbit/s] */
-  uint8_t command_source; /* bus that owns the axis and may write; another bus becomes the owner by writing its own number while the axis is disabled, or the owner writes that number [enum] */
-  uint8_t unsupervised_owner; /* reaction to enabling by a canopen master of which neither a heartbeat nor an RPDO is monitored [enum] */
+  uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the owner is lost [ms] */
+  uint16_t stored_bit_rate; /* CAN bit rate after the next reset of the node: a rate of CiA 301 that the port supports [kbit/s] */
+  uint8_t command_source; /* bus that owns the axis and may write objects; another bus acquires a disabled axis by a write of its own number, and the owner may write the number of another bus [enum] */
+  uint8_t unsupervised_owner; /* reaction to enabling by a canopen master if neither its heartbeat nor an RPDO is monitored [enum] */
   uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, where the board's straps select none [1] */
-  uint8_t blackbox_option; /* whether the black box keeps the last second before an error while no recording is running [enum] */
+  uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, if the straps of the board select no id [1] */
+  uint8_t blackbox_option; /* whether the black box keeps the signals of the last second before an error; it works only while no recording is running [enum] */
 } device_params_t;
 
 typedef struct {
-  uint32_t object_table_hash; /* first 32 bits of the SHA-256 of what this table means: addresses, names, types, units, scales, ranges, access, names of values [1] */
-  uint32_t store_change[8]; /* one of the first of them: CANopen index times 256 plus sub-index, with bit 24 set where an old default was kept; 0 means none [1] */
-  uint32_t incident_tick; /* tick_count at the incident; of an incident without a fault that of the last step of the main loop [tick] */
-  uint32_t incident_crc; /* CRC-32 of the incident's samples, as recorder_data gives them [1] */
-  uint32_t core_fault_pc; /* where a fault of the core or a lost clock reset the processor, 0 without one; of the last restart, as the next four [1] */
-  uint32_t core_fault_lr; /* return address at the fault [1] */
-  uint32_t core_fault_cfsr; /* status of the fault: CFSR of the core [1] */
-  uint32_t core_fault_hfsr; /* status of the fault: HFSR of the core [1] */
-  uint32_t core_fault_bfar; /* address of the fault where CFSR says that it is valid: BFAR of the core [1] */
-  uint16_t store_change_count; /* stored parameters that the present table changed: dropped because their meaning differs, or kept at a default that is another today [1] */
+  uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table: addresses, names, types, units, scales, ranges, access and names of values [1] */
+  uint32_t store_change[8]; /* first parameter that store_change_count counts: CANopen index times 256 plus sub-index; bit 24 is set if an earlier default was kept; 0 means none [1] */
+  uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, its value at the last step of the main loop [tick] */
+  uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
+  uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last restart had no such cause [1] */
+  uint32_t core_fault_lr; /* return address at the core fault [1] */
+  uint32_t core_fault_cfsr; /* register CFSR (fault status) of the core at the core fault [1] */
+  uint32_t core_fault_hfsr; /* register HFSR (hard fault status) of the core at the core fault [1] */
+  uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault, valid if CFSR says so [1] */
+  uint16_t store_change_count; /* number of stored parameters that the present object table changed: discarded because their meaning differs, or kept at an earlier default [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
-  uint16_t bit_rate; /* bit rate of CAN [kbit/s] */
+  uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
   uint16_t can_lost; /* number of CAN frames that were lost because a queue was full [1] */
-  uint16_t incident_error_code; /* error_code of the incident [1] */
-  uint16_t incident_later; /* number of errors since the incident [1] */
-  uint16_t board_state; /* what the board finds, a sum: 1 internal oscillator in use, 2 brown-out reset not at its level, 4 image damaged, 8 RAM failed, 16 supply low, 32 ADC reference out of band, 64 DAC not at its code, 128 amp_enable not at its level, 256 tick beside the second clock, 512 tick not compared yet [1] */
-  int16_t tick_deviation; /* deviation of the length of the tick against a second clock, from its value at power-up [1/1000 1] */
+  uint16_t incident_error_code; /* value of error_code at the incident [1] */
+  uint16_t incident_later; /* number of errors after the incident [1] */
+  uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another level, 4 image damaged, 8 RAM failed, 16 supply low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable at the wrong level, 256 tick length differs from the second clock, 512 tick length not compared yet [1] */
+  int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
-  uint8_t node_id; /* CANopen node id and Modbus unit id; 255: none [1] */
-  uint8_t blackbox_state; /* state of the black box; recorder: a recording uses its buffer until the recorder is stopped [enum] */
-  uint8_t incident_fault; /* fault of the incident [enum] */
-  uint8_t incident_stored; /* incident that a power cut leaves: the first since power-up, one in 24 hours [enum] */
-  uint8_t reset_cause; /* what has reset the processor, a sum: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 not known [1] */
+  uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no id [1] */
+  uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses its buffer until the recorder is stopped [enum] */
+  uint8_t incident_fault; /* fault that caused the incident [enum] */
+  uint8_t incident_stored; /* state of the incident that is kept over a power cut: the first incident after power-up, at most one in 24 hours [enum] */
+  uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
 } device_signals_t;
 
 /* First 32 bits of the SHA-256 of what the table means: addresses, names, types, units,
