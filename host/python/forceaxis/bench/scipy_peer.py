@@ -60,13 +60,16 @@ class _Plant:
         self.feedback, self.amplifier, self.contact = 0, 0, "apart"
 
     def push(self, x: State) -> float:
-        return K_S_N_PER_M * (x[2] - x[4]) + B_S_NS_PER_M * (x[3] - x[5])
+        force_N: float = K_S_N_PER_M * (x[2] - x[4]) + B_S_NS_PER_M * (x[3] - x[5])
+        return force_N
 
     def force(self, x: State) -> float:
         return self.push(x) if self.contact == "pressed" else 0.0
 
     def error(self, x: State) -> float:
-        return 3.9 * self.volts - x[1] - (10.0 * self.feedback if self.feedback else x[0] / 3)
+        feedback = 10.0 * self.feedback if self.feedback else x[0] / 3
+        error: float = 3.9 * self.volts - x[1] - feedback
+        return error
 
     def rate(self, _t: float, x: State) -> tuple[float, ...]:
         i, vf, _xr, vr, xw, vw = x = x.tolist()

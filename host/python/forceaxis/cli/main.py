@@ -113,7 +113,8 @@ class Program(click.Group):
             if found.name.startswith(f"{name}_"):
                 importlib.import_module(f"forceaxis.cli.{found.name}")
         module = importlib.import_module(f"forceaxis.cli.{name}")
-        return next(verb for verb in module.VERBS if verb.name == cmd_name)
+        verbs: tuple[click.Command, ...] = module.VERBS
+        return next(verb for verb in verbs if verb.name == cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -359,7 +359,7 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
 def block_means(values: Samples) -> Samples:
     """Means of BLOCK_SAMPLES samples each, (n,)."""
     whole = len(values) // BLOCK_SAMPLES * BLOCK_SAMPLES
-    return values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1)
+    return np.asarray(values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1))
 
 
 def play_operator(force: Samples, half: float) -> Samples:

@@ -108,7 +108,7 @@ class Incident:
         """(n,) counts from the position at the error, without the step of an encoder wrap."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
-        return way - way[self.recording.trigger_sample]
+        return np.asarray(way - way[self.recording.trigger_sample])
 
 
 def has_one(axis: Axis) -> bool:

@@ -130,7 +130,8 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
     """Speed of the encoder in counts/s per code, out of contact after the acceleration."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
-    return (s * plant.at(s).item()).real * linear.facts(model, overrides).volts_per_code
+    speed = float((s * plant.at(s).item()).real)  # per V
+    return speed * linear.facts(model, overrides).volts_per_code
 
 
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:

@@ -158,4 +158,5 @@ def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
         integral += random.view(np.int32) * float(min(hold, samples - start))
         furthest = np.maximum(furthest, abs(integral))
     # The integral at the end of a period is the start of the next period.
-    return seeds[np.argsort(furthest + 4 * abs(integral))[:count]].tolist()
+    chosen: list[int] = seeds[np.argsort(furthest + 4 * abs(integral))[:count]].tolist()
+    return chosen

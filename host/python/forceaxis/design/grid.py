@@ -272,7 +272,8 @@ class Grid:
         low, high = np.log(level[rows, i]), np.log(level[rows, j])
         span = np.where(high == low, 1.0, high - low)
         share = np.clip(-low / span, 0, 1)
-        return np.exp(self.log_f[rows, i] + share * (self.log_f[rows, j] - self.log_f[rows, i]))
+        step = self.log_f[rows, j] - self.log_f[rows, i]
+        return np.asarray(np.exp(self.log_f[rows, i] + share * step))
 
     def peaks(self, law: Response, gain: float) -> tuple[Samples, Samples]:
         """(peak |S|, peak |T|) of each timing and member, (t, m), on the grid."""

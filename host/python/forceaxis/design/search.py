@@ -179,7 +179,7 @@ def _starts(
         for extra in range(count // 4):
             rows[row + extra, : len(best)] = best
             rows[row + extra, len(best) + 2 :] = rows[row + extra, len(best) : len(best) + 2]
-    return np.clip(rows, low, high)
+    return np.asarray(np.clip(rows, low, high))
 
 
 def _search(

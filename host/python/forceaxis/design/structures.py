@@ -38,7 +38,7 @@ def bounds(name: str, lowest_hz: float) -> Samples:
     section = (frequency, ZERO_DAMPING, frequency, POLE_DAMPING)
     sections = STRUCTURES[name]
     ranges = [] if sections is None else [INTEGRAL, *(section * sections)]
-    return np.log(np.array(ranges).reshape(-1, 2))
+    return np.asarray(np.log(np.array(ranges).reshape(-1, 2)))
 
 
 def _warped(hz: float) -> float:

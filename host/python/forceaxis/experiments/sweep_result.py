@@ -252,5 +252,5 @@ class Sweep:
 
 def _flattened(point: FailedPoint | IsolatedPoint) -> dict[str, float | str | None]:
     """The fields of a point, followed by the values of its parameters."""
-    found = asdict(point)
-    return found | found.pop("values")
+    fields = asdict(point)
+    return {name: value for name, value in fields.items() if name != "values"} | point.values

@@ -27,7 +27,11 @@ def thumbnail(done: Run) -> Markup:
     low, high = values.min(), values.max()
     if setpoint is not None:
         low, high = min(low, setpoint), max(high, setpoint)
-    height = lambda y: HEIGHT - 3 - (HEIGHT - 6) * (y - low) / ((high - low) or 1)  # noqa: E731
+
+    def height(value: float) -> float:
+        share = float((value - low) / ((high - low) or 1))
+        return HEIGHT - 3 - (HEIGHT - 6) * share
+
     edges = np.unique(np.linspace(0, len(values), STEPS + 1).astype(int))
     points = []
     for i, (a, b) in enumerate(itertools.pairwise(edges)):
