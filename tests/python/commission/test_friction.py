@@ -170,7 +170,7 @@ def test_a_soft_window_between_the_forces_is_refused_by_name(press, tmp_path):
     (hidden / "model.toml").write_text(text.replace(old, new))
     with Axis(link(hidden)) as axis:
         work = tuning(press, axis, tmp_path / "out", travel_mm=2.0)
-        with pytest.raises(Refusal, match=r"measure there too, with forces 30,[56]") as refused:
+        with pytest.raises(Refusal, match=r"measure there too, with the forces 30,[56]") as refused:
             work.run()
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
     assert refused.value.name == "soft"
@@ -244,7 +244,9 @@ def test_an_axis_that_a_killed_run_has_moved_goes_back_before_it_glides(press, t
         axis.move(start + 780)
         axis.disable()
         actions.wait_to_stand(axis)
-        with pytest.raises(Refusal, match="it touched; start further away") as refused:
+        with pytest.raises(
+            Refusal, match="the axis touched the workpiece; start further away"
+        ) as refused:
             work.run("free")
         assert refused.value.name == "contact"
         work = tuning(press, axis, tmp_path / "out")

@@ -271,4 +271,6 @@ def test_wrong_input_is_one_line(arguments, says):
 def test_a_refusal_is_status_1(axis_file):
     done = verbs.forceaxis("measure", "--sim", axis_file("force_tare = 4.0"), "--force", "30")
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1].startswith("forceaxis: tare: expected a reading within")
+    assert done.stderr.splitlines()[-1].startswith(
+        "forceaxis: tare: expected a measured force within"
+    )

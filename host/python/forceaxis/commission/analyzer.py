@@ -201,15 +201,24 @@ class Analyzer:
         self.samples = round(TICKS_PER_S / self.order.resolution_hz)
         low, high = self.order.band_hz
         if not 0 < low < high < TICKS_PER_S / 2:
-            raise Refusal("band", f"expected 0 < low < high < 750 Hz, got {low:g} to {high:g} Hz")
+            raise Refusal(
+                "band",
+                f"expected a frequency band with 0 < low < high < 750 Hz, got {low:g} to "
+                f"{high:g} Hz",
+            )
         self.lines = response.lines_of(self.samples, (low, high), TICKS_PER_S)
         if not len(self.lines):
-            raise Refusal("band", "expected a line in it; take a finer resolution")
+            raise Refusal(
+                "band",
+                "expected at least one line of the spectrum in the frequency band, got none; use "
+                "a finer resolution",
+            )
         most = _most_samples(SIGNALS_IN_CONTACT)
         if self.samples > most:
             raise Refusal(
-                "resolution", f"expected at least {TICKS_PER_S / most:.2g} Hz, of which the "
-                f"recorder holds a whole period, got {self.order.resolution_hz:g} Hz"
+                "resolution",
+                f"expected at least {TICKS_PER_S / most:.2g} Hz, so that the recorder can store "
+                f"a complete period, got {self.order.resolution_hz:g} Hz"
             )  # fmt: skip
 
     def set(self, **values: Value) -> None:
@@ -247,13 +256,16 @@ class Analyzer:
         backlash = known.play_counts(self.model, self.overrides) if self.model else 0
         if np.ptp(place) > STANDSTILL_CNT + backlash:
             moved = f"{np.ptp(place)} encoder counts"
-            raise Refusal("moving", f"expected an axis at rest, it moves by {moved}")
+            raise Refusal(
+                "moving", f"expected an axis at standstill, but the axis moves by {moved}"
+            )
         reading = float(np.mean(held.values("force")))
         band = self.objects.tare_band or self.objects.contact_force / 2
         if abs(reading) > band:
             raise Refusal(
-                "tare", f"expected a reading within {band:g} force counts at rest, got "
-                f"{reading:.3g}; move the axis out of contact and tare it"
+                "tare",
+                f"expected a measured force within {band:g} force counts at standstill, got "
+                f"{reading:.3g}; move the axis out of contact and take the tare"
             )  # fmt: skip
         is_at_end = raw.min() == 0 or raw.max() == 2**self.objects.adc_bits - 1
         return Rest(reading, None if is_at_end else noise_of(raw), int(np.median(place)))
@@ -265,8 +277,9 @@ class Analyzer:
         order = self.order
         if not force_N * (1 + SWING / 2) < order.force_max_N:
             raise Refusal(
-                "force", f"expected a force below {order.force_max_N / (1 + SWING / 2):.4g} N, "
-                f"whose swing stays below force_max, got {force_N:g} N"
+                "force",
+                f"expected a force below {order.force_max_N / (1 + SWING / 2):.4g} N, so that "
+                f"force and excitation together stay below force_max, got {force_N:g} N"
             )  # fmt: skip
         bias = self.press(force_N)
         self.bound(bias, "noise", self.samples)
@@ -347,7 +360,7 @@ class Analyzer:
                 level.amplitude = self._reduce(level, level.amplitude, ended)
         else:
             ends = ", ".join(f"{abort.why} at {abort.amplitude} codes" for abort in level.aborts)
-            raise Refusal("amplitude", f"expected one that the bounds permit, got {ends}")
+            raise Refusal("amplitude", f"expected an amplitude that the bounds permit, got {ends}")
         output = excitation.output
         found = response.estimate(r, u, y, self.lines, self._steps(output))
         level.sensitivity, level.sensitivity_error = found.sensitivity, found.sensitivity_error
@@ -459,7 +472,7 @@ class Analyzer:
         if amplitude < 2 or len(level.aborts) > self._reductions_max:
             raise Refusal(
                 ended.reason.removeprefix("ended_"),
-                f"expected an excitation within the bounds, {amplitude} codes pass them",
+                f"expected an excitation within the bounds, but {amplitude} codes exceed them",
             )
         if level.bias_N is not None:
             self.standing()
@@ -536,7 +549,7 @@ class Analyzer:
                 return now
             before = now
         raise Refusal(
-            "contact", f"expected a force that stands within {timeout_s:g} s, {self.axis.about()}"
+            "contact", f"expected a force that settles within {timeout_s:g} s, {self.axis.about()}"
         )
 
     def excited(self, signals: Sequence[str], samples: int, settle_s: float) -> Recording:
@@ -620,7 +633,11 @@ class Analyzer:
     def refuse_contact(self) -> NoReturn:
         """Disables an axis that has come into contact. Raises Refusal."""
         self.axis.disable()
-        raise Refusal("contact", "expected the axis apart, it touched; start further away")
+        raise Refusal(
+            "contact",
+            "expected an axis out of contact, but the axis touched the workpiece; start further "
+            "away",
+        )
 
     def go_home(self) -> None:
         """Moves the axis back to the position at which the measurement began."""
@@ -640,5 +657,6 @@ def _expect_enabled(state: EnabledObjects) -> None:
     if state.fault != "none" or state.drive_state != "operation_enabled":
         raise Refusal(
             "fault" if state.fault != "none" else "disabled",
-            f"expected an axis that goes on, it is {state.drive_state}, fault {state.fault}",
+            f"expected an axis that remains enabled, but its state is {state.drive_state}, fault "
+            f"{state.fault}",
         )

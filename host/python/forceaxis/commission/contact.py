@@ -118,7 +118,9 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
         try:
             done = simulation.run(jobs, os.cpu_count() or 1)
         except _core.SimulationError as error:
-            raise Refusal("simulation", f"expected a run, {error}") from None
+            raise Refusal(
+                "simulation", f"expected a simulation without an error, got: {error}"
+            ) from None
     found = []
     for (kind, case, member), one in zip(cases, done, strict=True):
         losses_max = bench.losses_permitted(case)
@@ -127,8 +129,9 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
         if not row.is_stable:
             where = "".join(f", {name} = {value:.4g}" for name, value in member.items())
             raise Refusal(
-                f"simulated_{kind}", f"expected {case.name}{where} to settle, it does not "
-                f"({why(row)}): ask for less by a smaller ms, or for a smaller set"
+                f"simulated_{kind}",
+                f"expected {case.name}{where} to settle, but it does not settle ({why(row)}): "
+                "design with a smaller limit of Ms, or for a smaller set"
             )  # fmt: skip
     return tuple(found)
 
@@ -178,7 +181,11 @@ class Touching(Analyzer):
                 axis.move(axis.read("position") - round(LONG_MOVE * travel))
                 return
             axis.move(axis.read("position") - round(SHORT_MOVE * travel))
-        raise Refusal("contact", f"expected no force after {MOVES_MAX} moves back, {axis.about()}")
+        raise Refusal(
+            "contact",
+            f"expected no contact force after {MOVES_MAX} moves away from the workpiece, "
+            f"{axis.about()}",
+        )
 
     def _touch(self) -> None:
         settings = self.axis.get(*TOUCH_DOWN_OBJECTS)

@@ -200,7 +200,8 @@ def glide(
     if travel < TRAVEL_MIN_CNT:
         raise Refusal(
             "travel", f"expected {TRAVEL_MIN_CNT} counts to either side between position_min and "
-            f"position_max, {low} and {high}, the axis stands at {start}: move it"
+            f"position_max, {low} and {high}, but the axis is at {start}: move the axis away "
+            "from the limit"
         )  # fmt: skip
     analyzer.set(
         position_min=start - travel, position_max=start + travel, open_loop_code=0,
@@ -221,8 +222,10 @@ def glide(
                 if is_reduced or code >= highest:
                     held = f", {newton * code:.3g} N by the model" if newton else ""
                     raise Refusal(
-                        "friction", f"expected an axis that slides apart, it does not with {code} "
-                        f"codes{held}: free the guide, release the brake, or raise the amplifier's "
+                        "friction",
+                        "expected an axis that slides while out of contact, but it does not "
+                        f"with {code} codes{held}: free the guide, release the brake, or raise "
+                        "the amplifier's "
                         "gain"
                     )  # fmt: skip
                 code = min(2 * code, highest)
@@ -267,8 +270,8 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
             axis.disable()
             raise Refusal(
                 "travel", f"expected {code} codes to move the axis within its travel of {travel} "
-                "counts to either side, it goes beyond: its speed is not that of its codes; check "
-                "the drive, or start further away"
+                "counts to either side, but the axis travels further: its speed does not "
+                "correspond to its codes; check the drive, or start further away"
             )  # fmt: skip
         if state.contact:
             analyzer.refuse_contact()
@@ -308,7 +311,8 @@ def record_slow_change(
         if way > travel:
             axis.disable()
             raise Refusal(
-                "travel", f"expected at most {travel} counts of way from {low_N:g} to {high_N:g} "
+                "travel",
+                f"expected at most {travel} counts of travel from {low_N:g} to {high_N:g} "
                 f"N, got {way}: something between these forces is soft; give a larger travel, or "
                 "forces that are nearer to each other"
             )  # fmt: skip

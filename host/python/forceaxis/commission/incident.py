@@ -262,11 +262,13 @@ def load(path: Path) -> Incident:
         incident = Incident(Recording(tuple(samples), raw, 1, trigger), **held)
         is_right = zlib.crc32(packed(incident.recording)) == crc
     except (ValueError, KeyError, TypeError, AttributeError, struct.error):
-        raise InputError(f"{path}: expected an incident as `forceaxis incident` keeps it") from None
+        raise InputError(
+            f"{path}: expected a file with an incident, as `forceaxis incident` writes it"
+        ) from None
     if version != VERSION:
         raise InputError(f"{path}: expected an incident of version {VERSION}, got {version}")
     if not is_right:
-        raise InputError(f"{path}: expected samples whose CRC is right; fetch the incident again")
+        raise InputError(f"{path}: expected samples with a correct CRC; read the incident again")
     return incident
 
 

@@ -345,7 +345,7 @@ def joint(
     model = str(linear.find_model(model))
     measured = [replace(m, model=model) for m in measurements]
     if not priors or not any(not m.free for m in measured):
-        raise InputError("fit: expected parameters to find, and a response in contact")
+        raise InputError("fit: expected at least one parameter to fit and one response in contact")
     mine = [{name: f"{name}@{i}" for name in one} for i, one in enumerate(own)]
     every = dict(priors)
     every |= {mine[i][name]: p for i, one in enumerate(own) for name, p in one.items()}

@@ -158,8 +158,9 @@ def _between(
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
         raise Refusal(
             "soft", f"expected no place between {low:g} and {high:g} N that is softer than at "
-            f"these forces, near {found.softest_N:.3g} N the axis goes {found.softest:.2g} times "
-            f"as far: measure there too, with forces {forces}, or keep to one side of it"
+            f"these forces, but near {found.softest_N:.3g} N the same change of force moves the "
+            f"axis {found.softest:.2g} times as far: measure there too, with the forces "
+            f"{forces}, or use forces on one side of this place"
         )  # fmt: skip
     tuning.say(
         f"from {found.low_N:.3g} to {found.high_N:.3g} N and back: {found.way} counts, "
