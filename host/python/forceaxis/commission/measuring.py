@@ -10,7 +10,7 @@ import numpy as np
 from forceaxis import _core, linear, objects
 from forceaxis.axis import actions, bounds
 from forceaxis.axis.axis import Axis
-from forceaxis.commission import sought
+from forceaxis.commission import friction_search
 from forceaxis.commission.analyzer import QUIET_LSB, SWING, Analyzer
 from forceaxis.commission.friction import FrictionSummary
 from forceaxis.commission.level import Abort, Level, MeasuringOrder, Rest
@@ -89,34 +89,44 @@ def measure(
         bounds.expect(axis, {"excitation_code": order.amplitude})
     with Analyzer(axis, order, model, overrides, say) as analyzer:
         rest = analyzer.rest()
-        looks = sought.Look(analyzer, str(model), overrides) if order.finds_friction else None
+        search = (
+            friction_search.FrictionSearch(analyzer, str(model), overrides)
+            if order.finds_friction
+            else None
+        )
         if free:
             say("apart, commands to the encoder")
-            if looks:
-                looks.apart()
-            done[FREE] = _taken(axis, analyzer, analyzer.free(), rest, looks)
-        if forces and looks:
+            if search:
+                search.apart()
+            done[FREE] = _taken(axis, analyzer, analyzer.free(), rest, search)
+        if forces and search:
             say("a slow change of the force, for friction")
-            looks.between(tuple(forces))
+            search.between(tuple(forces))
         for force in forces:
             say(f"pressed with {force:g} N, commands to the reading")
             level = analyzer.contact(force)
-            done[f"{force:g}N"] = _taken(axis, analyzer, level, rest, looks)
+            done[f"{force:g}N"] = _taken(axis, analyzer, level, rest, search)
         if forces:
             analyzer.go_home()
     return done
 
 
 def _taken(
-    axis: Axis, analyzer: Analyzer, level: Level, rest: Rest, looks: sought.Look | None
+    axis: Axis,
+    analyzer: Analyzer,
+    level: Level,
+    rest: Rest,
+    search: friction_search.FrictionSearch | None,
 ) -> AxisMeasurement:
-    """The result of a measured response, with the friction that `looks` has found."""
-    if looks:
-        looks.expect_sliding(level)
+    """The result of a measured response, with the friction that `search` has found."""
+    if search:
+        search.expect_sliding(level)
     done = result_of(axis, analyzer.order, level, rest)
-    if not looks:
+    if not search:
         return done
-    return replace(done, summary=replace(done.summary, friction=sought.summary(looks.found, level)))
+    return replace(
+        done, summary=replace(done.summary, friction=friction_search.summary(search.found, level))
+    )
 
 
 def hints(level: Level, rest: Rest) -> list[str]:

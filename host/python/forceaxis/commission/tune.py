@@ -90,9 +90,11 @@ RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set at which a force settles within seconds
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over its prediction
 AVERAGES_FACTOR = 4  # more averages if |S| is certain at no frequency
-# Highest frequency of the responses, relative to the limiting frequency; that of the verified |S|,
-# relative to fT; largest value of both.
-BAND_OF_LIMIT, BAND_OF_FT, HIGHEST_HZ = 1.3, 3.0, 400.0
+# Highest frequency of the responses: this multiple of the highest frequency at which the loop may
+# become unstable.
+RESPONSE_BAND_FACTOR = 1.3
+VERIFIED_BAND_FACTOR = 3.0  # highest frequency of the verified |S|, as a multiple of fT
+BAND_MAX_HZ = 400.0
 # The contact threshold is at least this multiple of the noise and at least this number of force
 # counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
@@ -135,7 +137,7 @@ def check(tuning: TuningFolder) -> Checked:
         tuning.say(f"mode         {text}")
     bank, highest = measuring_law(tuning)
     low, high = tuning.order.band_hz
-    high = min(max(high, BAND_OF_LIMIT * highest), HIGHEST_HZ)
+    high = min(max(high, RESPONSE_BAND_FACTOR * highest), BAND_MAX_HZ)
     return Checked(
         rest, settings, bank.keys(), (low, high), margins.active_law(axis).keys(),
         held.latency_ticks,
@@ -331,7 +333,7 @@ def design_line(tuning: TuningFolder, done: Designed) -> str:
 
 
 def _cut(designed: DesignResult) -> str:
-    """Text about the gain reduction by simulated contacts and its reason; "" without a
+    """Text about the gain reduction after simulated contacts and its reason; "" without a
     reduction."""
     times, chosen = designed.gain_reductions, designed.chosen
     if not times:
@@ -349,8 +351,8 @@ def _cut(designed: DesignResult) -> str:
 
 
 def _times_p(designed: DesignResult) -> float | None:
-    """Bandwidth of the bank divided by that of the P law; None if P keeps the margins at no
-    gain."""
+    """Bandwidth of the bank divided by the bandwidth of the P law; None if P keeps the margins at
+    no gain."""
     p, bank = designed.p, designed.worst.fS_Hz
     if isinstance(p, NoPFigures) or not p.fS_Hz or bank is None:
         return None
@@ -358,8 +360,9 @@ def _times_p(designed: DesignResult) -> float | None:
 
 
 def _hf_gain(tuning: TuningFolder, checked: Checked) -> float | None:
-    """Largest gain at high frequency in codes per 8-bit count. The firmware's bound assumes a noise
-    of one code. In addition, the output noise of the law has to keep the drive linear."""
+    """Largest gain at high frequency in DAC codes per 8-bit count; None if the noise is not known.
+    The bound of the firmware assumes a noise of one ADC code. In addition, the noise at the output
+    of the law has to keep the drive linear."""
     noise = checked.rest.noise_lsb
     if noise is None:
         return None
@@ -430,7 +433,8 @@ def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
 
 
 def put_back(tuning: TuningFolder) -> None:
-    """Restores the objects to their values before write(); the step is then no longer done."""
+    """Restores the values that the objects had before write(). The step `write` is then not done
+    any more."""
     as_found.expect(tuning, BEFORE.required(tuning.folder))
     as_found.put_back(tuning)
     for name in (
@@ -447,7 +451,7 @@ def verify(
     """Measures the responses again with the active bank, and Ms of its loop."""
     _ensure_written(tuning, designed)
     fT_Hz = designed.worst.fT_Hz
-    high = HIGHEST_HZ if fT_Hz is None else min(BAND_OF_FT * fT_Hz, HIGHEST_HZ)
+    high = BAND_MAX_HZ if fT_Hz is None else min(VERIFIED_BAND_FACTOR * fT_Hz, BAND_MAX_HZ)
     low, own = tuning.order.band_hz
     order = replace(
         tuning.order, band_hz=(low, max(high, own)), averages=max(5, tuning.order.averages // 2)
@@ -475,8 +479,7 @@ def verify(
 def _verified(
     fitted_axis: contact.FittedAxis, force: float, first: int, order: TuningOrder
 ) -> tuple[VerifiedResponse, TuningOrder]:
-    """(the response at a force with its Ms, the order with the number of averages that was
-    used)."""
+    """(response at a force with its Ms, order with the number of averages of this response)."""
     tuning = fitted_axis.tuning
     touched: list[contact.TouchDown] = []
 
@@ -514,7 +517,7 @@ def verify_line(tuning: TuningFolder, done: Verified) -> str:
 
 
 def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Stored:
-    """Stores the parameters and the certificate in the memory that survives a power cut."""
+    """Stores the parameters and the certificate in the non-volatile memory of the axis."""
     _ensure_written(tuning, designed)
     axis = tuning.axis
     off(axis)

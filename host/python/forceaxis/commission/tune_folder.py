@@ -83,8 +83,8 @@ LEVELS = FolderFile("measure.json", StepFile[dict[str, PressedResponse]])
 
 @dataclass(frozen=True)
 class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
-    """The three files of the step `measure`. The file of the responses is written last, because it
-    marks the step as done."""
+    """The three files of the step `measure`. LEVELS is written last, because its existence means
+    that the step is done."""
 
     def read(self, folder: Path) -> StepFile[MeasuredResponses] | None:
         """The result of the step; None if the step is not done. Raises InputError."""

@@ -5,7 +5,7 @@ import datetime
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import NoAnswer, Refused
 from forceaxis.commission import friction, known, measuring, sine_test
 from forceaxis.commission.analyzer import SWING, Analyzer
+from forceaxis.commission.friction_search import LOWEST_FORCE_SHARE
 from forceaxis.commission.level import MOST_CODES, Level, MeasuringOrder, Rest
 from forceaxis.commission.refusal import Refusal
 from forceaxis.commission.tune_folder import TuningFolder, TuningOrder, small_of
@@ -27,7 +28,7 @@ from forceaxis.commission.tune_results import (
     Settings,
     SlowChange,
 )
-from forceaxis.design import files
+from forceaxis.design import files, model_file
 from forceaxis.design import simulate as simulation
 from forceaxis.design.changes import Design
 from forceaxis.identify import result as results
@@ -36,18 +37,16 @@ from forceaxis.linear.plant_set import PlantSet
 
 A = TypeVar("A", bound=Analyzer)
 
-AVERAGES_MIN = 5
-SMALLER_FACTOR = 3  # ratio of the first to the second amplitude of the excitation
-# the slow change of the force begins at this share of the smallest force
-LOWEST_FORCE_FACTOR = 0.6
-COASTED_TRAVELS = 5  # travels: an axis that has coasted farther than this is not moved back
+AVERAGES_MIN = 5  # number of averages of a response that has a small error
+AMPLITUDE_RATIO = 3  # ratio of the first to the second amplitude of the excitation at a force
+# An axis that has coasted farther than this multiple of the permitted travel is not moved back.
+COASTED_TRAVELS = 5
 
 
 def free(tuning: TuningFolder, checked: Checked) -> FreeResponse:
     """Measures the friction out of contact, then the response from the code to the encoder."""
-    off(tuning.axis)
     settings = checked.settings
-    with temporary(tuning.axis, settings), analyzer_of(tuning) as measures:
+    with analyzing(tuning, settings, measuring_order(tuning), Analyzer) as measures:
         measures.rest()
         if tuning.coasted:
             _back_to_start(tuning, measures, checked.rest.position)
@@ -71,9 +70,9 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 
 def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
-    """Moves an axis back to its position at `check` (counts) after a killed run has left it moving,
-    and disables it. If the distance exceeds COASTED_TRAVELS, the axis is not moved. The encoder has
-    counted all the time, because the fault of the killed run was still latched."""
+    """Moves an axis that a killed run has left moving back to its position at `check`, `start` in
+    counts, and disables it. An axis that is too far away is not moved (COASTED_TRAVELS). The
+    position is valid, because the encoder counts while a fault is latched."""
     if abs(tuning.axis.read("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
         measures.home = start
@@ -82,7 +81,8 @@ def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None
 
 
 def moving_N(tuning: TuningFolder, free: FreeResponse) -> float:
-    """Dry friction of the moving parts in N, by the model; 0 without friction."""
+    """Dry friction of guide and gear in N, converted from DAC codes by the model; 0 without
+    friction."""
     return free.glide.dead_zone * known.newton_per_code(tuning.model) if free.glide.rubs else 0.0
 
 
@@ -95,10 +95,9 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
     law |= reach(tuning)
     between, law = _between(tuning, law, order)
-    shaken = None
-    if between.friction_N > 0:
-        shaken = _shaken(tuning, law, order, between, free.glide.rate)
-    rubs = between.friction_N > 0 or free.glide.rubs
+    workpiece_rubs = between.friction_N > 0
+    shaken = _shaken(tuning, law, order, between, free.glide.rate) if workpiece_rubs else None
+    rubs = workpiece_rubs or free.glide.rubs
     for force in tuning.order.forces:
         name = f"{force:g}N"
 
@@ -107,12 +106,11 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
             return level
 
-        if rubs:
-            # up to the largest code for the drive, so that the axis slides most of the time
+        if rubs:  # as large as the drive permits, so that the axis slides most of the time
             first = MOST_CODES
         asked = measuring_order(tuning, order, first=first, rubs=rubs)
         _, figures = take_response(tuning, name, law, asked, Analyzer, take)
-        small = max(1, figures.amplitude // SMALLER_FACTOR)
+        small = max(1, figures.amplitude // AMPLITUDE_RATIO)
         smaller = None
         if small < figures.amplitude:
             asked = measuring_order(tuning, order, amplitude=small, rubs=True)
@@ -129,8 +127,8 @@ def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
 
 
 def _go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to its position at check(), because an axis with friction stays in contact
-    when it is disabled."""
+    """Moves the axis to its position at check(), because a disabled axis with friction would stay
+    in contact."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position
         measures.go_home()
@@ -139,19 +137,16 @@ def _go_home(tuning: TuningFolder, checked: Checked) -> None:
 def _between(
     tuning: TuningFolder, law: Settings, order: TuningOrder
 ) -> tuple[SlowChange, Settings]:
-    """(the slow change between the smallest and the largest force including the range of the noise,
-    the settings `law` with the current contact_loss_cap of the axis)."""
-    off(tuning.axis)
-    low, high = (
-        LOWEST_FORCE_FACTOR * min(order.forces),
-        (1 + SWING / 2) * max(order.forces),
-    )
-    with temporary(tuning.axis, law), analyzer_of(tuning, order) as measures:
+    """(result of a slow change of the force over all forces and the range of the excitation, the
+    settings `law` with the present contact_loss_cap of the axis)."""
+    low, high = LOWEST_FORCE_SHARE * min(order.forces), (1 + SWING / 2) * max(order.forces)
+    with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         force, place, _ = friction.record_slow_change(measures, low, high)
-        # An axis that is still in contact does not approach again, so the cap of the first contact
-        # stays.
+        # An axis that is still in contact does not approach again, so the contact_loss_cap of the
+        # first contact remains.
         law = law | {"contact_loss_cap": tuning.axis.read("contact_loss_cap")}
-        force *= reading_N(tuning) / measures.newton
+        # the model states all friction in its own newtons
+        force *= abs(linear.facts(tuning.model).required_reading.per_count) / measures.newton
     found = friction.slow_loading(force, place, known.rigid_counts(tuning.model))
     step = (found.high_N - found.low_N) / friction.FORCE_BINS
     if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
@@ -175,32 +170,27 @@ def _between(
     ), law  # fmt: skip
 
 
-def reading_N(tuning: TuningFolder) -> float:
-    """N per force count by the model; the model states all friction in N."""
-    return abs(linear.facts(tuning.model).required_reading.per_count)
-
-
 def _shaken(
     tuning: TuningFolder, law: Settings, order: TuningOrder, slow: SlowChange, rate: float
 ) -> sine_test.SineTestResult | None:
-    """Measures the workpiece with sines at the largest force; None if it does not slide within the
-    limits. rate: encoder counts/s per code."""
-    scale = abs(linear.facts(tuning.model).required_encoder.scale)
+    """Measures the workpiece with sines at the largest force; None if the workpiece does not slide
+    within the limits. rate: speed of the axis in encoder counts/s per DAC code."""
+    facts = linear.facts(tuning.model)
+    scale = abs(facts.required_encoder.scale)
     sensor, workpiece = scale / slow.compliance, scale / slow.sliding
     drive = known.SineBounds(str(tuning.model))
-    # From frequencies at which the stiffness dominates to frequencies at which the mass does, for
-    # the whole range of the unknown mass.
-    mass = _mass(tuning)
+    # The motion follows the stiffness at the lowest frequency and the mass at the highest one, for
+    # each mass in the range of the prior.
+    mass = facts.masses_kg.get(model_file.read(tuning.model).workpiece or "")
     own = math.sqrt(workpiece / mass) / (2 * math.pi) if mass else 30.0
     hz = sorted({2 * round(f / 2) for f in np.geomspace(max(4.0, own / 4), min(2.0 * own, 150.0),
                                                        sine_test.FREQUENCIES)})  # fmt: skip
-    off(tuning.axis)
-    with temporary(tuning.axis, law), analyzer_of(tuning, order) as measures:
+    with analyzing(tuning, law, measuring_order(tuning, order), Analyzer) as measures:
         found = sine_test.measure(
             measures, max(order.forces),
             sine_test.SineTestSetup(
                 slow.friction_N, sensor, workpiece, tuple(map(float, hz)), rate, scale,
-                reading_N(tuning),
+                abs(facts.required_reading.per_count),
             ),
             drive.codes,
         )  # fmt: skip
@@ -212,14 +202,9 @@ def _shaken(
     return found
 
 
-def _mass(tuning: TuningFolder) -> float | None:
-    """Mass of the workpiece in kg by the model."""
-    with Design(str(tuning.model)) as plant:
-        return plant.facts.masses_kg.get(plant.tables.workpiece or "")
-
-
 def reach(tuning: TuningFolder) -> Settings:
-    """Rated force and slope of the force for the largest force plus the range of the noise."""
+    """Objects for the largest force plus the range of the excitation: rated force, limit and slope
+    of the force."""
     return {
         "rated_force": round(1.5e3 * max(tuning.order.forces)), "force_limit": 1000,
         "force_slope": 2000,
@@ -247,17 +232,27 @@ def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analy
     return Analyzer(tuning.axis, measuring_order(tuning, order), tuning.model, {}, tuning.say)
 
 
+@contextlib.contextmanager
+def analyzing(
+    tuning: TuningFolder, settings: Settings, order: MeasuringOrder, kind: type[A]
+) -> Iterator[A]:
+    """Disables the axis, writes `settings` and gives an analyzer of type `kind`; restores the
+    previous values at the end."""
+    off(tuning.axis)
+    with (
+        temporary(tuning.axis, settings),
+        kind(tuning.axis, order, tuning.model, {}, tuning.say) as analyzer,
+    ):
+        yield analyzer
+
+
 def take_response(
     tuning: TuningFolder, name: str, settings: Settings, order: MeasuringOrder, kind: type[A],
     take: Callable[[A], Level],
 ) -> tuple[Level, ResponseFigures]:  # fmt: skip
     """Measures a response with `settings` and writes it to the folder `name`. take(analyzer):
     measures the response with an analyzer of type `kind`."""
-    off(tuning.axis)
-    with (
-        temporary(tuning.axis, settings),
-        kind(tuning.axis, order, tuning.model, {}, tuning.say) as analyzer,
-    ):
+    with analyzing(tuning, settings, order, kind) as analyzer:
         rest = analyzer.rest() if name == "free" else Rest(0.0, None, 0)
         level = take(analyzer)
     done = measuring.result_of(tuning.axis, analyzer.order, level, rest)
@@ -274,14 +269,14 @@ def take_response(
 
 
 def next_amplitude(amplitude: int, force: float, forces: tuple[float, ...]) -> int:
-    """First codes of the search at the next force. If this force is smaller, the permitted force
-    range is smaller too."""
-    after = forces[min(forces.index(force) + 1, len(forces) - 1)]
-    return max(1, int(amplitude * min(1.0, after / force)))
+    """Amplitude in DAC codes at which the search begins at the next force. At a smaller force the
+    permitted range of the force is smaller too."""
+    following = forces[min(forces.index(force) + 1, len(forces) - 1)]
+    return max(1, int(amplitude * min(1.0, following / force)))
 
 
 def line_of(name: str, figures: ResponseFigures) -> str:
-    """A response as text."""
+    """Text about a response: the amplitude in DAC codes and the relative error."""
     error = 100 * (figures.random_error_median or 0.0)
     return f"{name} with {figures.amplitude} codes, error {error:.2g} %"
 
@@ -294,7 +289,7 @@ def temporary(axis: Axis, values: Settings) -> Iterator[None]:
     try:
         yield
     finally:
-        # the axis has another owner or does not answer; no value is stored
+        # If the axis has another owner or does not answer, nothing is restored.
         with contextlib.suppress(NoAnswer, Refused):
             off(axis)
             _write(before, axis.put_back)
@@ -307,21 +302,21 @@ def _write(values: Settings, write: Callable[..., None]) -> None:
 
 
 def off(axis: Axis) -> None:
-    """Disables the axis and waits until the connection shows the disabled state."""
+    """Disables the axis and waits until the connection reports the disabled state."""
     axis.disable()
     axis.link.wait(0.05)
 
 
 def objects_of(
-    tuning: TuningFolder, checked: Checked, bank: Bank, loss: Mapping[str, Any], ms: float = 2.0,
+    tuning: TuningFolder, checked: Checked, bank: Bank, loss: Mapping[str, int], ms: float = 2.0,
     plants: PlantSet | None = None,
 ) -> Settings:  # fmt: skip
-    """{object: engineering value} in the order of writing: a bank with its certificate for this
-    axis, and the settings that check() has added. ms: largest Ms of the set; plants: the set, None
-    if the certificate contains no tolerances."""
+    """{object: engineering value} in the order of writing: the settings that check() has added, and
+    a bank with its certificate for this axis. loss: limits after a contact loss; ms: largest Ms of
+    the set; plants: the set of plants, None for a certificate without tolerances."""
     own = checked.settings
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own
-    units = {n: unit for n, (_, unit) in linear.facts(tuning.model).parameters.items()}
+    units = {n: row.unit for n, row in linear.facts(tuning.model).parameters.items()}
     with Design(str(tuning.model)) as plant:
         bench = simulation.ContactBench(plant, held["adc_bits"])
         bench.settings |= held

@@ -27,9 +27,9 @@ Range = tuple[float, float]  # low, high
 
 @dataclass(frozen=True)
 class Checked:
-    """Result of `check`. settings: values from the model for objects that the axis has not set;
-    law: the force law for the measurement; band_hz: of the responses; before: the previous force
-    law of the axis; latency_ticks: of its output."""
+    """Result of `check`. settings: values from the model for objects that nobody has set on the
+    axis; law: the force law for the measurement; band_hz: lowest and highest frequency of the
+    responses; before: the previous force law of the axis; latency_ticks: latency of its output."""
 
     rest: Rest
     settings: Settings
@@ -41,9 +41,9 @@ class Checked:
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseFigures:
-    """A measured response. swing: peak to peak, N in contact, counts out of contact; speed_rms:
-    rate of the output that the waveform alone causes, N/s in contact, counts/s out of contact; see
-    level.Level."""
+    """Figures of a measured response. swing: range of the output from peak to peak; speed_rms: rms
+    of the rate of the output that the waveform alone causes. Both are in N and N/s in contact, in
+    counts and counts/s out of contact. See level.Level."""
 
     amplitude: int
     swing: float
@@ -81,8 +81,8 @@ class FreeResponse(ResponseFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class PressedResponse(ResponseFigures):
-    """The response at one force. small: the response with the smaller amplitude; differs: `fit` has
-    found that the two responses differ."""
+    """Figures of the response at one force. small: figures of the response with the smaller
+    amplitude; differs: `fit` has found that the two responses differ."""
 
     bias_N: float = field()
     small: ResponseFigures | None = json_field(omit_none=True)
@@ -108,8 +108,9 @@ class SlowChange:
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Result of `measure`. levels: {folder of the response: figures}; shaken: None if the workpiece
-    did not slide with any sine. The step writes three files."""
+    """Result of `measure`, in three files. levels: {folder of a response: its figures}; between:
+    slow change of the force; shaken: measurement of the workpiece with sines, None if the workpiece
+    did not slide."""
 
     levels: dict[str, PressedResponse]
     between: SlowChange
@@ -128,9 +129,10 @@ class ParameterRow:
 @dataclass(frozen=True, kw_only=True)
 class Fitted(JointSummary):
     """Result of `fit`. values: values for the design; own: {response: values of the parameters that
-    belong to it alone}; friction, lines: the measured dry friction, and the TOML that the model
-    lacks; left_out: responses during which the backlash of the gear opens; relied: texts about
-    parameters whose design value differs from the fit; together: values that change together."""
+    only this response has}; friction: the measured dry friction; lines: the friction elements that
+    the model lacks, as TOML; left_out: responses during which the backlash of the gear opens;
+    relied: texts about parameters whose design value differs from the fit; together: values that
+    change together."""
 
     values: Values = field()
     over: tuple[str, ...] = field()
@@ -180,7 +182,7 @@ class Simulated:
 
 @dataclass(frozen=True)
 class Written:
-    """Result of `write`: state of the certificate on the axis, number of written objects."""
+    """Result of `write`: state of the certificate on the axis, and number of written objects."""
 
     certificate_state: str
     objects: int
@@ -188,8 +190,9 @@ class Written:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopPeak:
-    """The largest measured |S|, its standard error and frequency, and the largest |S| of the fitted
-    model at the same lines; lines: number of lines with a certain value."""
+    """Peak of the sensitivity function: the largest measured |S|, its standard error and frequency
+    in Hz, and the largest |S| of the fitted model at the same frequencies; lines: number of
+    frequencies at which |S| is certain."""
 
     Ms: float
     Ms_error: float

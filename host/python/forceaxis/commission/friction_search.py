@@ -60,7 +60,7 @@ class FoundFriction:
         return self.dead_zone > 0 or (self.slow is not None and self.slow.rubs)
 
 
-class Look:
+class FrictionSearch:
     """Search for dry friction with an Analyzer. model: path of the model that converts DAC codes to
     newtons, or "" without a model."""
 
