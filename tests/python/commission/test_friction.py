@@ -570,8 +570,8 @@ def test_a_motor_in_the_play_of_its_gear_is_at_rest_and_its_friction_found(worn,
         assert tune_measure.moving_N(work, tune.FREE.result(work)) == pytest.approx(40.0, rel=0.05)
         checked = tune.CHECK.result(work)
         law = tune_measure.objects_of(work, checked, checked.law.bank, {})
-        law |= tune_measure.reach(work)
-        tune_measure.off(axis)
+        law |= tune_measure.force_objects(work)
+        tune_measure.disable(axis)
         with (
             tune_measure.temporary(axis, law),
             tune_measure.analyzer_of(work) as measures,

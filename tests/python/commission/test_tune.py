@@ -497,7 +497,7 @@ def test_an_axis_that_was_lost_is_put_back_by_the_next_run(plants, short, tmp_pa
 def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
     file = tmp_path / as_found.FOUND.name
     with Axis(link(plants)) as axis:
-        with as_found.kept(as_found.AxisFolder(axis, tmp_path)):
+        with as_found.restoring(as_found.AxisFolder(axis, tmp_path)):
             held = json.loads(file.read_text())
         held["axis"]["node_id"] = 7
         held["values"]["rated_force"] += 1

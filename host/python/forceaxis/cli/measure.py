@@ -93,7 +93,7 @@ def measure_axis(
         live_options.warn_of_newtons(axis, connection)
         kept: contextlib.AbstractContextManager[None] = contextlib.nullcontext()
         if out:
-            kept = as_found.kept(as_found.AxisFolder(axis, out, say))
+            kept = as_found.restoring(as_found.AxisFolder(axis, out, say))
         try:
             with kept:
                 done = measuring.measure(

@@ -1,6 +1,6 @@
 """Saves the objects of an axis to a file before a run and restores them to the axis after it.
 
-    with kept(AxisFolder(axis, "out/tuned", say)):
+    with restoring(AxisFolder(axis, "out/tuned", say)):
 
 The file is written before the first object is changed. If the run is killed or loses its
 connection, the file remains. The next run in the same folder then first writes the saved values to
@@ -134,11 +134,11 @@ def read(axis: Axis) -> RawValues:
 
 
 @contextlib.contextmanager
-def kept(folder: AxisFolder) -> Iterator[None]:
-    """Restores at the end of the block, also after an exception, the values that the axis had at
-    its beginning. Nothing is written if the axis does not answer or has another owner. expect()
-    changes the values to restore. Raises InputError if the file in the folder belongs to another
-    axis."""
+def restoring(folder: AxisFolder) -> Iterator[None]:
+    """Restores the values of the axis at the end of the block, also after an exception. They are
+    the values at the beginning of the block, or those given to replace_saved(). Nothing is written
+    if the axis does not answer or has another owner. Raises InputError if the file in the folder
+    belongs to another axis."""
     _recover(folder)
     new = not folder.folder.exists()
     FOUND.write(folder.folder, AxisState(_identity(folder.axis), read(folder.axis)))
@@ -157,8 +157,8 @@ def kept(folder: AxisFolder) -> Iterator[None]:
                 folder.folder.rmdir()
 
 
-def expect(folder: AxisFolder, values: RawValues) -> None:
-    """Replaces raw values that kept() restores at the end of its block."""
+def replace_saved(folder: AxisFolder, values: RawValues) -> None:
+    """Replaces raw values that restoring() writes at the end of its block."""
     held = FOUND.required(folder.folder)
     FOUND.write(folder.folder, AxisState(held.axis, held.values | values))
 

@@ -48,11 +48,11 @@ from forceaxis.commission.tune_folder import (
 )
 from forceaxis.commission.tune_measure import (
     analyzer_of,
+    disable,
+    force_objects,
     measuring_order,
     next_amplitude,
     objects_of,
-    off,
-    reach,
     take_response,
 )
 from forceaxis.commission.tune_results import (
@@ -395,7 +395,7 @@ def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
 def write(tuning: TuningFolder, designed: Designed) -> Written:
     """Writes the bank to the axis, after its previous values have been written to a file."""
     axis, values = tuning.axis, designed.objects
-    off(axis)
+    disable(axis)
     if BEFORE.read(tuning.folder) is None:
         names = [n for n in values if n != "force_bank"] + ["force_bank"]
         BEFORE.write(tuning.folder, axis.link.read(names))
@@ -404,18 +404,18 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
         axis.set(**values)
     except Refused as error:
         state = axis.read(f"bank_state_{experiment_file.BANK}")
-        put_back(tuning)
+        _restore_earlier_law(tuning)
         raise Refusal(
             "bank" if state == "valid" else state, f"expected the axis to accept the bank: {error}"
         ) from None
     certificate = axis.read(f"certificate_state_{experiment_file.BANK}")
     if certificate != "fits":
-        put_back(tuning)
+        _restore_earlier_law(tuning)
         raise Refusal(
             "certificate",
             f"expected a certificate that matches the axis, its state is {certificate}",
         )
-    as_found.expect(tuning, axis.link.read(list(values)))
+    as_found.replace_saved(tuning, axis.link.read(list(values)))
     return Written(certificate, len(values))
 
 
@@ -432,10 +432,10 @@ def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
         write(tuning, designed)
 
 
-def put_back(tuning: TuningFolder) -> None:
+def _restore_earlier_law(tuning: TuningFolder) -> None:
     """Restores the values that the objects had before write(). The step `write` is then not done
     any more."""
-    as_found.expect(tuning, BEFORE.required(tuning.folder))
+    as_found.replace_saved(tuning, BEFORE.required(tuning.folder))
     as_found.put_back(tuning)
     for name in (
         WRITE.file.name,
@@ -471,7 +471,7 @@ def verify(
                     f"+-{2 * about.Ms_error:.2g}"
                 )  # fmt: skip
     except Refusal as refusal:
-        put_back(tuning)
+        _restore_earlier_law(tuning)
         raise Refusal(refusal.name, f"{refusal.text}; {EARLIER_LAW_AGAIN}") from None
     return Verified(levels)
 
@@ -493,7 +493,7 @@ def _verified(
         used = replace(order, averages=factor * order.averages)
         asked = measuring_order(tuning, used, first=first, rubs=rubs)
         level, figures = take_response(
-            tuning, f"verified-{force:g}N", reach(tuning), asked, contact.Touching, take
+            tuning, f"verified-{force:g}N", force_objects(tuning), asked, contact.Touching, take
         )
         peak = margins.peaks(fitted_axis, level)
         if peak:
@@ -520,13 +520,13 @@ def store(tuning: TuningFolder, verified: Verified, designed: Designed) -> Store
     """Stores the parameters and the certificate in the non-volatile memory of the axis."""
     _ensure_written(tuning, designed)
     axis = tuning.axis
-    off(axis)
+    disable(axis)
     try:
         parameter_set.store(axis)
     except Refused as error:
         if REASONS[NO_MEMORY] in str(error):
             return Stored(False, str(error))
-        put_back(tuning)
+        _restore_earlier_law(tuning)
         raise Refusal(
             "store", f"expected the axis to store the law: {error}; {EARLIER_LAW_AGAIN}"
         ) from None
@@ -712,7 +712,7 @@ class Tuning(TuningFolder):
                     "levels", f"expected at least two forces, got {len(self.order.forces)}: one "
                     "force does not show which properties depend on the force; give 30 and 150"
                 )  # fmt: skip
-            with as_found.kept(self):
+            with as_found.restoring(self):
                 for self.step in (only,) if only else STEPS:
                     self._do(STEP_TABLE[self.step], bool(only))
         except (Refusal, Refused, NoAnswer) as error:
@@ -763,7 +763,7 @@ class Tuning(TuningFolder):
         )
         fitted = FIT.done(self)
         if measured := MEASURE.done(self):
-            summary = replace(summary, holds=tuple(tune_fit.holds(measured, fitted)))
+            summary = replace(summary, holds=tuple(tune_fit.validity_lines(measured, fitted)))
         if fitted:
             summary = replace(
                 summary, parameters=fitted.parameters, friction=fitted.friction,

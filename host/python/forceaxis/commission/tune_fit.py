@@ -379,7 +379,7 @@ def _probability(one: Measurement, other: Measurement) -> float:
     return float(stats.chi2.sf(size, 2 * len(ratio)))
 
 
-def holds(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
+def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
     """Lines of text: the forces and amplitudes for which the predictions are valid, and those that
     were not measured. fitted: None before the fit."""
     between, frictions = measured.between, fitted.friction if fitted else ()

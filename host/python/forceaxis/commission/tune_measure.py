@@ -93,7 +93,7 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
     first = 1
     order = replace(tuning.order, band_hz=checked.band_hz)
     law = objects_of(tuning, checked, checked.law.bank, {}) | {"bump_decay_shift": 0}
-    law |= reach(tuning)
+    law |= force_objects(tuning)
     between, law = _between(tuning, law, order)
     workpiece_rubs = between.friction_N > 0
     shaken = _shaken(tuning, law, order, between, free.glide.rate) if workpiece_rubs else None
@@ -202,7 +202,7 @@ def _shaken(
     return found
 
 
-def reach(tuning: TuningFolder) -> Settings:
+def force_objects(tuning: TuningFolder) -> Settings:
     """Objects for the largest force plus the range of the excitation: rated force, limit and slope
     of the force."""
     return {
@@ -238,7 +238,7 @@ def analyzing(
 ) -> Iterator[A]:
     """Disables the axis, writes `settings` and gives an analyzer of type `kind`; restores the
     previous values at the end."""
-    off(tuning.axis)
+    disable(tuning.axis)
     with (
         temporary(tuning.axis, settings),
         kind(tuning.axis, order, tuning.model, {}, tuning.say) as analyzer,
@@ -291,7 +291,7 @@ def temporary(axis: Axis, values: Settings) -> Iterator[None]:
     finally:
         # If the axis has another owner or does not answer, nothing is restored.
         with contextlib.suppress(NoAnswer, Refused):
-            off(axis)
+            disable(axis)
             _write(before, axis.put_back)
 
 
@@ -301,7 +301,7 @@ def _write(values: Settings, write: Callable[..., None]) -> None:
     write(**values)
 
 
-def off(axis: Axis) -> None:
+def disable(axis: Axis) -> None:
     """Disables the axis and waits until the connection reports the disabled state."""
     axis.disable()
     axis.link.wait(0.05)

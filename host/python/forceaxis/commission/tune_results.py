@@ -246,8 +246,8 @@ class StepRefusal:
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
     """Results of a tuning as `forceaxis tune --json` prints them; None: not known yet. levels: of
-    Verified; cuts: texts of the gain_cuts; holds: see tune_fit.holds; seconds: {step: wall time in
-    s}; axis_seconds: {step: time of the axis in s}."""
+    Verified; cuts: texts of the gain_cuts; holds: texts of tune_fit.validity_lines(); seconds:
+    {step: wall time in s}; axis_seconds: {step: time of the axis in s}."""
 
     axis: str
     folder: str
