@@ -616,6 +616,6 @@ def test_responses_in_which_the_play_opens_are_left_out_of_the_fit(worn, tmp_pat
     (tmp_path / "out/measure.json").write_text(json.dumps(measured))
     with Axis(SimLink(worn / "contact.toml")) as axis:
         work = tuning(worn, axis, tmp_path / "out", **order)
-        with pytest.raises(Refusal, match="give one of 60") as refused:
+        with pytest.raises(Refusal, match="give a force of 60") as refused:
             work.run("fit")
     assert refused.value.name == "play"
