@@ -231,7 +231,9 @@ def test_one_flipped_bit_changes_the_result(can):
     told = json.loads(done.stdout)["link"]
     assert told["hashes"]["plant"] != told["hashes"]["axis"]
     assert told["statistics"]["plant"]["flipped"] == 1
-    assert done.stderr.startswith("forceaxis: link lcm: expected the same trace hash on both sides")
+    assert done.stderr.startswith(
+        "forceaxis: link lcm: expected the same trace hash of both processes"
+    )
     assert done.stderr.count("\n") == 1
     flipped = can["flipped"]
     assert hashes(flipped["plant"]) != hashes(flipped["axis"])

@@ -106,6 +106,11 @@ def with_options(command: click.Command, error: InputError) -> str:
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
+    return options_in(command, text)
+
+
+def options_in(command: click.Command, text: str) -> str:
+    """Return the text with the options of `command` instead of parameters between backticks."""
     return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 

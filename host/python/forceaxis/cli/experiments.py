@@ -21,6 +21,7 @@ from forceaxis.cli.common import (
     fail,
     link_of,
     linked,
+    options_in,
     print_json,
     set_option,
     show,
@@ -337,11 +338,13 @@ def test(
     """
     from forceaxis.experiments import regression
 
+    command = click.get_current_context().command
+
     def report(outcome: "RegressionOutcome") -> None:
         if outcome.status == "error":
-            click.echo(f"forceaxis: {outcome.message}", err=True)
+            click.echo(f"forceaxis: {options_in(command, outcome.message)}", err=True)
         if not as_json:
-            click.echo(outcome_text(outcome, coloured))
+            click.echo(options_in(command, outcome_text(outcome, coloured)))
 
     outcomes = regression.run(targets, update, out, threads, pattern, report)
     if junit:

@@ -1,2 +1,1 @@
-"""Experiments: runs in this process or with the firmware in another one, traces, sweeps, regression
-tests."""
+"""Experiments: runs of firmware and plant, traces, sweeps over parameters, regression tests."""

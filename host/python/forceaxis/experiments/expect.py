@@ -1,6 +1,6 @@
-"""The [expect] table of an experiment, and its comparison with a run.
+"""The table [expect] of an experiment: reads the table and compares it with a run.
 
-FORMAT defines its keys; docs/guide/reference/experiment.md is generated from FORMAT.
+FORMAT defines the keys of the table; docs/guide/reference/experiment.md is generated from FORMAT.
 """
 
 import difflib
@@ -86,57 +86,64 @@ FORMAT = (
     FormatTable(
         path="expect",
         header="[expect]",
-        meaning="What must come out: `forceaxis test` compares the run with it. A bare number "
-        "is met within the tolerance that its line names; 1 % of 0 is 0, so a `final_value` below "
-        "1e-9 of the largest value counts as 0.",
+        meaning="Expected results of the run, which `forceaxis test` compares with the run. A "
+        "number without a table has the tolerance that the meaning of its key names. A "
+        "`final_value` below 1e-9 of the largest value of `signal` counts as 0.",
         keys=(
             _number(
                 "verdict",
-                "What [verdict] finds. `unstable` also matches `not_met` and `never_in_contact`, "
+                "Verdict of the run. `unstable` also accepts `not_met` and `never_in_contact`, "
                 "with a warning.",
                 "",
                 "",
                 "stable, unstable, not_met, never_in_contact",
             ),
-            _number("fault", "First fault that the firmware latches.", "", "", "fault or none"),
-            _number("trace_hash", "Hash of every code of every tick.", "", "", "64 hex digits"),
-            _number("peak_force_N", "Largest force in any contact, at any tick; 1 %.", "N"),
-            _number("final_value", "Mean of `signal` over its last `final_s`; 1 %.", "", ""),
+            _number("fault", "First fault that the firmware has latched.", "", "", "fault or none"),
+            _number("trace_hash", "Hash of all codes in all ticks.", "", "", "64 hex digits"),
+            _number(
+                "peak_force_N", "Largest force of all contacts in the run; tolerance 1 %.", "N"
+            ),
+            _number(
+                "final_value",
+                "Mean of `signal` over the last `final_s` seconds; tolerance 1 %.",
+                "",
+                "",
+            ),
             _number(
                 "settle_s",
-                "From `from_s` until `signal` stays within the band around its final value: the "
-                "tick after the last one outside; 10 ms.",
+                "Time from `from_s` until `signal` stays within the band around its final value; "
+                "tolerance 10 ms.",
                 "s",
                 form='number, { ... } or "never"',
             ),
             _number(
                 "overshoot",
-                "How far `signal` goes beyond its final value, as a fraction of the step from its "
-                "value at `from_s`; 0.01.",
+                "Largest excess of `signal` over its final value, as a fraction of the step from "
+                "the value at `from_s` to the final value; tolerance 0.01.",
                 form='number, { ... } or "undefined"',
             ),
             _number(
                 "held_force_N",
-                "Mean of the force read by ADC 0 over the window of [verdict]; 1 %.",
+                "Mean of the force measured by ADC 0 over the window of [verdict]; tolerance 1 %.",
                 "N",
                 "",
             ),
             _number(
                 "held_force_error_percent",
-                "Error of that force, of the set-point at the end of the run; 0.1 percentage "
-                "points.",
+                "Difference of `held_force_N` and the set-point at the end of the run, in per cent "
+                "of the set-point; tolerance 0.1 percentage points.",
             ),
             FormatKey(
                 "signal",
                 "column of the trace",
                 "force of the first contact, else encoder",
-                "What final_value, settle_s and overshoot are of.",
+                "Column of which final_value, settle_s and overshoot are computed.",
             ),
             FormatKey(
                 "from_s",
                 "number",
                 "0",
-                "Evaluation of `signal` starts here, for instance at a disturbance.",
+                "Start of the evaluation of `signal`, for instance the time of a disturbance.",
                 "s",
                 ">= 0",
             ),
@@ -144,7 +151,7 @@ FORMAT = (
                 "final_s",
                 "number",
                 "a tenth of what follows from_s",
-                "Time at the end over which the final value is the mean.",
+                "Duration at the end of the run over which the mean gives the final value.",
                 "s",
                 ">= 0",
             ),
@@ -162,14 +169,28 @@ FORMAT = (
     FormatTable(
         path="expect.KEY",
         header="[expect] KEY = { ... }",
-        meaning="A number with its tolerance, or its limits: `{ value = 69.7, tolerance = 0.5 "
-        "}` or `{ min = 60, max = 80 }`, one or both.",
+        meaning="A number with its tolerance, `{ value = 69.7, tolerance = 0.5 }`, or with one or "
+        "two limits, `{ min = 60, max = 80 }`.",
         keys=(
-            FormatKey("value", "number", "min or max", "What is expected."),
-            FormatKey("tolerance", "number", "as above", "Largest difference.", "", ">= 0"),
-            FormatKey("relative", "number", "as above", "The same as a part of value.", "", ">= 0"),
-            FormatKey("min", "number", "no limit", "At least this."),
-            FormatKey("max", "number", "no limit", "At most this."),
+            FormatKey("value", "number", "min or max", "Expected value."),
+            FormatKey(
+                "tolerance",
+                "number",
+                "as above",
+                "Largest permitted difference from `value`.",
+                "",
+                ">= 0",
+            ),
+            FormatKey(
+                "relative",
+                "number",
+                "as above",
+                "Largest permitted difference as a fraction of `value`.",
+                "",
+                ">= 0",
+            ),
+            FormatKey("min", "number", "no limit", "Smallest permitted value."),
+            FormatKey("max", "number", "no limit", "Largest permitted value."),
         ),
     ),
 )
@@ -223,26 +244,26 @@ Obtained: TypeAlias = str | float | None  # None: the run has no such value
 
 @dataclass(frozen=True)
 class Expectation:
-    """A checked [expect] table, and the way in which `signal` is evaluated."""
+    """A checked table [expect]: the expected values, and how `signal` is evaluated."""
 
-    wanted: dict[str, Expected]
-    signal: str | None
+    wanted: dict[str, Expected]  # key -> expected value
+    signal: str | None  # column of the trace; None: force of the first contact, or encoder
     from_s: float
-    final_s: float | None
-    band: float
-    band_is_absolute: bool
+    final_s: float | None  # None: a tenth of the time after from_s
+    band: float  # half of the settling band
+    band_is_absolute: bool  # in the unit of `signal`, otherwise a fraction of the step
 
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a run by the keys of [expect], and the response from which they are computed."""
+    """Results of a run by the keys of [expect], and how they were computed."""
 
     values: dict[str, Obtained]
-    signal: str
-    from_s: float
-    final_s: float
-    final: float
-    width: float  # half of the settling band, which is final +- width
+    signal: str  # column of the trace
+    from_s: float  # start of the evaluation
+    final_s: float  # duration of the mean at the end
+    final: float  # final value of `signal`
+    width: float  # half of the settling band, from final - width to final + width
 
 
 @dataclass(frozen=True)
@@ -264,19 +285,20 @@ class ExpectationCheck:
 
     @property
     def warning(self) -> str:
-        """A warning if the verdict only corresponds to that of an earlier version with two
-        verdicts."""
+        """A warning if the expected verdict is one of an earlier version, which had only two
+        verdicts; otherwise empty."""
         matches = self.expected == "unstable" and self.obtained in NOT_STABLE[1:]
         if self.key != "verdict" or not matches:
             return ""
         return (
-            f"verdict: expected unstable, which matches {self.obtained} ({self.why}) as it did "
-            f"before there were four words; write {self.obtained}, or run `forceaxis test --update`"
+            f"verdict: expected unstable, got {self.obtained} ({self.why}); this passes, because "
+            "earlier versions had only the verdicts stable and unstable; write "
+            f"{self.obtained}, or run the test with `update`"
         )
 
     @property
     def difference(self) -> str:
-        """Difference between the value of the run and the expected value or the limit."""
+        """Text about the difference of the obtained value from the expected value or limit."""
         if not (isinstance(self.expected, Number) and isinstance(self.obtained, float)):
             return self.why
         due = self.expected.value
@@ -309,7 +331,7 @@ class Examined:
 
 
 def shown(value: Expected | Obtained) -> str:
-    """A value as text with few digits; `--json` and --update use all digits."""
+    """A value as text with six digits; of a long text the first characters."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) < 64 else text[:16] + "..."
 
@@ -375,7 +397,7 @@ class Reader:
         if limits.low > limits.high:
             self.fail(key, f"expected min below max, got {limits.low:g} and {limits.high:g}")
         if limits.high < low:
-            self.fail(f"{key}.max", f"expected at least {low:g}, it is never below")
+            self.fail(f"{key}.max", f"expected at least {low:g}, because {key} is never smaller")
         return limits
 
 
@@ -388,7 +410,7 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
     band, absolute = table.get("band", 0.05), False
     if isinstance(band, dict):
         if list(band) != ["absolute"]:
-            reader.fail("band", "expected a fraction of the step or { absolute = ... }")
+            reader.fail("band", "expected a fraction of the step, or { absolute = ... }")
         band, absolute = band["absolute"], True
     final_s = table.get("final_s")
     return Expectation(
@@ -404,7 +426,7 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
 
 
 def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
-    """Check the keys whose values are texts. has_verdict: the experiment has [verdict]. Raises
+    """Checks the keys whose values are texts. has_verdict: the experiment has [verdict]. Raises
     InputError."""
     for key, texts in (("verdict", VERDICTS), ("fault", objects.BY_NAME["fault"].enum)):
         if key in table and table[key] not in texts:
@@ -412,7 +434,9 @@ def _check_texts(reader: Reader, table: ExpectTable, has_verdict: bool) -> None:
             hint = f"; did you mean {meant[0]}?" if meant else ""
             reader.fail(key, f"expected one of {', '.join(texts)}, got {table[key]!r}{hint}")
     if "verdict" in table and not has_verdict:
-        reader.fail("verdict", "expected a [verdict] table with the limits of a stable run; add it")
+        reader.fail(
+            "verdict", "expected a table [verdict] with the limits of a stable run; add this table"
+        )
     text = table.get("trace_hash", "0" * 64)
     if not (isinstance(text, str) and len(text) == 64 and set(text) <= set("0123456789abcdef")):
         reader.fail("trace_hash", "expected 64 hexadecimal digits, as `forceaxis run` prints them")
@@ -430,13 +454,11 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
         reader.fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
     if "peak_force_N" in expect.wanted and not contacts:
         reader.fail(
-            "peak_force_N", "expected a model with a contact, this one has none; remove the key"
+            "peak_force_N", "expected a model with a contact, got one without; remove the key"
         )
     held = result.metrics.held_force
     if asked := [key for key in OF_HELD_FORCE if key in expect.wanted and not held]:
-        reader.fail(
-            min(asked), "expected an experiment that controls force, this one does not; remove it"
-        )
+        reader.fail(min(asked), "expected an experiment that controls a force; remove the key")
     first = math.ceil(expect.from_s * rate - 1e-9)
     values = done.columns[signal][first:].astype(float)
     if len(values) < 2:
@@ -450,7 +472,7 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
-    # the final value of a decayed signal is 0, without its rounding error
+    # the final value of a decayed signal is 0, not the rounding error
     if abs(final) < 1e-9 * largest:
         final = 0.0
     step, rounding = final - start, 1e-12 * largest
@@ -494,11 +516,12 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
     return Examined(done, expect, measured, checks)
 
 
+# Units of the columns that are codes.
 CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc1": "ADC code"}
 
 
 def unit_of(key: str, signal: str, done: runs.Run) -> str:
-    """The unit of a number in [expect], by its key; for final_value that of the signal."""
+    """The unit of the number with this key of [expect]; final_value has the unit of `signal`."""
     if key != "final_value":
         return {"N": "N", "s": "s", "percent": "percentage points"}.get(key.rpartition("_")[2], "")
     if signal in done.units:
@@ -507,7 +530,7 @@ def unit_of(key: str, signal: str, done: runs.Run) -> str:
 
 
 def why(key: str, result: RunResult) -> str:
-    """Reason for the verdict of a run; an empty text for other keys."""
+    """The reason for the verdict of a run if the key is "verdict"; otherwise empty."""
     return ", ".join(result.because) if key == "verdict" else ""
 
 

@@ -36,41 +36,43 @@ TomlTables: TypeAlias = Mapping[str, Any]  # the tables of an experiment's file
 Value: TypeAlias = float | str | np.generic | np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
 IN_MEMORY = "(in memory)"
-# Quantities that the codes of a converter represent, by their names in a result.
+# {quantity: column of the codes that represent the quantity}.
 QUANTITIES = {"position": "encoder", "force": "adc0", "command": "dac"}
 OF_EXPERIMENT = ("duration_s", "seed")
 
 
 class Event(NamedTuple):
-    """A change of state that the simulator located in time: contact, contact loss, sliding."""
+    """A change of state of one element of the model, such as first contact, contact loss, sliding.
+    The simulator locates the time of the change between two ticks."""
 
-    time_s: float
-    element: str  # of the model
-    before: str
-    after: str
+    time_s: float  #: time since the start of the run, s
+    element: str  #: name of the element in the model
+    before: str  #: state before the change
+    after: str  #: state after the change
 
 
 class Experiment:
-    """An experiment: a plant, the firmware's objects, events in time, expected results.
+    """An experiment: a plant, values of firmware objects, events in time, conditions of a verdict.
 
-    Its format is described in docs/guide/reference/experiment.md. The simulation begins with run().
+    docs/guide/reference/experiment.md describes the file of an experiment. The method run()
+    simulates the experiment.
     """
 
     def __init__(self, source: str | TomlTables, folder: str | Path = ".") -> None:
         """Makes an experiment from TOML text, or from a dict with the same tables.
 
-        The path of its model is relative to `folder`. Values may be NumPy scalars and arrays.
-        Raises InputError: one line with the key and what was expected.
+        The path of the model in this text is relative to `folder`. Values of the dict may be NumPy
+        scalars and arrays. Raises InputError with the key and the expected value.
         """
         text = source if isinstance(source, str) else _toml_of(source)
         self._set(Path(folder) / IN_MEMORY, text)
 
     @classmethod
     def load(cls, path: str | Path) -> Experiment:
-        """Reads the file of an experiment, or an installed experiment by its name, such as
-        "contact".
+        """Reads an experiment from the path of a file, or by the name of an installed experiment,
+        such as "contact".
 
-        Raises InputError: file, key and what was expected.
+        Raises InputError with the file, the key and the expected value.
         """
         file = Path(path)
         if isinstance(path, str) and not file.suffix and file.parent == Path():
@@ -84,29 +86,34 @@ class Experiment:
         found = read_inputs(file, text=text)
         self.title: str = found.title
         self.model = found.model
-        #: (value, unit) of each parameter of the model, with the experiment's [set] applied.
+        #: Value in SI units and name of this unit for each parameter of the model. Values of the
+        #: table [set] of the experiment replace those of the model.
         self.parameters: dict[str, ParameterFacts] = found.parameters
-        #: Objects of the firmware that the experiment writes before the first tick.
+        #: Values of the firmware objects that the experiment writes before the first tick, each in
+        #: the unit of the object.
         self.firmware: dict[str, float] = found.firmware
 
     def run(self, overrides: Mapping[str, Value] | None = None, /, **values: Value) -> Result:
         """Simulates the experiment with changed values.
 
-        A keyword is an object of the firmware, a parameter of the model, `duration_s` or `seed`.
-        `overrides` takes the names of `forceaxis run --set`: "m_r", "firmware.force_gain",
-        "experiment.duration_s", "verdict.window_s". A value is a number, a NumPy scalar, True or
-        False, or a text with a unit such as "75 N". Raises InputError, SimulationError.
+        A keyword is the name of a firmware object, the name of a parameter of the model,
+        `duration_s` (in s) or `seed`. `overrides` contains full names: "m_r",
+        "firmware.force_gain", "experiment.duration_s", "verdict.window_s". A value is a number in
+        the unit of its parameter or object, a NumPy scalar, True or False, or a text with a unit
+        such as "75 N". Raises InputError for an unknown name and for a value that is not in the
+        range of its parameter or object, SimulationError if the plant cannot be simulated.
         """
         given = {str(name): value for name, value in (overrides or {}).items()}
         for name, value in self._full_names(values).items():
             if name in given:
-                raise InputError(f"{name}: expected one value, got two; remove one of them")
+                raise InputError(f"{name}: expected one value, got two; remove one value")
             given[name] = value
         texts = [f"{name}={_text_of(name, value)}" for name, value in given.items()]
         return Result(runs.run(self._file, texts, text=self._text))
 
     def _full_names(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """The values under the names of --set. Raises InputError with all unknown names."""
+        """The values by the full names of parameters and objects. Raises InputError with all
+        unknown names."""
         known = (*objects.BY_NAME, *self.parameters, *OF_EXPERIMENT)
 
         def fail(name: str, message: str) -> NoReturn:
@@ -135,19 +142,22 @@ class Experiment:
 
 
 class Result:
-    """A finished run: its results, and its trace as arrays with one value for each tick.
+    """A finished run: verdict, figures, and the trace as arrays (n,) with one value for each of the
+    n ticks.
 
-    result["force"] (N), result["position"] (m) and result["command"] (V) are the quantities that
-    the converters read and output. Each column of the trace has its own name, such as
-    "sensor.force" or "adc0". `units` contains the unit of each.
+    result["force"] (N), result["position"] (m) and result["command"] (V) are the measured force,
+    the measured position and the output voltage. Each column of the trace has a name of its own,
+    such as "sensor.force" (N) or "adc0" (ADC code). `units` contains the unit of each name.
     """
 
     def __init__(self, run: runs.Run) -> None:
-        """Stores a finished run."""
+        """Takes the results of a finished run."""
         self._run = run
-        #: The content of `forceaxis run --json`.
+        #: Result as the verb `forceaxis run` prints it in JSON.
         self.summary: JsonObject = run.summary
+        #: Time of each tick since the start of the run in s, (n,).
         self.time_s: Array = run.time_s
+        #: {name: unit} of everything that result[name] accepts.
         self.units: dict[str, str] = self._units()
 
     def _units(self) -> dict[str, str]:
@@ -173,8 +183,8 @@ class Result:
 
     @property
     def verdict(self) -> str | None:
-        """The run is "stable", "unstable", "not_met" (a limit of [verdict] is missed) or
-        "never_in_contact"; None: the experiment has no [verdict]."""
+        """Verdict of the run: "stable", "unstable", "not_met" (a limit of [verdict] is exceeded) or
+        "never_in_contact". None: the experiment has no [verdict]."""
         return self._run.result.verdict
 
     @property
@@ -184,12 +194,13 @@ class Result:
 
     @property
     def because(self) -> list[str]:
-        """Reasons for a verdict other than "stable", as texts."""
+        """Reasons for a verdict other than "stable", as texts; empty for a stable run."""
         return list(self._run.result.because)
 
     @property
     def missed(self) -> list[dict[str, str | float | None]]:
-        """The limits that the run did not keep: limit, verdict, value, bound and unit of each."""
+        """The exceeded limits of [verdict]: a dict with the keys limit, verdict, value, bound and
+        unit for each."""
         return [to_json(limit) for limit in self._run.result.missed]
 
     @property
@@ -203,38 +214,43 @@ class Result:
 
     @property
     def setpoint_N(self) -> float | None:
-        """The last force set-point in N; None if the experiment controls no force."""
+        """Force set-point at the end of the run in N; None if the experiment controls no force."""
         return self._held.setpoint_N if self._held else None
 
     @property
     def held_force_N(self) -> float | None:
-        """Mean of the force in the window of the verdict in N; None if the experiment controls no
-        force."""
+        """Mean of the measured force in the window of the verdict in N; None if the experiment
+        controls no force."""
         return self._held.held_N if self._held else None
 
     @property
     def overshoot_percent(self) -> float | None:
-        """Largest excess of the force over its set-point, in per cent of the set-point."""
+        """Largest excess of the measured force over the set-point, in per cent of the set-point
+        (0 or more); None if the experiment controls no force."""
         return self._held.overshoot_percent if self._held else None
 
     @property
     def settling_s(self) -> float | None:
-        """Time in s from the last set-point or first contact until the force stays within 5 %; None
-        if it does not."""
+        """Time in s from the last change of the set-point, or from a later first contact, until the
+        force stays within 5 % of the set-point. None if the force does not settle, or if the
+        experiment controls no force."""
         return self._held.settle_s if self._held else None
 
     @property
     def events(self) -> list[Event]:
-        """Contacts, contact losses and other changes of state, in order of time."""
+        """All changes of state of elements, such as contacts and contact losses, in order of
+        time."""
         return [Event(*event) for event in self._run.events]
 
     @property
     def trace_hash(self) -> str:
-        """Hash of all codes in all ticks; equal hashes mean equal codes."""
+        """SHA-256 of all codes in all ticks, 64 hexadecimal digits; equal hashes mean equal
+        codes."""
         return self._run.result.trace_hash
 
     def __getitem__(self, name: str) -> Array:
-        """A column of the trace, or "force", "position" or "command". Raises KeyError."""
+        """The values of a column of the trace, or of "force" (N), "position" (m) or "command" (V),
+        (n,). Raises KeyError for another name."""
         columns = self._run.columns
         if name in columns:
             return columns[name]
@@ -247,17 +263,19 @@ class Result:
         return np.asarray((codes - converter.zero) * converter.per_code)
 
     def __iter__(self) -> Iterator[str]:
-        """Iterate over the names that have values."""
+        """Iterates over the names that result[name] accepts."""
         return iter(self.units)
 
     def __contains__(self, name: str) -> bool:
-        """Whether the result has values of this name."""
+        """Whether result[name] accepts this name."""
         return name in self.units
 
     def plot(self, path: str | Path | None = None, *, codes: bool = False) -> Figure:
-        """Draws the run as a Matplotlib figure, and writes it to `path` (.png, .svg, .pdf).
+        """Draws the run as a Matplotlib figure, and writes the figure to `path` (.png, .svg, .pdf)
+        if a path is given.
 
-        codes: shows the codes of the converters instead of N, mm and V.
+        codes: shows the codes of the converters instead of N, mm and V. Raises OSError if the file
+        cannot be written.
         """
         from forceaxis import drawing
         from forceaxis.experiments import trace
@@ -272,7 +290,7 @@ class Result:
         return words.describe(self._run.result, self._run.overrides)
 
     def __repr__(self) -> str:
-        """Verdict, mean force and settling time."""
+        """Verdict, controlled force and settling time."""
         parts = [", ".join([self.verdict or "no verdict", *self.because])]
         if self.fault != "none" and not self.because:
             parts.append(f"fault {self.fault}")
@@ -291,7 +309,7 @@ def _toml_of(tables: TomlTables) -> str:
 
 
 def _text_of(name: str, value: Value) -> str:
-    """The value of an override in the form of --set. Raises InputError."""
+    """The value of an override as text. Raises InputError."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, bool):

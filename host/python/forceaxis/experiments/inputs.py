@@ -24,7 +24,8 @@ class Inputs:
     expect: ExpectTable | None
     inputs_hash: str
     criterion: Criterion | None  # the table [verdict]
-    unjudged: str | None  # reason why the run cannot have the verdict of [verdict]
+    # reason for which the table [verdict] cannot be evaluated; None: it can
+    unjudged: str | None
     parameters: dict[str, ParameterFacts]  # of the model, with the overrides
     unused: list[str]  # parameters that do not change the model
 

@@ -1,5 +1,5 @@
-"""Finds points of a grid whose verdict differs from that of all neighbours: a small region, or a
-chance result."""
+"""Finds isolated points of a grid: points whose verdict differs from the verdicts of all
+neighbours."""
 
 import itertools
 import math
@@ -23,8 +23,8 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
     found = []
     for place in np.ndindex(shape):
         near = tuple(slice(max(0, i - 1), i + 2) for i in place)
-        judged = [v for v in cells[near].ravel() if v]  # with itself
-        if cells[place] and len(judged) > 2 and judged.count(cells[place]) == 1:
+        known = [v for v in cells[near].ravel() if v]  # of the neighbours and of the point
+        if cells[place] and len(known) > 2 and known.count(cells[place]) == 1:
             found.append(int(numbers[place]))
     return sorted(found)
 

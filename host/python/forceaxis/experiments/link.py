@@ -1,8 +1,8 @@
-"""Runs with the firmware in another process: the plant runs here, axis_node runs the firmware, in
-lock-step.
+"""Runs with the firmware in another process: this process simulates the plant, the program
+axis_node runs the firmware, and both exchange a message in each tick.
 
-The trace is equal in every bit to that of a run in one process, over every transport. Both sides
-compute its hash; different hashes mean that records were changed during the transfer.
+The trace does not depend on the connection: it is equal to the trace of a run in one process. Both
+processes compute the trace hash; different hashes mean that a message was changed on its way.
 """
 
 import contextlib
@@ -43,7 +43,7 @@ _IN_VCAN = "FORCEAXIS_VCAN"  # set by tools/vcan
 
 
 class LinkError(Exception):
-    """The connection failed; the exit status of a verb is 1."""
+    """A connection between two processes failed. A verb then ends with exit status 1."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ class LinkOptions:
     """Options of a run with plant and firmware in two processes."""
 
     kind: str = "inproc"  # of KINDS
-    lcm_url: str = ""  # empty: a port number computed from the number of the run
-    can: str = "vcan1"  # the CAN interface
-    inject: str = ""  # for tests: errors to insert into the records that both sides send
-    start_timeout_s: float = 5.0
-    timeout_s: float = 1.0
+    lcm_url: str = ""  # of the LCM bus; empty: a port that follows from the number of the run
+    can: str = "vcan1"  # name of the CAN interface
+    inject: str = ""  # for tests: errors that are inserted into the messages of both processes
+    start_timeout_s: float = 5.0  # longest time until the first message
+    timeout_s: float = 1.0  # longest time between two messages
 
     def words(self) -> list[str]:
-        """The options of `forceaxis run` that differ from their defaults."""
+        """The arguments of the verb `forceaxis run` that select this connection."""
         can = self.can if self.can != LinkOptions.can else None
         return option_words(link=self.kind, lcm_url=self.lcm_url, link_can=can, inject=self.inject)
 
@@ -72,10 +72,8 @@ class LinkedRun(NamedTuple):
 
 
 def program(name: str) -> str:
-    """The path of a program of forceaxis, in the checkout or beside the installed extension.
-
-    Raises LinkError.
-    """
+    """The path of a program of forceaxis, such as "axis_node". Raises LinkError if the program was
+    not built."""
     places = [
         _CHECKOUT / "build" / "release" / "host" / name,
         _CHECKOUT / "build" / name,
@@ -86,14 +84,12 @@ def program(name: str) -> str:
         if place.is_file() and os.access(place, os.X_OK):
             return str(place)
     shown = ", ".join(paths.display(p) for p in places)
-    raise LinkError(f"{name}: expected it in one of {shown}; build it with tools/setup")
+    raise LinkError(f"{name}: expected this program in one of {shown}; tools/setup builds it")
 
 
 def under_vcan(link: LinkOptions) -> None:
-    """Runs the present command again under tools/vcan if this machine has no CAN interface.
-
-    Returns if there is one, or if the caller has named an interface.
-    """
+    """Runs the present command again under tools/vcan, which has a CAN interface, if this machine
+    has none. Returns if the interface exists, or if the caller has named another interface."""
     if link.kind != "socketcan" or os.environ.get(_IN_VCAN) or _has_can(link.can):
         return
     if link.can != LinkOptions.can:
@@ -144,7 +140,7 @@ class ChipDetails:
 
 @dataclass
 class AxisNode:
-    """An axis_node process that runs the firmware for a series of runs."""
+    """A process of axis_node, which runs the firmware for a series of runs."""
 
     link: LinkOptions
     process: subprocess.Popen[bytes] = field(init=False)
@@ -194,8 +190,8 @@ class AxisNode:
         return self.process.stdin, self.process.stdout
 
     def _line(self, timeout_s: float) -> str:
-        """The next line that the process prints. Raises LinkError if the process ends or at the
-        time limit."""
+        """The next line that the process prints. Raises LinkError if the process ends, or if it
+        prints no line within timeout_s."""
         stdout = self._pipes[1]
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
@@ -223,12 +219,12 @@ class AxisNode:
         return report
 
     def begin(self, run_id: int, experiment: str | Path, overrides: Sequence[str]) -> None:
-        """Prepares the process for a run. Raises InputError, LinkError."""
+        """Sends the process the experiment and the overrides of the next run. Raises InputError,
+        LinkError."""
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
             raise InputError(
-                f"{experiment}: expected no tabs and line breaks in the names of files and "
-                "in the overrides"
+                f"{experiment}: expected names of files and overrides without tabs and line breaks"
             )
         self._send("\t".join(fields) + "\n")
         line = self._line(30)
@@ -237,7 +233,7 @@ class AxisNode:
             self._report(0)
 
     def end(self) -> NodeReport:
-        """Ends the run and returns the report of the node. Raises InputError, LinkError."""
+        """Ends the run and returns the report of the process. Raises InputError, LinkError."""
         self._send("\n")
         report = self._report(self.link.timeout_s + 5)
         axis = report["axes"][0]
@@ -250,14 +246,15 @@ class AxisNode:
 
 
 def new_run_id() -> int:
-    """A unique identifier of a run."""
+    """A random number that identifies a run on a bus."""
     return secrets.randbelow(2**53)
 
 
 def run_with(
     node: AxisNode, experiment: str | Path, overrides: Sequence[str], trace: bool = True
 ) -> LinkedRun:
-    """One run with the firmware in `node`. Raises InputError, LinkError, SimulationError."""
+    """Runs an experiment with the firmware in the process `node`. trace: False if only the result
+    is needed. Raises InputError, LinkError, SimulationError."""
     link, run_id = node.link, new_run_id()
     node.begin(run_id, experiment, overrides)
     try:
@@ -298,7 +295,8 @@ def run_with(
 def run_on_chip(
     link: LinkOptions, experiment: str | Path, overrides: Sequence[str], trace: bool = True
 ) -> LinkedRun:
-    """One run with the firmware on an emulated chip. Raises as run_with."""
+    """Runs an experiment with the firmware on an emulated chip. trace: False if only the result is
+    needed. Raises InputError, LinkError, SimulationError."""
     board = chip.board_of(link.kind)
     with chip.Emulator(board) as emulator:
         try:
@@ -320,7 +318,7 @@ def run_on_chip(
 def _report_here(
     kind: str, where: str, result: _core.Result, axis_pid: int, ticks_per_s: float
 ) -> LinkReport:
-    """The report of a run that exchanges no records between processes."""
+    """The report of a run without messages between two processes."""
     return LinkReport(
         kind=kind,
         where=where,
@@ -336,7 +334,8 @@ def _report_here(
 
 
 def run(link: LinkOptions, experiment: str | Path, overrides: Sequence[str]) -> LinkedRun:
-    """One run over `link`. Raises as run_with."""
+    """Runs an experiment over the connection `link`. Raises InputError, LinkError,
+    SimulationError."""
     if link.kind in CHIPS:
         return run_on_chip(link, experiment, overrides)
     if link.kind != "inproc":
@@ -354,9 +353,10 @@ def run_many(
     jobs: Sequence[tuple[str, Sequence[str]]],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[CoreOutcome]:
-    """Runs (experiment, overrides) pairs one after another, with one axis_node.
+    """Runs pairs (experiment, overrides) one after another over the connection `link`.
 
-    The results have the form of _core.run_many. Raises as run_with.
+    progress: function that receives (number of finished runs, number of all runs). The results have
+    the form of _core.run_many. Raises InputError, LinkError, SimulationError.
     """
     outcomes: list[CoreOutcome] = []
     with contextlib.ExitStack() as stack:
@@ -387,10 +387,10 @@ def run_many(
 
 
 def expect_same(report: LinkReport) -> None:
-    """Raises LinkError unless both sides of a run have the same trace hash."""
+    """Raises LinkError if the two processes of a run have computed different trace hashes."""
     if not report.same:
         raise LinkError(
-            f"link {report.kind}: expected the same trace hash on both sides, the plant's is "
-            f"{report.hashes.plant}, the firmware's {report.hashes.axis}: a record was changed on "
-            "the way"
+            f"link {report.kind}: expected the same trace hash of both processes, got "
+            f"{report.hashes.plant} of the plant and {report.hashes.axis} of the firmware, because "
+            "a message was changed on its way"
         )

@@ -1,4 +1,4 @@
-"""Figures of traces: signals over time in rows, with set-points and events."""
+"""Figures of traces: rows of signals over time, with force set-points, contacts and events."""
 
 import textwrap
 from collections.abc import Sequence
@@ -38,33 +38,35 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 def unit_of(name: str) -> tuple[str, float]:
-    """(unit, factor) with which a figure shows a column of a trace."""
+    """(unit, factor) of a column of a trace in a figure: the figure shows value times factor."""
     return UNITS.get(name.rpartition(".")[2], ("", 1))
 
 
 @dataclass
 class Line:
-    """A signal of a row: values over the time of the figure."""
+    """A signal in a row of a figure."""
 
     label: str
     unit: str
-    values: Array
-    names: dict[int, str] = field(
-        default_factory=dict
-    )  # quantity of its values, shown if the signal has its own row
-    controlled: bool = False  # True for a force in N to which the set-points refer
+    values: Array  # (n,), one for each time of the figure
+    # {value: name} of an enumeration; shown on the axis if the row has no other signal
+    names: dict[int, str] = field(default_factory=dict)
+    controlled: bool = False  # whether the signal is the force in N that the set-points refer to
 
 
 @dataclass
 class Marks:
-    """Marks of a figure besides its signals; times in s, which may lie outside the figure."""
+    """Everything that a figure shows besides signals. Times are in s; those outside the figure are
+    not shown."""
 
-    setpoints: list[tuple[float, float]] = field(default_factory=list)  # (from time, N)
-    contacts: list[tuple[float, float]] = field(default_factory=list)  # (from, to)
-    window: tuple[float, float, str] | None = None  # (from, to, verdict)
+    # (time of the change, force set-point in N)
+    setpoints: list[tuple[float, float]] = field(default_factory=list)
+    contacts: list[tuple[float, float]] = field(default_factory=list)  # (first time, last time)
+    # window of the verdict: (first time, last time, verdict)
+    window: tuple[float, float, str] | None = None
     # (time, key of EVENTS, text)
     events: list[tuple[float, str, str]] = field(default_factory=list)
-    # (times, N) of a demanded force that is not a step
+    # (times, forces in N) of a force demand that is not a step
     demand: tuple[Values, Values] | None = None
 
 
@@ -75,11 +77,11 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-# marks within this share of the figure's width overlap; largest number of overlapping marks
-CLOSE, MANY = 0.015, 3
+OVERLAP_SHARE = 0.015  # marks overlap within this share of the width of the figure
+MOST_MARKS = 3  # largest number of overlapping marks that are drawn one by one
 LINE_WIDTH = THIN["linewidth"]
-CONTACT = "#dbe6f1"
-IN_LINE = 5  # keys of a legend
+CONTACT_COLOUR = "#dbe6f1"
+KEYS_PER_LINE = 5  # of a legend
 
 
 def trace(
@@ -90,12 +92,13 @@ def trace(
     marks: Marks | None = None,
     width: float = 5.6,
 ) -> Figure:
-    """Figure of rows of Lines over time. notes: (text, colour) of the lines below the title."""
+    """Figure of signals over time. rows: the signals of each row of the figure. notes: (text,
+    colour) of the lines below the title. width: of the figure in inches."""
     marks = marks or Marks()
     chars = round(18.5 * width)
     notes = [(line, colour) for text, colour in notes for line in textwrap.wrap(text, chars)]
     handles = keys(marks, time_s, rows)
-    lines = -(-len(handles) // IN_LINE)  # of the legend
+    lines = -(-len(handles) // KEYS_PER_LINE)  # of the legend
     head, foot, tall = 0.3 + 0.14 * len(notes), 0.5 + 0.18 * lines, 1.2
     height = head + tall * len(rows) + foot
     figure, axes = plt.subplots(len(rows), 1, sharex=True, figsize=(width, height), squeeze=False)
@@ -126,7 +129,7 @@ def trace(
             parse_math=False,
         )  # fmt: skip
     if handles:
-        ncols = min(len(handles), IN_LINE)
+        ncols = min(len(handles), KEYS_PER_LINE)
         legend(figure, handles=handles, loc="lower left", ncols=ncols, columnspacing=1.2,
                handletextpad=0.5, bbox_to_anchor=(0.01, 0))  # fmt: skip
     plt.close(figure)
@@ -134,7 +137,7 @@ def trace(
 
 
 def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
-    """Draws the lines of a row, with its label."""
+    """Draws the signals of one row and labels the axis."""
     for line in row:
         values = line.values
         if len(row) == 1 and line.names:
@@ -151,8 +154,7 @@ def draw_row(ax: Axes, time_s: Array, row: Sequence[Line]) -> None:
 
 
 def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
-    """Draws the demanded force: steps, or ramps if the force demand has a slope; nothing without a
-    demand."""
+    """Draws the force demand: the steps of the set-points, or ramps if the demand has a slope."""
     setpoints = marks.setpoints
     if not setpoints or len(time_s) < 2 or time_s[-1] < setpoints[0][0]:
         return
@@ -175,8 +177,8 @@ def ramps(
     contacts: Sequence[tuple[float, float]],
     end: float,
 ) -> tuple[list[float], list[float]]:
-    """(times, N) of the corners of a force demand that follows set-points, (from time, N), with a
-    slope in N/s from the first contact on. Out of contact there is no demand."""
+    """(times, forces in N) of the corners of a force demand. From the first contact on the demand
+    follows the set-points, (time of the change, N), with `slope` in N/s until the time `end`."""
     touch = min((a for a, _ in contacts), default=np.inf)
     if touch >= end:
         return [], []
@@ -201,8 +203,8 @@ def shade(ax: Axes, marks: Marks, time_s: Array) -> None:
     across = ax.get_xaxis_transform()
     if inside:
         ax.broken_barh(
-            [(a, b - a) for a, b in inside], (0, 1), transform=across, color=CONTACT, alpha=0.7,
-            linewidth=0, zorder=0,
+            [(a, b - a) for a, b in inside], (0, 1), transform=across, color=CONTACT_COLOUR,
+            alpha=0.7, linewidth=0, zorder=0,
         )  # fmt: skip
     if marks.window and marks.window[1] > low and marks.window[0] < high:
         a, b, verdict = marks.window
@@ -219,14 +221,14 @@ def area_of(verdict: str) -> str:
 
 
 def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Array) -> None:
-    """A mark above the rows for each event inside the figure. Events that are too close together
-    for separate marks get a line from the first to the last. The legend contains their number."""
+    """Draws a mark above the rows for each event. Events that are too close together for separate
+    marks have one line from the first to the last event."""
     across = ax.get_xaxis_transform()
     for level, (kind, (marker, colour)) in enumerate(EVENTS.items()):
         times = [t for t, k, _ in events if k == kind and time_s[0] <= t <= time_s[-1]]
-        for cluster in clusters(times, CLOSE * (time_s[-1] - time_s[0])):
+        for cluster in clusters(times, OVERLAP_SHARE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
-            if len(cluster) > MANY:
+            if len(cluster) > MOST_MARKS:
                 height = 1.03 + 0.012 * level  # lines of different kinds at different heights
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
                         clip_on=False)  # fmt: skip
@@ -237,7 +239,8 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
 
 
 def clusters(times: Sequence[float], close: float) -> list[list[float]]:
-    """Ascending times in groups; a new group begins at a distance above `close`."""
+    """The times in groups, in ascending order. Neighbours in a group have a distance of at most
+    `close`, in the unit of the times."""
     found: list[list[float]] = []
     for time in sorted(times):
         if found and time - found[-1][-1] <= close:
@@ -248,7 +251,7 @@ def clusters(times: Sequence[float], close: float) -> list[list[float]]:
 
 
 def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Artist]:
-    """Handles of the legend for the elements of the figure."""
+    """Handles of the legend: demand, contact, window of the verdict and events in the figure."""
     low, high = time_s[0], time_s[-1]
     found: list[Artist] = []
     if any(newton for _, newton in marks.setpoints) and any(
@@ -257,7 +260,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
         label = "set-point" if marks.demand is None else "demand"
         found.append(plt.Line2D([], [], label=label, color=WANTED, linestyle="--", linewidth=0.8))
     if any(b > low and a < high for a, b in marks.contacts):
-        found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT, label="contact"))
+        found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT_COLOUR, label="contact"))
     if marks.window and marks.window[1] > low and marks.window[0] < high:
         verdict = marks.window[2]
         label = f"judged: {verdict}"
@@ -273,24 +276,24 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
 
 @dataclass(frozen=True)
 class ExpectedLevel:
-    """An expected value of a signal, in the unit of the trace."""
+    """An expected range of a value and the value of the run, in the unit of the trace."""
 
     row: int  # of the figure
-    name: str
-    from_s: float
-    low: float
-    high: float
-    obtained: float
+    name: str  # key of [expect]
+    from_s: float  # start of the time to which the value belongs
+    low: float  # end of the expected range
+    high: float  # other end of the expected range
+    obtained: float  # value of the run
 
 
 @dataclass(frozen=True)
 class Settling:
-    """An expected settling time; times are measured from from_s."""
+    """An expected settling time and that of the run, both measured from from_s."""
 
     from_s: float
     band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
-    expected_s: tuple[float, float] | None
-    obtained_s: float | None
+    expected_s: tuple[float, float] | None  # range; None: the signal must not settle
+    obtained_s: float | None  # None: the signal does not settle
 
 
 def comparison(
@@ -301,9 +304,10 @@ def comparison(
     table: str,
     title: str,
 ) -> Figure:
-    """Figure of the expected values (green) and the obtained ones, with a table of both below.
+    """Figure of signals with expected values in green and obtained values, and a table of these
+    values as text below.
 
-    rows: the signals of each row; the first is the response.
+    rows: the signals of each row; the first row is the response whose settling is shown.
     """
     heights = [2.4] * len(rows) + [0.1 + 0.145 * len(table.splitlines())]
     figure, axes = plt.subplots(
@@ -359,7 +363,7 @@ def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> Non
     ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
         level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        # different sides, because both texts are often close together
+        # on different sides, because the labels of peak and final value are often close together
         va="bottom" if level.name == "peak_force_N" else "top",
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip

@@ -1,4 +1,5 @@
-"""Points of a sweep: a grid, random points, and the parameter of a search for a boundary."""
+"""Points of a sweep: all points of a grid, random points, or the range of a search for a stability
+boundary."""
 
 import hashlib
 import itertools
@@ -28,8 +29,8 @@ KEYS = {
 
 
 def meant(name: str, parameters: Iterable[str] = ()) -> str:
-    """As words.suggestion(), from all names that an override may have; the table is added to a name
-    without one."""
+    """The end of a message about an unknown name of an override: "; did you mean NAME?", or an
+    empty text. parameters: names of the parameters of the model."""
     full = {key: f"{room}.{key}" for room, keys in KEYS.items() for key in keys}
     full |= {o.name: f"firmware.{o.name}" for o in objects.OBJECTS if "w" in o.access}
     if name in full:
@@ -41,32 +42,34 @@ def meant(name: str, parameters: Iterable[str] = ()) -> str:
 
 @dataclass(frozen=True)
 class SweepParameter:
-    """A swept parameter."""
+    """A parameter that a sweep changes, and its range in the unit of the parameter."""
 
     name: str
     low: float
     high: float
-    log: bool = False
+    log: bool = False  # whether the range is divided on a logarithmic scale
     values: Point = ()  # of a grid
-    tolerance: float = 0.0  # of a bisection
+    tolerance: float = 0.0  # of a bisection: largest distance of the two ends of the boundary
 
     def at(self, u: float) -> float:
-        """The value at u = 0..1 of the range, rounded to 12 digits so that its text is exact."""
+        """The value at the fraction u of the range, 0 to 1, rounded to 12 digits so that its text
+        is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
 
 
 def tidy(value: float) -> float:
-    """The value rounded to 12 digits."""
+    """The value rounded to 12 significant digits."""
     return float(f"{value:.12g}")
 
 
 def parse(
     parameter: str, name: str, text: str, more: Sequence[str], may_log: bool
 ) -> SweepParameter:
-    """A swept parameter from a text FROM:TO, the numbers named in `more`, and optionally :log.
-    parameter: name of the argument of sweep() that contains the text, for errors."""
+    """The swept parameter `name` from a text FROM:TO, followed by the numbers whose names are in
+    `more`, and by ":log" if may_log is True. parameter: field of the SweepRequest with the text,
+    for errors. Raises ParameterError."""
     shape = ":".join(("FROM", "TO", *more))
     parts = str(text).split(":")
     log = may_log and parts[-1] == "log"
@@ -94,7 +97,7 @@ def parse(
     if "COUNT" in more:
         count = int(values[2])
         if values[2] != count or not 2 <= count <= MOST_POINTS:
-            fail(f"COUNT to be a whole number from 2 to {MOST_POINTS}; `overrides` gives one value")
+            fail(f"COUNT to be a whole number from 2 to {MOST_POINTS}; `overrides` sets one value")
         return replace(swept, values=tuple(swept.at(i / (count - 1)) for i in range(count)))
     return swept
 
@@ -126,7 +129,7 @@ def grid_axes(grid: Mapping[str, GridValues]) -> list[SweepParameter]:
 
 
 def grid_points(axes: Sequence[SweepParameter]) -> list[Point]:
-    """All combinations; the last parameter changes first."""
+    """All combinations of the values; the last parameter changes first."""
     return list(itertools.product(*(a.values for a in axes)))
 
 
@@ -136,9 +139,9 @@ def random_axes(random: Mapping[str, str]) -> list[SweepParameter]:
 
 
 def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) -> list[Point]:
-    """Random points; the value of a parameter at point i depends only on seed, name and i.
-
-    u = the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53.
+    """Random points. The value of a parameter at point i depends only on seed, name and i: its
+    fraction of the range is the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53. Raises
+    ParameterError.
     """
     if not count or not 1 <= count <= MOST_POINTS:
         raise ParameterError("count", f"expected a number of random points, 1 to {MOST_POINTS}")
@@ -156,8 +159,8 @@ def check_names(
     overrides: Sequence[str],
     axes: Sequence[SweepParameter],
 ) -> None:
-    """Raises InputError for names that an override may not have and for parameters without
-    effect."""
+    """Raises InputError for a name that is given twice, for an unknown name, and for a parameter
+    without effect on the model."""
     taken = {text.partition("=")[0] for text in overrides}
     for axis in axes:
         if axis.name in taken:
@@ -170,7 +173,7 @@ def check_names(
 
 
 def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence[str]) -> str:
-    """Text about the expected names instead of `name`; empty if the name can be swept."""
+    """Text about what is expected instead of `name`; empty if a sweep can change `name`."""
     room, dot, key = name.partition(".")
     if not dot:
         if name not in inputs.parameters:
@@ -180,7 +183,7 @@ def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence
             )
         value = inputs.parameters[name].value
         if name in read_inputs(experiment, [*overrides, f"{name}={value!r}"]).unused:
-            return "a parameter that the model uses, this one changes nothing here"
+            return "a parameter that changes the model"
     elif room == "firmware":
         if not any(o.name == key and "w" in o.access for o in objects.OBJECTS):
             return (
@@ -194,7 +197,7 @@ def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence
 
 
 def unit_of(name: str, inputs: Inputs) -> str:
-    """The unit of a swept parameter, or ""."""
+    """The unit of a swept parameter; empty if the parameter has no unit."""
     room, _, key = name.partition(".")
     if room == "firmware":
         unit = next(o.unit for o in objects.OBJECTS if o.name == key)

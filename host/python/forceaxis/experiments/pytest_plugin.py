@@ -1,16 +1,17 @@
-"""pytest: a fixture that runs an experiment, and experiments with [expect] as test items.
+"""Plugin of pytest: a fixture that runs an experiment, and experiments with a table [expect] as
+tests.
 
     def test_axis(forceaxis_experiment):
         forceaxis_experiment("contact.toml").check()
 
-The path is relative to the test's file. The returned object also has `.run.columns` (the trace),
-`.run.summary` and `.measured.values` for further assertions; further arguments are overrides,
-"firmware.force_gain=7". With
+The path is relative to the file of the test. Further arguments are overrides, such as
+"firmware.force_gain=7". For other assertions the returned object has `.run.columns` (the trace),
+`.run.summary` and `.measured.values`. With
 
     [tool.pytest.ini_options]
     forceaxis_experiments = ["axes"]
 
-pytest runs every *.toml with an [expect] table below these folders as a test.
+pytest runs every *.toml file with a table [expect] below these folders as a test.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,17 +30,17 @@ if TYPE_CHECKING:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addini(
         "forceaxis_experiments",
-        "folders in which every *.toml with an [expect] table is a test (forceaxis test --help); "
-        "in a test, the fixture forceaxis_experiment runs one: "
-        'forceaxis_experiment("contact.toml").check()',
+        "folders in which every *.toml file with a table [expect] is a test; the help of the verb "
+        "`forceaxis test` describes the table; in a function, the fixture forceaxis_experiment "
+        'runs an experiment: forceaxis_experiment("contact.toml").check()',
         type="paths",
         default=[],
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Adds the folders to the arguments of a plain `pytest`, even if testpaths does not name
-    them."""
+    """Adds the folders of forceaxis_experiments to the folders that pytest searches if it is called
+    without arguments."""
     if config.args_source == config.ArgsSource.TESTPATHS:
         config.args += [str(p) for p in config.getini("forceaxis_experiments")]
 
@@ -84,44 +85,37 @@ class ExperimentItem(pytest.Item):
 
 
 class CheckedExperiment:
-    """A finished run: `run` (summary, columns, events), `measured` and `checks` of its [expect]."""
+    """A finished run, and its comparison with the table [expect] of its file."""
 
     def __init__(self, file: Path, overrides: tuple[str, ...] = ()) -> None:
         from forceaxis.experiments import expect
 
+        examined = expect.examine(file, overrides)
         self.file = file
-        self._examined = expect.examine(file, overrides)
-
-    @property
-    def run(self) -> "Run":
-        return self._examined.run
-
-    @property
-    def measured(self) -> "Measured":
-        return self._examined.measured
-
-    @property
-    def checks(self) -> "list[ExpectationCheck]":
-        return self._examined.checks
+        self.run: Run = examined.run
+        self.measured: Measured = examined.measured
+        self.checks: list[ExpectationCheck] = examined.checks
 
     def check(self) -> None:
-        """Fails with a line for each value that differs from [expect]."""
+        """Raises AssertionError with a line for each value that differs from [expect], and
+        InputError if [expect] has no values."""
         __tracebackhide__ = True
         from forceaxis._core import InputError
 
         if not self.checks:
             raise InputError(
-                f"{self.file}: expect: expected something to compare; add [expect] and run "
-                "`forceaxis test --update`"
+                f"{self.file}: expect: expected values to compare; add a table [expect] with "
+                "values, which the verb `forceaxis test` can measure"
             )
-        lines = [str(c) for c in self._examined.differences]
+        lines = [str(check) for check in self.checks if not check.passed]
         if lines:
-            raise AssertionError("\n  ".join([f"{self.file} is not as its [expect] says:", *lines]))
+            head = f"{self.file}: the run differs from its table [expect]:"
+            raise AssertionError("\n  ".join([head, *lines]))
 
 
 @pytest.fixture
 def forceaxis_experiment(request: pytest.FixtureRequest) -> Callable[..., CheckedExperiment]:
-    """Runs an experiment; its path is relative to the test's file:
+    """A function that runs the experiment at a path relative to the file of the test:
     forceaxis_experiment(path).check()."""
 
     def run(path: str | Path, *overrides: str) -> CheckedExperiment:

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass
 class RegressionOutcome:
-    """The result of one test. status: passed, failed, error (bad input), updated or skipped (the
-    file has no [expect])."""
+    """The result of the test of one file. status: passed, failed, error (the file is wrong),
+    updated (a new [expect] was written), or skipped (the file has no [expect])."""
 
     file: Path
     status: str
-    seconds: float = 0.0
+    seconds: float = 0.0  # duration of the test
     message: str = ""  # the reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
     examined: expect.Examined | None = None  # stored while a figure or an update needs it
@@ -47,7 +47,7 @@ class RegressionOutcome:
 
     @property
     def warnings(self) -> list[str]:
-        """Texts about values that pass but need another form in the file, one line each."""
+        """Warnings about values that pass but should be changed in the file, one line each."""
         return [c.warning for c in self.checks if c.warning]
 
     def summary(self) -> "OutcomeSummary":
@@ -98,9 +98,8 @@ class RegressionCounts:
 
 
 def is_test(file: Path) -> bool | None:
-    """True for an experiment with [expect], or for a file that cannot be read (its run reports the
-    error); False for an experiment without [expect]; None for a model, a measurement or a file of
-    another program."""
+    """Whether a file is an experiment with a table [expect]; None if it is no experiment. A file
+    that cannot be read counts as a test, which then reports the error."""
     try:
         data = toml.read(file)
     except InputError:
@@ -113,8 +112,9 @@ def is_test(file: Path) -> bool | None:
 def find(
     targets: Sequence[str | Path], pattern: str | None = None
 ) -> tuple[list[Path], list[Path]]:
-    """(tests, experiments without [expect]) among the targets and in the folders below. Raises
-    InputError."""
+    """(files with a table [expect], experiments without this table) among the targets, which are
+    files and folders. pattern: part of the file name, in which * and ? are wildcards. Raises
+    InputError if no file has the table."""
     files: dict[Path, Path] = {}
     for target in map(Path, targets):
         if target.is_dir():
@@ -138,19 +138,19 @@ def find(
     if not tests:
         where = ", ".join(map(str, targets)) + (f" with {pattern!r} in its name" if pattern else "")
         others = [paths.display(p) for p, kind in kinds.items() if kind is None]
-        add = "add [expect] and run `forceaxis test --update`"
+        add = "add a table [expect] and run the test with `update`, which fills the table"
         if others and not skipped:
-            add = f"{', '.join(others[:3])}: no experiments, they have no duration_s"
+            add = f"{', '.join(others[:3])} is no experiment, because it has no duration_s"
         raise InputError(
-            f"{where}: expected an experiment with an [expect] table, found none and "
-            f"{len(skipped)} without; {add}"
+            f"{where}: expected an experiment with a table [expect], found none, and "
+            f"{len(skipped)} without this table; {add}"
         )
     return tests, skipped
 
 
 def run_test(file: Path, update: bool = False) -> RegressionOutcome:
-    """Runs the test of one file; an error in the file is an outcome, not an exception. update: the
-    outcome of a test that passes also contains its run if its [expect] is to be filled."""
+    """Runs the test of one file. An error in the file is an outcome, not an exception. update: the
+    outcome also contains the run if [expect] has to be written again."""
     began = time.perf_counter()
     outcome = RegressionOutcome(file, "error")
     try:
@@ -158,7 +158,8 @@ def run_test(file: Path, update: bool = False) -> RegressionOutcome:
         outcome.checks = outcome.examined.checks
         if not outcome.checks:
             outcome.message = (
-                f"{file}: expect: expected something to compare; run `forceaxis test --update`"
+                f"{file}: expect: expected values to compare; run the test with `update`, which "
+                "fills the table"
             )
         elif outcome.examined.differences:
             outcome.status = "failed"
@@ -171,15 +172,15 @@ def run_test(file: Path, update: bool = False) -> RegressionOutcome:
     except InputError as error:
         outcome.message = str(error)
     except OSError as error:
-        outcome.message = f"{file}: expected to be able to read it, {error.strerror}"
+        outcome.message = f"{file}: expected a readable file, got: {error.strerror}"
     outcome.message = " ".join(outcome.message.split())
     outcome.seconds = time.perf_counter() - began
     return outcome
 
 
 def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
-    """Rewrites [expect] of the file so that the test passes. Limits are not changed, so the test
-    may still fail."""
+    """Writes the values of the run into the table [expect] of the file, and tests again. Limits are
+    not changed, so that the test can still fail."""
     file = outcome.file
     try:
         with file.open(encoding="utf-8", newline="") as stream:
@@ -197,7 +198,7 @@ def write_update(outcome: RegressionOutcome, examined: expect.Examined) -> None:
         return
     except OSError as error:
         outcome.status = "error"
-        outcome.message = f"{file}: expected to be able to write it, {error.strerror}"
+        outcome.message = f"{file}: expected a file that can be written, got: {error.strerror}"
         return
     outcome.checks = [
         expect.ExpectationCheck(k, v, examined.measured.values[k])
@@ -215,11 +216,13 @@ def run(
     pattern: str | None = None,
     report: Callable[[RegressionOutcome], None] | None = None,
 ) -> list[RegressionOutcome]:
-    """Runs every test among the targets and in the folders below, in parallel; returns the outcomes
-    in the order of their names.
+    """Runs all tests among the targets, files and folders, in parallel, and returns the outcomes in
+    the order of the file names.
 
-    update: rewrites [expect] if it differs. out: folder for a plot and a table of each difference.
-    report: called with each outcome, in order, as soon as it is known.
+    update: writes the values of the run into [expect] if they differ. out: folder for a figure and
+    a table of each difference. pattern: part of the file name, in which * and ? are wildcards.
+    report: function that receives each outcome, in order, as soon as it is known. Raises InputError
+    if there is no test.
     """
     tests, skipped = find(targets, pattern)
     fresh = out is not None and not out.exists()
@@ -252,8 +255,8 @@ def run(
 
 
 def write_difference(outcome: RegressionOutcome, examined: expect.Examined, place: Path) -> Path:
-    """Writes place.png and .svg: expected and obtained values; .txt: both as a table; .npz: the
-    trace. Returns the path of the first file."""
+    """Writes a figure of expected and obtained values to `place` with the suffixes .png and .svg, a
+    table of these values (.txt) and the trace (.npz). Returns the path of the .png file."""
     import numpy as np
 
     from forceaxis import drawing
@@ -270,7 +273,7 @@ def write_difference(outcome: RegressionOutcome, examined: expect.Examined, plac
 
 
 def figure(examined: expect.Examined) -> "Figure":
-    """Figure of the expected peak, final value and settling over the trace."""
+    """Figure of the trace with the expected peak force, final value and settling time."""
     from forceaxis.experiments import plots
 
     measured, wanted = examined.measured, examined.expect.wanted

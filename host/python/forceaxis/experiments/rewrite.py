@@ -1,4 +1,4 @@
-"""`forceaxis test --update`: writes another [expect] table into the text of an experiment."""
+"""Writes new values into the table [expect] of the text of an experiment."""
 
 import difflib
 import json
@@ -17,17 +17,17 @@ from forceaxis.experiments.expect import (
     Tolerance,
 )
 
+# Keys that an update adds to an empty table [expect].
 FILLED = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", "trace_hash")
 
 
 def bare(checks: Sequence[ExpectationCheck]) -> bool:
-    """True if [expect] is empty or contains only the verdict; --update then fills it."""
+    """Whether [expect] is empty or contains only the verdict, so that an update fills the table."""
     return all(check.key == "verdict" for check in checks)
 
 
 def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[ExpectationCheck]) -> str:
-    """The experiment's text with the keys FILLED added below the line [expect], without those that
-    exist."""
+    """The text of an experiment with the missing keys of FILLED added below the line [expect]."""
     there = [check.key for check in checks]
     lines = [
         f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key)))}\n"
@@ -44,13 +44,13 @@ def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[Expectati
 
 
 def updated(text: str, examined: Examined) -> str:
-    """The experiment's text with the failing values of [expect] replaced. Limits are requirements,
-    so they are not changed."""
+    """The text of an experiment with new values in place of those that the run does not have.
+    Limits are requirements and are not changed."""
     import tomlkit
 
     try:
         document = tomlkit.parse(text)
-    # this reader of TOML may differ from the other one
+    # tomlkit may refuse a text that the reader of experiments accepts
     except tomlkit.exceptions.ParseError as error:
         file = examined.run.experiment
         raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
@@ -84,7 +84,7 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
     filled_nothing = new == old and not examined.checks
     if before != after or lost > changed or filled_nothing:
         raise InputError(
-            f"{file}: expect: expected a table that can be rewritten in place; write [expect] on a "
+            f"{file}: expect: expected a table whose values can be replaced; write [expect] on a "
             "line of its own, at the end of the file"
         )
     return new.replace("\n", "\r\n") if crlf else new

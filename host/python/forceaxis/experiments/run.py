@@ -1,5 +1,5 @@
-"""Runs experiments: in this process, with the firmware in another process, or again from a
-journal."""
+"""Runs experiments in this process or with the firmware in another process, and repeats recorded
+runs."""
 
 import math
 import shlex
@@ -22,23 +22,24 @@ from forceaxis.words import option_words
 class Run:
     """A finished run: its result and its trace."""
 
-    experiment: Path
-    model: Path
+    experiment: Path  # file of the experiment
+    model: Path  # file of the model
     result: RunResult
-    columns: Columns  # one value a tick
-    events: list[tuple[float, str, str, str]]  # (time_s, element, from, to)
+    columns: Columns  # of the trace, with one value for each tick
+    # (time_s, element, state before, state after) of each change of state
+    events: list[tuple[float, str, str, str]]
     plot: run_result.PlotTable
-    shows: str  # the expected behaviour as described in the file
-    # (from time_s, N) of each force set-point; [] without a force
+    shows: str  # text of the file about the expected behaviour
+    # (time of the change in s, N) of each force set-point; empty if no force is controlled
     setpoints: list[tuple[float, float]]
-    impulses: list[tuple[float, str, float]]  # (time_s, body, N s)
-    contacts: list[str]  # their names
-    signal_units: dict[str, str]  # column that is a signal of the model -> its unit
-    overrides: tuple[str, ...]  # as given
+    impulses: list[tuple[float, str, float]]  # (time_s, body, N s) of each impulse on a body
+    contacts: list[str]  # names of the contacts of the model
+    signal_units: dict[str, str]  # signal of the model -> its unit
+    overrides: tuple[str, ...]  # texts NAME=VALUE
 
     @property
     def title(self) -> str:
-        """The experiment's title with its figure."""
+        """The title of the experiment, with its figure number in the thesis."""
         title, figure = self.result.title, self.result.figure
         return f"Fig {figure}: {title}" if figure else title
 
@@ -59,7 +60,7 @@ class Run:
 
     @property
     def units(self) -> dict[str, str]:
-        """Object of [trace] -> its unit."""
+        """{object: unit} of the firmware objects in the trace."""
         return self.result.objects
 
     @property
@@ -75,11 +76,11 @@ def run(
     over: link.LinkOptions | None = None,
     text: str | None = None,
 ) -> Run:
-    """Runs the file of one experiment. over: options of a run with the firmware in another process.
-    text: replaces the content of the file, only for a run in this process.
+    """Runs one experiment. over: connection to the firmware in another process; None: the firmware
+    runs in this process, and `text` may replace the content of the file.
 
-    Raises InputError with file, key and the expected value; also LinkError for a run over a
-    connection.
+    Raises InputError with file, key and expected value, SimulationError, and LinkError for a run
+    over a connection.
     """
     experiment = Path(experiment)
     command = ["forceaxis", "run", paths.display(experiment), *option_words(set=overrides)]
@@ -94,12 +95,10 @@ def run(
 
 
 def replay(journal: Path) -> Run:
-    """Repeats a run in this process that `axis_node` has recorded; result.replay describes its
-    journal.
+    """Repeats a run of `axis_node` in this process, from the journal that axis_node has written.
+    `result.replay` describes the journal.
 
-    For a session longer than ten minutes only the hash is computed, not the trace.
-
-    Raises InputError.
+    A run longer than ten minutes has no trace, only a trace hash. Raises InputError.
     """
     result, report = _core.replay(str(journal))
     ticks = report.pop("replayed")
@@ -121,7 +120,8 @@ def finished(
     command: Sequence[str],
     overrides: Sequence[str] = (),
 ) -> Run:
-    """The Run from a result of the compiled module."""
+    """The Run of a result of the compiled module. command: arguments of the command that repeats
+    the run."""
     columns: Columns = {"tick": result.tick, "time_s": result.tick / _core.TICKS_PER_SECOND}
     converters = run_result.read_converters(result.converters)
     metrics = run_result.read_metrics(result.metrics)

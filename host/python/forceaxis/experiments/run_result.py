@@ -1,7 +1,6 @@
-"""Results of a run as types, with the fields that `forceaxis run --json` prints.
+"""Types of the result of a run. Their fields are the keys of the JSON output of the verb `run`.
 
-The read_ functions convert the dicts of the compiled module. Each field has the name of its key
-there.
+The functions read_... convert dicts of the compiled module, whose keys are the names of the fields.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,23 +12,23 @@ import numpy as np
 from forceaxis.results import json_field
 
 CoreTable: TypeAlias = Mapping[str, Any]  # a dict of the compiled module
-Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of any type of number
-Columns: TypeAlias = dict[str, Array]  # name of a signal, an object or a figure -> its values
+Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of numbers or texts
+Columns: TypeAlias = dict[str, Array]  # name of a column -> its values
 
 
 @dataclass(frozen=True)
 class Converter:
     """A converter of the model: quantity = (code - zero) * per_code, in `unit`."""
 
-    signal: str  # of the model
+    signal: str  # name of the quantity in the model
     unit: str
-    per_code: float  # unit of the quantity per code
-    zero: int  # code of the quantity 0
+    per_code: float  # change of the quantity for one code
+    zero: int  # code that represents 0
     bits: int
 
     @property
     def per_8_bit_count(self) -> float:
-        """The quantity of one count at 8 bits in the range of the converter, > 0."""
+        """The size of one count in `unit`, > 0; 256 counts are the range of the converter."""
         return float(abs(self.per_code) * 2 ** (self.bits - 8))
 
     @property
@@ -53,40 +52,40 @@ class HeldForce:
     error_N: float
     error_percent: float  # of the set-point
     overshoot_percent: float  # of the set-point
-    from_s: float  # time of the last set-point or first contact; settle_s is measured from it
+    from_s: float  # start of settle_s: time of the last set-point or of a later first contact
     settle_s: float | None  # None: the force does not settle
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """Quantities of a run that determine its verdict."""
+    """Figures of a run from which its verdict is evaluated."""
 
     window_ticks: int
     window_start_s: float
-    force_ripple_count: float  # in counts of 8 bits
+    force_ripple_count: float  # in the window, in counts of 8 bits
     force_ripple_late_count: float  # force_ripple_count of the second half of the window
-    position_ripple_count: float  # in encoder counts
-    position_ripple_late_count: float
-    contacts: int
+    position_ripple_count: float  # in the window, in encoder counts
+    position_ripple_late_count: float  # position_ripple_count of the second half of the window
+    contacts: int  # number of contacts of the model
     contact_losses: int  # in the window
     contact_losses_run: int  # in the whole run
     first_contact_s: float | None
-    contact_at_window: bool
+    contact_at_window: bool  # at the start of the window
     in_contact: bool  # at the end
     peak_force_N: float
     final_force_N: float
-    saturated_ticks: int  # of the window
-    saturated_run_ticks: int  # longest sequence of the run
-    reading_range_ticks: int
+    saturated_ticks: int  # ticks of the window with the output at an end of its range
+    saturated_run_ticks: int  # longest sequence of such ticks in the run
+    reading_range_ticks: int  # ticks of the window with the force at an end of the ADC range
     setpoint_beyond_N: float | None  # first set-point outside the range of the measured force
-    reading_end_N: float
-    last_adc_change_tick: int
+    reading_end_N: float  # end of the range of the measured force
+    last_adc_change_tick: int  # last tick in which the code of ADC 0 changed
     held_force: HeldForce | None  # None: the experiment controls no force
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """The table [verdict]; None: the experiment does not have this limit."""
+    """The limits of the table [verdict]; None: the experiment does not have this limit."""
 
     window_s: float
     force_ripple_max_count: float | None
@@ -99,15 +98,15 @@ class Criterion:
     peak_force_max_percent: float | None
     contact_losses_max: float | None
     saturated_max_s: float | None
-    contact_held: bool | list[str]  # names: the contacts that must remain closed
+    contact_held: bool | list[str]  # whether contacts must remain closed, or the names of those
 
 
 @dataclass(frozen=True)
 class MissedLimit:
-    """A limit of [verdict] that a run has not kept."""
+    """A limit of [verdict] that a run exceeds."""
 
-    limit: str
-    verdict: str
+    limit: str  # key of [verdict], or the name of another condition
+    verdict: str  # that follows
     value: float | None  # value of the run; None: infinite, for a force that does not settle
     bound: float
     unit: str
@@ -128,7 +127,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class RefusedWrite:
-    """A write of [[at]] that the firmware refused."""
+    """A write to a firmware object in [[at]] of the experiment, which the firmware has refused."""
 
     tick: int
     object: str
@@ -137,7 +136,7 @@ class RefusedWrite:
 
 @dataclass(frozen=True)
 class ProcessIds:
-    """Process identifiers of both processes of a run over a connection."""
+    """Process identifiers of the two processes of a run over a connection."""
 
     plant: int
     axis: int
@@ -145,7 +144,7 @@ class ProcessIds:
 
 @dataclass(frozen=True)
 class TraceHashes:
-    """The trace hash that each side of a run over a connection has computed."""
+    """The trace hash that each process of a run over a connection has computed."""
 
     plant: str
     axis: str
@@ -153,7 +152,8 @@ class TraceHashes:
 
 @dataclass(frozen=True)
 class RecordCounts:
-    """For each side of a connection: {event of records: number of records}."""
+    """Numbers of messages by their fate (sent, repeated, dropped, ...) for each process of a run
+    over a connection."""
 
     plant: dict[str, int]
     axis: dict[str, int]
@@ -161,17 +161,17 @@ class RecordCounts:
 
 @dataclass(frozen=True)
 class LinkReport:
-    """Statistics of a run over a connection."""
+    """Report of a run over a connection between two processes."""
 
-    kind: str
-    where: str
+    kind: str  # of the connection
+    where: str  # address of the connection
     run_id: int | None
     pids: ProcessIds
     hashes: TraceHashes
     same: bool  # whether both hashes are equal
     ticks_per_s: float
     real_time: float  # simulated time / elapsed time
-    repeated: int  # records
+    repeated: int  # number of messages that were sent again
     statistics: RecordCounts | None
     interrupts: int | None = json_field(omit_none=True)  # of an emulated chip
     ticks: int | None = json_field(omit_none=True)  # of an emulated chip
@@ -208,7 +208,7 @@ class PlotTable:
 
 @dataclass(frozen=True)
 class RunResult:
-    """The result of a run: verdict, quantities, hashes of the inputs."""
+    """The result of a run: verdict, figures, hashes of the inputs."""
 
     experiment: str
     title: str
@@ -220,9 +220,10 @@ class RunResult:
     fault: str
     refused: list[RefusedWrite]
     trace_hash: str
-    edge_margin: float | None  # LSB; None: no value was converted
-    ticks: int
-    events: int
+    # smallest distance of a converted value from a code edge in LSB; None: no value was converted
+    edge_margin: float | None
+    ticks: int  # number of ticks
+    events: int  # number of changes of state of elements
     energy: Energy
     metrics: Metrics
     criterion: Criterion | None
@@ -232,18 +233,19 @@ class RunResult:
     firmware_hash: str
     objects_hash: str
     seed: int
-    command: str  # that repeats the run
+    command: str  # command line that repeats the run
     link: LinkReport | None = json_field(omit_none=True)
     replay: ReplayedJournal | None = json_field(omit_none=True)
 
     @property
     def force_reading(self) -> Converter | None:
-        """ADC 0, whose quantity the firmware controls; None if the model has no such ADC."""
+        """The converter ADC 0, whose quantity the firmware controls; None if the model has no ADC
+        0."""
         return self.converters.get("adc0")
 
 
 def read_converters(given: Mapping[str, CoreTable]) -> Converters:
-    """The converters of a model."""
+    """The converters of a model by their columns of codes."""
     return {column: Converter(**converter) for column, converter in given.items()}
 
 
@@ -259,7 +261,7 @@ def read_criterion(given: CoreTable | None) -> Criterion | None:
 
 
 def read_missed(given: Sequence[CoreTable]) -> list[MissedLimit]:
-    """The limits that a run has not kept."""
+    """The limits that a run exceeds."""
     return [MissedLimit(**limit) for limit in given]
 
 

@@ -1,7 +1,7 @@
-"""A run as text: its verdict with the reason and the window, the controlled force, its balances.
+"""The result of a run as text: verdict with reasons and window, controlled force, energy balance.
 
-Quantities are in N and mm if the converters of the model give the size of a count. A count is
-always a count of the measured force, at 8 bits for every ADC, or a count of the encoder.
+Forces are in N and positions in mm if the model has the converters from which the size of a count
+follows. Otherwise they are in counts: of the measured force at 8 bits, or of the encoder.
 """
 
 from collections.abc import Sequence
@@ -24,13 +24,13 @@ Row: TypeAlias = tuple[str, str]  # key and value of a row of text
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value of the model as text, lengths in mm."""
+    """A value with its unit as text; a length in m is shown in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
 def size_of_count(what: str, converters: Converters) -> tuple[float, str] | None:
-    """(size, unit) of a count of "force", at 8 bits, or "position"; None: the model does not
-    convert this quantity."""
+    """(size, unit) of one count of the force at 8 bits or of the position; None: the model has no
+    converter for this quantity. what: "force" or "position"."""
     if what == "position":
         encoder = converters.get("encoder")
         return (abs(encoder.per_code), encoder.unit) if encoder else None
@@ -45,8 +45,8 @@ def ripple(
     limit: float | None = None,
     beyond: bool = False,
 ) -> str:
-    """The ripple of "force" or "position" as text, with its limit if there is one. beyond: the
-    ripple is above the limit."""
+    """The ripple of the force or of the position as text, with its limit. what: "force" or
+    "position"; count, limit: in counts; beyond: whether the ripple exceeds the limit."""
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
     in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"
@@ -62,11 +62,11 @@ def ripple(
 def reasons(
     missed: Sequence[MissedLimit], metrics: Metrics, fault: str, converters: Converters
 ) -> list[str]:
-    """Reasons why a run is not stable: a text for each limit that the run has not kept."""
+    """Reasons for a verdict other than "stable": a text for each limit that the run exceeds."""
     return [_missed(limit, metrics, fault, converters) for limit in missed]
 
 
-# {name of a limit: text if a run has not kept it}.
+# {limit: text about a run that exceeds the limit}.
 MISSED = {
     "fault": "fault {fault}",
     "setpoint": "no set-point of force at the end",
@@ -89,7 +89,7 @@ MISSED = {
 
 
 def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Converters) -> str:
-    """Text about a limit that a run has not kept, with value, bound and unit."""
+    """Text about a limit that a run exceeds, with value, bound and unit."""
     limit, value, bound = missed.limit, missed.value, missed.bound
     if limit == "contact_held":
         if missed.verdict == "never_in_contact":
@@ -120,7 +120,8 @@ def _missed(missed: MissedLimit, metrics: Metrics, fault: str, converters: Conve
 
 
 def warnings(setpoints: Sequence[tuple[float, float]], converters: Converters) -> list[str]:
-    """A warning for each set-point, as (from time_s, N), outside the range of ADC 0."""
+    """A warning for each force set-point outside the range of ADC 0. setpoints: (time of the change
+    in s, N)."""
     reading = converters.get("adc0")
     if not reading:
         return []
@@ -168,16 +169,16 @@ def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
 
 
 def verdict_text(result: RunResult) -> str:
-    """The verdict, its reason, and its window."""
+    """The verdict with its reasons and its window as text."""
     if not result.verdict or not result.criterion:
-        return "none asked for, the experiment has no [verdict]"
+        return "none, because the experiment has no table [verdict]"
     because = result.because or kept_limits(result, result.criterion)
     window = f"over the last {result.criterion.window_s:g} s"
     return f"{result.verdict}: {', '.join([*because, window])}"
 
 
 def force_text(held: HeldForce) -> str:
-    """Set-point and controlled force in one line."""
+    """Set-point, controlled force, error, overshoot and settling time as text."""
     settled = "not settled" if held.settle_s is None else f"settled in {held.settle_s:.3g} s"
     return (
         f"{held.held_N:.4g} N of {held.setpoint_N:.4g} N set-point, error {held.error_N:.3g} N "
@@ -187,7 +188,7 @@ def force_text(held: HeldForce) -> str:
 
 
 def window_text(result: RunResult) -> str:
-    """Events in the window of the verdict, or in the last second."""
+    """Ripples and contact losses in the window of the verdict, or in the last second, as text."""
     metrics, converters = result.metrics, result.converters
     seconds = result.criterion.window_s if result.criterion else 1
     rows = [
@@ -199,7 +200,7 @@ def window_text(result: RunResult) -> str:
 
 
 def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
-    """The result of a run as rows of text, the verdict first. overrides: those of the run."""
+    """The result of a run as rows (key, text). overrides: texts NAME=VALUE of the run."""
     energy, metrics, margin = result.energy, result.metrics, result.edge_margin
     figure = f" (Fig {result.figure})" if result.figure else ""
     found = [("experiment", result.title + figure)]
@@ -228,7 +229,7 @@ def rows(result: RunResult, overrides: Sequence[str] = ()) -> list[Row]:
 
 
 def link_rows(report: LinkReport) -> list[Row]:
-    """The report of a link for a terminal."""
+    """The report of a run over a connection as rows (key, text)."""
     other = "" if report.same else ", NOT THE PLANT'S"
     found = [
         ("link", f"{report.kind}, {report.where}, {report.real_time:.1f} x real time"),
@@ -252,5 +253,5 @@ def link_rows(report: LinkReport) -> list[Row]:
 
 
 def describe(result: RunResult, overrides: Sequence[str] = ()) -> str:
-    """The rows as lines."""
+    """The result of a run as lines of text. overrides: texts NAME=VALUE of the run."""
     return "\n".join(f"{key:12} {value}" for key, value in rows(result, overrides))

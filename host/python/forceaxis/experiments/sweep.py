@@ -72,20 +72,22 @@ Progressed: TypeAlias = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """The specification of a sweep. sweep() raises ParameterError or InputError for an error in
-    it."""
+    """An experiment and the parameters that a sweep changes."""
 
     experiment: str | Path
+    # name -> "FROM:TO:COUNT", "FROM:TO:COUNT:log", "VALUE,VALUE,..." or a list of values
     grid: Mapping[str, GridValues] = field(default_factory=dict)
-    random: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO[:log]"
-    count: int | None = None  # of random points
+    # name -> "FROM:TO" or "FROM:TO:log"
+    random: Mapping[str, str] = field(default_factory=dict)
+    count: int | None = None  # number of random points
     seed: int = 0  # of the random points
     bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
-    overrides: Sequence[str] = ()
-    refine: bool = False  # also runs the points around each isolated point, see alone.find()
+    overrides: Sequence[str] = ()  # texts NAME=VALUE, equal for all points
+    refine: bool = False  # whether the points around each isolated point are also run
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
-        """The command line that repeats the sweep."""
+        """The command line that repeats the sweep. out: its folder; scheduler: address of a Dask
+        scheduler."""
         grid = [
             f"{name}={v if isinstance(v, str) else ','.join(repr(float(x)) for x in v)}"
             for name, v in self.grid.items()
@@ -129,7 +131,7 @@ def plan(request: SweepRequest) -> SweepPlan:
 
 
 def checked_inputs(request: SweepRequest, planned: SweepPlan) -> Inputs:
-    """The inputs of the experiment. Raises InputError if the planned parameters cannot be swept."""
+    """The inputs of the experiment. Raises InputError if a planned parameter cannot be changed."""
     experiment, overrides = Path(request.experiment), list(request.overrides)
     inputs = read_inputs(experiment, overrides)
     check_names(experiment, inputs, overrides, planned.swept)
@@ -151,8 +153,9 @@ def sweep(
 ) -> Sweep:
     """Runs the experiment at every point and writes the results to folder `out`, if given.
 
-    scheduler: address of a Dask scheduler whose workers run the points. Raises InputError for an
-    error in the request; a run that fails gives a row with its error.
+    threads: number of threads, by default one for each core. scheduler: address of a Dask scheduler
+    whose workers run the points instead of threads. Raises ParameterError or InputError for an
+    error in the request. A run that fails gives a row with the error.
     """
     planned = plan(request)
     inputs = checked_inputs(request, planned)
@@ -311,11 +314,10 @@ class JournalEntry:
 
 
 class Journal:
-    """Results of finished runs by key, in a file to which lines are only added, one JSON object per
-    line.
+    """File with the results of finished runs, one JSON object per line. Lines are only added.
 
     The first line identifies the inputs. Incomplete lines of a killed process are ignored. A file
-    that is not a journal of these inputs is not changed.
+    that is not a journal of these inputs is not changed. Without a path nothing is written.
     """
 
     def __init__(self, path: Path | None, identity: Identity) -> None:
@@ -331,12 +333,13 @@ class Journal:
             raise
 
     def _read(self, path: Path, file: IO[bytes], identity: Identity) -> None:
-        """Reads a journal of this identity, or begins a new one. Raises InputError."""
+        """Reads the runs of a journal with this identity, or writes the first line of a new
+        journal. Raises InputError."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"{path}: expected no other sweep at work in this folder; give another folder"
+                f"{path}: expected no other running sweep in this folder; give another folder"
             ) from None
         file.seek(0)
         data = file.read()
@@ -369,7 +372,7 @@ class Journal:
         return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
 
     def add(self, key: str, values: Row, outcome: PointOutcome) -> None:
-        """Record one finished run."""
+        """Adds a finished run. values: of the swept parameters."""
         self.known[key] = outcome
         if self.file:
             entry = asdict(outcome)
@@ -414,14 +417,14 @@ def outcome_of(result: CoreTable) -> PointOutcome:
 
 
 class Place(Protocol):
-    """The place at which the runs of a sweep are executed."""
+    """Executes the runs of a sweep: on threads of this process, or on a cluster."""
 
     def __call__(self, jobs: Jobs, finished: Finished, progressed: Progressed) -> None:
-        """Executes the jobs. Calls finished() for each, and progressed() from time to time."""
+        """Executes the jobs. Calls finished() after each job, and progressed() repeatedly."""
 
 
 class Runner:
-    """Returns the outcomes of points; runs the points that the journal does not contain."""
+    """Determines the outcomes of points: from the journal, or by runs."""
 
     def __init__(self, journal: Journal, identity: Identity, place: Place) -> None:
         self.journal = journal
@@ -433,7 +436,7 @@ class Runner:
         self.seen: list[tuple[tuple[float, ...], PointOutcome]] = []
 
     def key(self, values: Row) -> str:
-        """Key of a run: hash of its inputs, and its values in the order of their names."""
+        """Key of a run in the journal: hash of the inputs and of the values, sorted by name."""
         text = "".join([f"\n{name}={values[name]!r}" for name in sorted(values)])
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
@@ -467,7 +470,7 @@ class Runner:
 
 
 class Here:
-    """Runs on threads of this process."""
+    """Executes runs on threads of this process."""
 
     def __init__(self, experiment: str | Path, overrides: list[str], threads: int) -> None:
         self.experiment = str(experiment)
@@ -481,10 +484,9 @@ class Here:
 
 
 class Cluster:
-    """Runs on the workers of a Dask scheduler, which read the experiment by the same path as this
-    process.
-
-    The groups of a lost worker are run again on another worker.
+    """Executes runs on the workers of a Dask scheduler. The workers read the files of the
+    experiment by the same paths as this process. The runs of a lost worker are repeated on another
+    worker.
     """
 
     def __init__(
@@ -529,7 +531,7 @@ class Cluster:
         cores = sum(self.client.nthreads().values())
         if cores == 0:
             raise ParameterError(
-                "scheduler", f"{self.address}: expected workers; start some with `dask worker`"
+                "scheduler", f"{self.address}: expected workers; start them with `dask worker`"
             )
         size = max(1, min(64, len(jobs) // (4 * cores)))
         futures = {
@@ -558,13 +560,14 @@ class Cluster:
 
 
 class WorkerDiffers(Exception):
-    """The forceaxis version or the files of a worker differ from those of this process."""
+    """A worker has another version of forceaxis, or other files, than this process."""
 
 
 def run_chunk(
     experiment: str, overrides: list[str], identity: Identity, jobs: Jobs
 ) -> list[CoreTable]:
-    """On a worker: results of some points, after a check that its inputs are identical."""
+    """Executes jobs on a worker, and returns the results. Raises WorkerDiffers if the worker has
+    other inputs than the process that has started the sweep."""
     import socket
 
     where = f"worker on {socket.gethostname()}"

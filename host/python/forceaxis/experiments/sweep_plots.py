@@ -1,4 +1,4 @@
-"""Figures of a sweep: verdicts or peak forces over its parameters, and boundaries."""
+"""Figures of a sweep: verdicts or peak forces over its parameters, or stability boundaries."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -58,8 +58,8 @@ def sweep(done: Sweep) -> Figure:
 
 
 def run_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
-    """Draws verdicts (or peak forces if there are none) over one or two parameters. Returns a text
-    about the content."""
+    """Draws verdicts over one or two parameters, or peak forces if the experiment has no [verdict].
+    Returns the title."""
     if len(done.plan.axes) == 1:
         over_one(ax, done, done.columns[done.plan.axes[0].name], done.outcomes)
         return "Peak contact force"
@@ -115,8 +115,8 @@ def peaks_of(outcomes: Sequence[PointOutcome]) -> Array:
 
 
 def mark_isolated(ax: Axes, done: Sweep) -> list[Artist]:
-    """Draws a ring around each isolated cell, and the points around it that were also run. Returns
-    the handles for the legend."""
+    """Draws a ring around each isolated cell, and the verdicts of points around isolated cells.
+    Returns the handles for the legend."""
     single = [np.array(list(point.values.values())) for point in done.result.alone]
     if not single:
         return []
@@ -131,8 +131,8 @@ def mark_isolated(ax: Axes, done: Sweep) -> list[Artist]:
 
 
 def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
-    """Draws the boundary over the first parameters, or the runs of a search without further
-    parameters."""
+    """Draws the stability boundary over one or two parameters, or the runs of a search without
+    other parameters. Returns the title."""
     search = done.plan.search
     assert search is not None
     if not done.plan.axes:
@@ -184,8 +184,8 @@ def over_one(
     outcomes: Sequence[PointOutcome],
     axis: SweepParameter | None = None,
 ) -> None:
-    """Draws the peak force over one parameter, with a mark for each verdict; failed runs are at the
-    lower edge."""
+    """Draws the peak force over one parameter with a mark for each verdict. Failed runs are at the
+    force 0. x: values of the parameter; axis: the parameter, by default the first axis."""
     along(ax, "x", axis or done.plan.axes[0], done)
     order = np.argsort(x)
     verdict, peak_N = verdicts_of(outcomes), peaks_of(outcomes)
@@ -207,7 +207,7 @@ def over_one(
 
 
 def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 14) -> None:
-    """Draws points with a mark for each verdict; "" stands for a failed run."""
+    """Draws points with a mark for each verdict; the verdict of a failed run is an empty text."""
     for kind, marker, label in MARKERS:
         at = verdict == kind
         if at.any():
@@ -215,14 +215,14 @@ def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 1
 
 
 def along(ax: Axes, which: str, axis: SweepParameter, done: Sweep) -> None:
-    """Sets label and scale of one axis of the figure."""
+    """Sets label and scale of the axis `which`, "x" or "y", for a parameter."""
     getattr(ax, f"set_{which}label")(label_of(axis.name, done))
     if axis.log:
         getattr(ax, f"set_{which}scale")("log")
 
 
 def label_of(name: str, done: Sweep) -> str:
-    """A parameter with its unit; for a count also the counted quantity."""
+    """The label of a parameter: its name and unit."""
     room, _, key = name.partition(".")
     unit = done.result.parameters[name]
     if room == "firmware":
@@ -233,7 +233,7 @@ def label_of(name: str, done: Sweep) -> str:
 
 
 def in_newton(ax: Axes, done: Sweep) -> None:
-    """Adds a second scale with the force set-point in N."""
+    """Adds a scale in N if one axis of the figure is the force set-point in counts."""
     shown = [a.name for a in done.plan.axes[:2]]
     if len(shown) < 2 and done.plan.search:
         shown.append(done.plan.search.name)
@@ -259,14 +259,14 @@ def in_newton(ax: Axes, done: Sweep) -> None:
 
 
 def coloured(figure: Figure, ax: Axes, label: str, drawn: Collection) -> None:
-    """Adds a colour bar."""
+    """Adds a colour bar with a label for the drawn values."""
     bar = figure.colorbar(drawn, ax=ax)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=8)
 
 
 def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
-    """Draws the legend below the axes, as in a figure of a trace."""
+    """Draws the legend below the axes. handles: default: those of the axes."""
     handles = handles or ax.get_legend_handles_labels()[0]
     figure = ax.figure
     assert isinstance(figure, Figure)
@@ -275,7 +275,7 @@ def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
 
 
 def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> None:
-    """A legend of the visible kinds of cells, followed by further handles."""
+    """Draws a legend of the visible verdicts and of further handles."""
     order = (*VERDICTS, FAILED)
     handles = [
         Patch(color=AREA[kind], label=WORDS.get(kind, kind))
@@ -285,8 +285,8 @@ def kinds_key(ax: Axes, shown: Sequence[str], more: Sequence[Artist] = ()) -> No
 
 
 def cell_edges(axis: SweepParameter) -> Array:
-    """The edges of the cells of a grid: half-way between its values, in the scale of the
-    parameter."""
+    """The edges of the cells of a grid along one parameter, half-way between neighbouring values on
+    the scale of the parameter, (n + 1,)."""
     values = np.unique(axis.values)
     if axis.log:
         values = np.log(values)
@@ -298,7 +298,8 @@ def cell_edges(axis: SweepParameter) -> Array:
 
 
 def averaged(done: Sweep, values: Array) -> Array:
-    """Means of the available values; rows by the second parameter, columns by the first."""
+    """Means of the finite values of the points in each cell of a grid. Rows belong to values of the
+    second parameter, columns to values of the first."""
     places = [
         np.unique(done.columns[a.name], return_inverse=True)[1].ravel() for a in done.plan.axes[:2]
     ]
@@ -314,7 +315,7 @@ def averaged(done: Sweep, values: Array) -> Array:
 
 
 def boundary_edges(cells: Array, x: Array, y: Array) -> list[list[tuple[float, float]]]:
-    """The sides between stable and unstable cells, as segments."""
+    """The sides between stable and unstable cells as segments. x, y: edges of the cells."""
     segments = []
     for i, j in np.argwhere(np.abs(np.diff(cells, axis=1)) == 1):
         segments.append([(x[j + 1], y[i]), (x[j + 1], y[i + 1])])

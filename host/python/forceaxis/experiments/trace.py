@@ -1,4 +1,4 @@
-"""Files of a run: trace as CSV and NPZ, a figure, and the summary of the run."""
+"""Figure of a run, and its files: trace as CSV and NPZ, events, figure, result."""
 
 import contextlib
 import csv
@@ -28,9 +28,9 @@ PROFILE_FORCE = 4  # mode of operation
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Figure of a run's rows from from_s to to_s of its [plot], within the run. If the experiment
-    names no rows: position, measured force and command. Objects without a trace in a run over a
-    connection are omitted. codes: shows the codes of the converters instead of N, mm and V."""
+    """Figure of a run, with the rows and the range of time of the table [plot]. Without this table
+    it shows position, measured force and output voltage of the whole run. Objects that a run over a
+    connection does not trace are omitted. codes: shows codes instead of N, mm and V."""
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
@@ -50,7 +50,8 @@ def figure(done: Run, codes: bool = False) -> "Figure":
 
 
 def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
-    """The plots.Line of a column, for the ticks at which `inside` is True."""
+    """The column `name` as a signal of a figure, for the ticks at which `inside` is True. codes:
+    shows codes instead of N, mm and V."""
     from forceaxis.experiments import plots
 
     values = done.columns[name][inside]
@@ -75,8 +76,8 @@ def line(done: Run, name: str, inside: Array, codes: bool) -> "plots.Line":
 
 
 def physical(unit: str, converters: Converters) -> tuple[str, float]:
-    """(unit, factor) of an object in counts or codes, if the model has the converter of these
-    codes; otherwise (unit, 1)."""
+    """(physical unit, factor) of an object in counts or codes. Without a converter for these counts
+    or codes in the model: (unit, 1)."""
     kind, _, per = unit.partition("/")
     encoder, reading, dac = (converters.get(name) for name in ("encoder", "adc0", "dac"))
     if encoder and kind == "encoder count" and per in ("", "s"):
@@ -89,7 +90,7 @@ def physical(unit: str, converters: Converters) -> tuple[str, float]:
 
 
 def marks_of(done: Run) -> "plots.Marks":
-    """Set-points, contact, window of the verdict and events of a run, as plots.Marks."""
+    """Set-points, times of contact, window of the verdict and events of a run for a figure."""
     from forceaxis.experiments import plots
 
     time_s, columns = done.time_s, done.columns
@@ -117,10 +118,11 @@ def marks_of(done: Run) -> "plots.Marks":
 def demand_of(
     done: Run, contacts: list[tuple[float, float]]
 ) -> "tuple[plots.Values, plots.Values] | None":
-    """(times, N) of the force demand in mode of operation 4, which follows the set-points with the
-    slope force_slope: from the trace, otherwise computed from the first contact on.
+    """(times in s, forces in N) of the force demand in mode of operation 4, in which the demand
+    follows the set-points with the slope `force_slope`. The demand comes from the trace, or is
+    computed from the first contact on if it was not traced.
 
-    None if the demand changes in steps, if the slope changes, or if the run is not that of a file.
+    None in another mode, if the slope changes during the run, or if the run has no file.
     """
     from forceaxis.experiments import plots
 
@@ -140,7 +142,8 @@ def demand_of(
 
 
 def write(done: Run, out: Path, codes: bool = False) -> None:
-    """Writes FILES to the folder `out`, all or none of them. Raises OSError."""
+    """Writes FILES to the folder `out`, all of them or none. codes: the figure shows codes instead
+    of N, mm and V. Raises OSError."""
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
         beside(write_tables, done, trace_csv, trace_npz, events_csv),
@@ -154,7 +157,7 @@ def write(done: Run, out: Path, codes: bool = False) -> None:
 
 
 def write_tables(done: Run, trace_csv: Path, trace_npz: Path, events_csv: Path) -> None:
-    """The trace as CSV and NPZ, the events as CSV."""
+    """Writes the trace as CSV and NPZ, and the events as CSV. Raises OSError."""
     columns = [[repr(value) for value in column.tolist()] for column in done.columns.values()]
     with trace_csv.open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerow(done.columns)
@@ -169,8 +172,8 @@ def write_tables(done: Run, trace_csv: Path, trace_npz: Path, events_csv: Path) 
 
 @contextlib.contextmanager
 def beside(work: Callable[P, None], *arguments: P.args, **options: P.kwargs) -> Iterator[None]:
-    """Runs `work` in a child process during the context. Its files are complete at the end of the
-    context. Raises OSError if the child could not write."""
+    """Context in which a child process calls work(...). The files of `work` are complete when the
+    context ends. Raises OSError if the child process could not write the files."""
     child = os.fork()
     if child == 0:
         status = 255

@@ -5,15 +5,10 @@ NOT_STABLE = ("unstable", "not_met", "never_in_contact")
 VERDICTS = (STABLE, *NOT_STABLE)
 
 # {verdict: its text on pages and figures}.
-WORDS = {
-    "stable": "stable",
-    "unstable": "unstable",
-    "not_met": "not met",
-    "never_in_contact": "never in contact",
-}
+WORDS = {verdict: verdict.replace("_", " ") for verdict in VERDICTS}
 
 
 def stability(verdict: str) -> str:
-    """ "stable" or "unstable", for comparisons with two verdicts only, such as the tables of the
-    thesis; "" and None are returned unchanged."""
+    """Whether a run with this verdict is "stable" or "unstable": every verdict other than "stable"
+    counts as "unstable". An empty text is returned unchanged."""
     return "unstable" if verdict in NOT_STABLE else verdict
