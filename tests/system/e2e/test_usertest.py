@@ -147,7 +147,8 @@ def test_measurements_and_models_are_no_experiments(tmp_path):
     done = forceaxis("test", here / "fig3_9.toml", here / "model.toml")
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert (
-        "fig3_9.toml, " in done.stderr and "no experiments, they have no duration_s" in done.stderr
+        "fig3_9.toml, " in done.stderr
+        and "no experiments, because they have no duration_s" in done.stderr
     )
     assert "add [expect]" not in done.stderr
 

@@ -65,7 +65,7 @@ WRONG = [
     ("sweep contact --grid m_w=1:2:3 --scheduler here --out maps", "tcp://HOST:PORT"),
     ("test", "'DIR|FILE...'"),
     ("test nowhere", "nowhere", "expected"),
-    ("test model.toml", "expected an experiment with an [expect] table"),
+    ("test model.toml", "expected an experiment with a table [expect]"),
     ("report nowhere", "nowhere", "expected a folder with experiments"),
     ("report x.csv", "x.csv", "expected a folder with experiments"),
     ("report --threads many", "'--threads'", "integer"),

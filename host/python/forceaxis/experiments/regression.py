@@ -140,7 +140,7 @@ def find(
         others = [paths.display(p) for p, kind in kinds.items() if kind is None]
         add = "add a table [expect] and run the test with `update`, which fills the table"
         if others and not skipped:
-            add = f"{', '.join(others[:3])} is no experiment, because it has no duration_s"
+            add = f"{', '.join(others[:3])}: no experiments, because they have no duration_s"
         raise InputError(
             f"{where}: expected an experiment with a table [expect], found none, and "
             f"{len(skipped)} without this table; {add}"

@@ -1,5 +1,4 @@
-"""Fits parameters of a model to a measured frequency response, with confidence intervals (`identify
-fit`)."""
+"""Fits parameters of a model to a measured frequency response, with confidence intervals."""
 
 import json
 import math
@@ -30,18 +29,21 @@ LEAST_EFFECT = 1e-9  # smallest relative change of a response that counts as an 
 # probability of the chi-square below which other start values are tried and the fit is rejected
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of other start values
-ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")  # of a Measurement
+# Arrays of a Measurement, by their names in its file.
+ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
 # search range about the logarithm of the start value: a factor of 20 up and down
 SEARCH_RANGE = 3.0
 
 
 @dataclass(frozen=True)
 class ParameterFit:
-    """Parameters fitted to a measured response. p parameters, n points.
+    """Result of the fit of p parameters to a measured response with n points.
 
-    `covariance` (p, p) is that of the parameters' logarithms. `single` and `joint` are half widths
-    of 95 % intervals of the logarithms: the truth of one parameter lies within value exp(+-single)
-    with probability 0.95, all of them at once within value exp(+-joint) with at least that.
+    `starts` and `values` (p,) are the start values and fitted values in SI units. `covariance`
+    (p, p) is the covariance of the logarithms of the parameters. `single` and `joint` (p,) are half
+    widths of 95 % intervals of the logarithms. The true value of one parameter is between
+    value exp(-single) and value exp(single) with a probability of 0.95. The true values of all
+    parameters are within value exp(+-joint) at the same time with at least this probability.
     """
 
     names: tuple[str, ...]
@@ -62,8 +64,8 @@ class ParameterFit:
 
     @property
     def rejected(self) -> bool:
-        """Whether no values of the parameters explain the data. `values` are then the best fit, but
-        not those of the plant, and the intervals are invalid."""
+        """Whether no values of the parameters explain the measured response. Then `values` are the
+        best fit, but not the parameters of the plant, and the intervals are invalid."""
         return self.p_value < REJECTED_BELOW
 
     @property
@@ -73,8 +75,8 @@ class ParameterFit:
         return np.asarray(self.covariance / np.outer(spread, spread))
 
     def distance(self, values: ArrayLike) -> float:
-        """Position of `values` (p,) relative to the joint 95 % region: below 1 inside, 1 at its
-        edge."""
+        """Position of `values` (p,) relative to the joint 95 % region of the parameters: below 1
+        inside the region, 1 at its edge."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
@@ -318,7 +320,7 @@ def read_response(
 
 
 def checked(measured: Measurement, file: Path) -> Measurement:
-    """Returns the Measurement if a model can be fitted to it. Raises InputError otherwise."""
+    """The Measurement, after a check of all its fields. Raises InputError for a wrong field."""
 
     def expect(good: bool | np.bool_, key: str, text: str) -> None:
         if not good:
@@ -416,8 +418,8 @@ def response_of_csv(
 def starts_of(
     texts: Sequence[str], measured: Measurement
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """({name: start value}, {name: unit}) from texts NAME or NAME=START; the default is the model's
-    value."""
+    """({parameter: start value}, {parameter: unit}) from texts NAME or NAME=START; the default of
+    START is the value in the model. Raises ParameterError."""
     known = linear.facts(measured.model, measured.overrides).parameters
     starts: dict[str, float] = {}
     for text in texts:
@@ -439,9 +441,9 @@ def starts_of(
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A fitted parameter in `unit`. Both 95 % intervals, (low, high), are None if the model is
-    rejected: `interval` is that of this parameter alone, `joint_interval` that of all parameters
-    together."""
+    """A fitted parameter in `unit`, with two 95 % intervals (low, high). `interval` is valid for
+    this parameter alone, `joint_interval` for all parameters together. Both intervals are None if
+    the model is rejected."""
 
     value: float
     unit: str
@@ -501,8 +503,8 @@ def summarise(found: ParameterFit, measured: Measurement, units: Mapping[str, st
 
 
 def write(found: ParameterFit, measured: Measurement, summary: FitSummary, out: Path) -> None:
-    """Writes result.json and plot.png, which shows the measured response and the model before and
-    after the fit."""
+    """Writes result.json and plot.png to the folder `out`. The figure shows the measured response,
+    and the response of the model before and after the fit."""
     from forceaxis.identify import plots
 
     start, fitted = (

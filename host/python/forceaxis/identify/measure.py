@@ -42,7 +42,7 @@ Records = list[tuple[Lines, Reals]]  # lines, and their signals (averages, 2, sa
 
 
 class ExcitedPlant:
-    """One plant with one kind of excitation: applies a waveform and records two signals."""
+    """A plant with one kind of excitation: applies the excitation and records two signals."""
 
     wave: Reals  # V, one period; with a window the complete excitation
 
@@ -81,20 +81,20 @@ class ExcitedPlant:
             self.plant.write(name, float(value))
         except ValueError as error:
             raise InputError(
-                f"{self.where}: excitation: expected what the firmware takes, {error}"
+                f"{self.where}: excitation: expected values that the firmware accepts, {error}"
             ) from None
 
     def prepare(self, rng: np.random.Generator, line: int | None) -> None:
-        """Prepares the next realisation, of a sine the one at `line`. It starts with the next
-        play()."""
+        """Prepares the next realisation of the excitation, which the next play() starts. line:
+        number of the spectral line of a sine; None for another excitation."""
         if self.setup.inject == "volts":
             self.wave = self.waveform(rng, line)
             return
         self.write("excitation_seed", int(rng.integers(65536)))
         if line is not None:
             self.write("excitation_frequency", line * self.rate / self.samples)
-            # Rounding depends on the amplitude; with a single amplitude its systematic error would
-            # not show.
+            # The error by rounding depends on the amplitude. With a single amplitude, this error
+            # would not increase the variance.
             level = int(self.setup.level)
             self.write("excitation_amplitude", int(rng.integers((level + 1) // 2, level + 1)))
         if not self.started:
@@ -102,7 +102,8 @@ class ExcitedPlant:
             self.started = True
 
     def waveform(self, rng: np.random.Generator, line: int | None) -> Reals:
-        """One period in V without a window; with a window the noise of all segments."""
+        """The next realisation of the excitation in V: one period without a window, all segments
+        with a window."""
         from scipy import fft, signal
 
         setup, count = self.setup, self.samples
@@ -126,8 +127,8 @@ class ExcitedPlant:
         return np.asarray(setup.level * np.sin(2 * np.pi * turns))
 
     def play(self, count: int) -> Reals:
-        """Applies the excitation for `count` samples: (2, count) of input and output, in the units
-        of the linear model."""
+        """Applies the excitation for `count` samples. Returns input and output, (2, count), in the
+        units of the linear model."""
         try:
             if self.setup.inject == "volts":
                 volts = np.resize(self.wave, count) + self.setup.bias
@@ -156,17 +157,17 @@ class ExcitedPlant:
 
 
 def unstable(where: str, text: str) -> InputError:
-    """The InputError for a response whose amplitude grows."""
+    """The error for a response whose amplitude grows."""
     return InputError(
-        f"{where}: excitation: expected a response that settles, got an unstable excitation: {text}"
-        "; lower the level, or close a loop that holds the axis"
+        f"{where}: excitation: expected a response that settles, got an unstable excitation: "
+        f"{text}; lower the level, or close a loop that controls the position of the axis"
     )
 
 
 def converter(values: Reals, bits: int, rng: np.random.Generator) -> tuple[Reals, float]:
-    """The converter of the analyzer: (rounded values, step). Its range is the smallest of 1, 2, 5
-    times 10^n that contains the values. With triangular dither the error is noise with the variance
-    step^2 / 4."""
+    """Converts values as the analyzer does, and returns (rounded values, step). The range of the
+    converter is the smallest of 1, 2, 5 times 10^n that contains the values. With the triangular
+    dither the error of rounding is noise with the variance step^2 / 4."""
     peak = float(np.max(np.abs(values)))
     if peak == 0.0:
         return values, 0.0
@@ -185,15 +186,15 @@ def settling_steps(system: linear.System, where: str) -> int:
     if size.max(initial=0) > 1 + 1e-7:
         rate = float(np.log(size.max()) / system.dt)
         raise InputError(
-            f"{where}: model: expected a stable plant, it has a pole at +{rate:.3g} 1/s: unstable "
-            "excitation; change the parameters or measure it with the contacts apart"
+            f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s: unstable "
+            "excitation; change the parameters, or measure with open contacts"
         )
     still = abs(poles - 1) < 1e-7  # poles of integrators, whose drift is removed
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
         raise InputError(
-            f"{where}: model: expected a plant with some damping, one of its modes never settles; "
-            "give its springs a damping"
+            f"{where}: model: expected a plant with damping, but one of its modes of vibration "
+            "never settles; add damping to its springs"
         )
     return math.ceil(math.log(TRANSIENT_SHARE) / math.log(slowest)) if slowest > 0 else 1
 
@@ -218,7 +219,7 @@ def measure(
 def measure_setup(
     setup: Setup, where: str, plant_set: linear.Overrides | None = None
 ) -> Measurement:
-    """measure() with a set-up that has been read; `where` is its name in errors."""
+    """measure() with a Setup; `where` names the set-up in errors."""
     rng = np.random.default_rng(setup.seed)
     parts, samples, lines = grid_of(setup, where)
     rate = _core.TICKS_PER_SECOND * parts
@@ -275,23 +276,24 @@ def measure_setup(
 
 
 def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
-    """(parts of a tick, samples of a record, numbers of its measured lines). Raises InputError."""
+    """(number of samples in a tick, number of samples of a record, numbers of the measured spectral
+    lines). Raises InputError."""
     low, high = setup.band_hz
     tick_rate = _core.TICKS_PER_SECOND
     parts = 1
     if setup.inject == "volts":
-        # At least ten steps per shortest period; the hold then shifts the phase by up to 18
-        # degrees.
+        # At least ten samples in the shortest period; the zero-order hold then shifts the phase by
+        # up to 18 degrees.
         parts = max(4, math.ceil(10 * high / tick_rate))
         if parts > MOST_PARTS:
             raise InputError(
                 f"{where}: band_hz: expected at most {MOST_PARTS * tick_rate / 10:g} Hz, a tenth "
-                f"of what can be sampled, got {high:g}"
+                f"of the highest sampling rate, got {high:g}"
             )
     elif high >= tick_rate / 2:
         raise InputError(
-            f"{where}: band_hz: expected less than {tick_rate / 2:g} Hz, half of the firmware's "
-            f"ticks, got {high:g}; inject volts to see more"
+            f"{where}: band_hz: expected less than {tick_rate / 2:g} Hz, half of the "
+            f"tick rate, got {high:g}; inject volts to measure higher frequencies"
         )
     rate = tick_rate * parts
     samples = round(rate / setup.resolution_hz)
@@ -302,7 +304,7 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
             f"{where}: resolution_hz: expected a line between {low:g} and {high:g} Hz, got too "
             f"little data for one; measure longer, with a smaller resolution_hz"
         )
-    # the two lines next to 0 Hz are left out, because the removal of mean and drift distorts them
+    # The removal of mean and drift distorts the two lines next to 0 Hz.
     if setup.window == "hann":
         first = max(first, FIRST_HANN_LINE)
         if last < first:
@@ -319,7 +321,8 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
 def settling_of(
     setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
 ) -> tuple[int, bool]:
-    """(samples until a transient has decayed, whether the plant integrates). Raises InputError."""
+    """(number of samples after which a transient has decayed, whether the plant integrates, so that
+    its output drifts). Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
         setup.model,
@@ -335,7 +338,8 @@ def settling_of(
                 f"the drive acts on, there is no path from drive.command to {name}"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
-    # the changed plant may settle later than the nominal one; an unstable one is reported later
+    # The changed plant may settle later than the nominal plant. If it is unstable, the excitation
+    # reports this.
     if plant_set:
         moved = linear.linearise(
             *(setup.model, ("drive.command",), continuous.outputs, {**overrides, **plant_set}),
@@ -349,11 +353,11 @@ def settling_of(
 def record_periods(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """[(lines, (averages, 2, samples))]: one period of each realisation, and of each line of a
-    sine.
+    """Records one period of each realisation, for a sine at each line: [(lines, (averages, 2,
+    samples))].
 
-    An integrating plant drifts with the mean of the excitation, by the same distance in each
-    period; this ramp is removed.
+    The output of an integrating plant drifts with the mean of the excitation, by the same distance
+    in each period; this ramp is removed.
     """
     setup, n = bench.setup, bench.samples
     sets: list[tuple[Lines, int | None]] = [(np.array([line]), line) for line in lines]
@@ -379,8 +383,8 @@ def record_periods(
 
 
 def grown(before: Reals, now: Reals) -> float | None:
-    """Growth of a signal's range from the previous period to this one as a factor; None if it does
-    not grow."""
+    """Factor by which the range of a signal grows from the previous period to this period; None if
+    the range grows by less than a factor of 1.5."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
     return float(factor) if swing.min() > 0 and factor > 1.5 else None
@@ -389,8 +393,8 @@ def grown(before: Reals, now: Reals) -> float | None:
 def record_segments(
     bench: ExcitedPlant, lines: Lines, lead_in: int, drifts: bool, rng: np.random.Generator
 ) -> Records:
-    """As record_periods, but for noise that is not periodic: overlapping segments with a Hann
-    window."""
+    """Records noise that is not periodic, in segments that overlap by half and have a Hann window:
+    [(lines, (averages, 2, samples))]."""
     from scipy import signal
 
     setup, n = bench.setup, bench.samples
@@ -418,7 +422,8 @@ def estimate(
     rng: np.random.Generator,
     where: str,
 ) -> Measurement:
-    """H1, coherence, variance and quantisation floor from the recorded parts."""
+    """The Measurement `done` with response (H1), coherence, variance and the standard deviation by
+    quantisation, computed from the records."""
     from scipy import fft
 
     coherence, variance, floor = np.empty((3, len(lines)))
@@ -444,7 +449,7 @@ def estimate(
         place += len(used)
         uu, yy = (abs(U) ** 2).sum(0), (abs(Y) ** 2).sum(0)
         if not uu.all():
-            raise InputError(f"{where}: level: expected an excitation, the input stays at 0")
+            raise InputError(f"{where}: level: expected an excitation, but the input stays at 0")
         H = (U.conj() * Y).sum(0) / uu
         response[here] = H
         residual = (abs(Y - H * U) ** 2).sum(0)
@@ -457,8 +462,9 @@ def estimate(
         floor[here] = np.sqrt((noise[1] + abs(H) ** 2 * noise[0]) / uu)
     if not (variance > 0).all():
         raise InputError(
-            f"{where}: level: expected an output that moves by more than one count, {done.output} "
-            "does not; raise the level, or keep the contact by a bias or clamped"
+            f"{where}: level: expected an output that changes by more than one count, but "
+            f"{done.output} does not; raise the level, or keep the contact by a bias or by clamped "
+            "contacts"
         )
     scale = done.scale
     return replace(

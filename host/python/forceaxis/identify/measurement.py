@@ -1,4 +1,4 @@
-"""A measured frequency response with its error, its characteristic values and the comparison with a
+"""A measured frequency response: its error, its characteristic values, its comparison with a
 model."""
 
 import math
@@ -20,32 +20,30 @@ FLAT_SPREAD = 0.1  # largest relative spread of the amplitudes in an octave that
 
 @dataclass(frozen=True)
 class Points:
-    """A measured response at its frequencies, Hz."""
+    """Magnitude and phase of a measured response for a figure, (n,) each."""
 
     label: str
     frequency_hz: Reals
-    magnitude: Reals  #: degrees, with the same multiple of 360 degrees as the model's curve
-    phase_deg: Reals  #: degrees, with the same multiple of 360 degrees as the model's curve
+    magnitude: Reals  #: in the unit of the response
+    phase_deg: Reals  #: within 180 degrees of the phase of the model
     radius: Reals  #: distance that contains the true response with a probability of 95 %
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Test of whether a response agrees with the measured one. `coherent` is the number of points
-    with a coherence above 0.9, `inside` the share of these points within the 95 % band (None
-    without such points). The response agrees if p_value is at least 0.05."""
+    """Test of whether the response of a model agrees with a measured response."""
 
-    points: int
-    coherent: int
-    inside: float | None
-    statistic: float
-    p_value: float
-    fits: bool
+    points: int  # number of frequencies
+    coherent: int  # number of points with a coherence above 0.9
+    inside: float | None  # share of the coherent points in the 95 % band; None: no such points
+    statistic: float  # chi-square with 2 degrees of freedom for each point
+    p_value: float  # probability of a statistic at least as large if the model is correct
+    fits: bool  # whether p_value is at least 0.05
 
 
 @dataclass(frozen=True)
 class PhaseCrossing:
-    """A frequency at which the phase passes through 0 or 180 degrees."""
+    """A frequency at which the phase passes through 0 or 180 degrees, `phase_deg`."""
 
     frequency_hz: float
     phase_deg: int
@@ -53,12 +51,12 @@ class PhaseCrossing:
 
 @dataclass(frozen=True)
 class Readings:
-    """Characteristic values of a measured response; see Measurement.readings()."""
+    """Characteristic values of a measured response, from Measurement.readings()."""
 
     low_gain: float  #: at the lowest frequency, in the unit of the response
     low_hz: float  #: the lowest frequency
     plateau: bool  #: whether the magnitude is constant in the first octave
-    corner_hz: float | None
+    corner_hz: float | None  #: 3 dB below low_gain; None without a plateau
     phase_crossings: list[PhaseCrossing]
 
 
@@ -72,10 +70,11 @@ class Measurement:
     just before. Therefore y[k] = C x[k] + D u[k], or C x[k] + D u[k-1] for codes. The exact model
     of the measured response is the plant sampled with zero-order hold, `predict()`.
 
-    The n points may be treated as independent. The error of `response` at each point is circular
-    complex normal; `variance` estimates its unknown variance from `dof` complex residuals, so that
-    |response - true|^2 / variance follows F(2, 2 dof). With a window, neighbouring points share
-    noise, and leakage counts as noise; bands and tests are then conservative.
+    The errors of the n points are independent, and the error of `response` at each point has a
+    circular complex normal distribution. `variance` estimates the variance of this error from `dof`
+    complex residuals, so that |response - true|^2 / variance follows F(2, 2 dof). With a window,
+    neighbouring points have common noise, and leakage counts as noise; confidence bands and tests
+    are then conservative.
     """
 
     frequency_hz: Reals  #: (n,) ascending, > 0, below 1 / (2 dt)
@@ -141,23 +140,26 @@ class Measurement:
         return values
 
     def radius(self, share: float = CONFIDENCE) -> Reals:
-        """(n,) Distance that contains the true response with the probability `share`."""
+        """Radius of the confidence band, (n,), in the unit of the response: the true response is
+        within this distance with the probability `share`."""
         from scipy import stats
 
         return np.asarray(np.sqrt(self.variance * stats.f.ppf(share, 2, 2 * self.dof)))
 
     def random_error(self) -> Reals:
-        """(n,) Relative standard deviation of |response| from the coherence: sqrt((1 - coherence) /
-        (2 averages coherence)) (Bendat and Piersol)."""
+        """Relative standard deviation of the magnitude, (n,), from the coherence:
+        sqrt((1 - coherence) / (2 averages coherence)) (Bendat and Piersol)."""
         shown = np.maximum(self.coherence, 1e-12)
         return np.asarray(np.sqrt((1 - self.coherence) / (2 * (self.dof + 1) * shown)))
 
     def compare(self, model: Complexes | None = None) -> Comparison:
-        """Tests whether a response (default: predict()) agrees with the measured one.
+        """Tests whether the response of a model agrees with the measured response. model: (n,),
+        default predict().
 
-        The test uses all points together. With F = |response - model|^2 / variance, the sum of 2
-        dof log(1 + F / dof) is chi-square with 2 degrees of freedom per point if the model is true
-        (Fisher's sum of the log p-values of the points, which is the likelihood ratio here).
+        The test uses all points together. With F = |response - model|^2 / variance, the sum of
+        2 dof log(1 + F / dof) has a chi-square distribution with 2 degrees of freedom for each
+        point if the model is correct. It is Fisher's sum of the logarithms of the p-values of the
+        points, and is here the likelihood ratio.
         """
         from scipy import stats
 
@@ -177,10 +179,9 @@ class Measurement:
         )
 
     def readings(self) -> Readings:
-        """Characteristic values: gain at the lowest frequency; corner frequency in Hz, 3 dB below
-        this gain, if the magnitude is constant in the first octave (otherwise the plateau is
-        outside the band and there is no corner); frequencies in Hz at which the phase passes
-        through 0 or 180 degrees."""
+        """Characteristic values: gain at the lowest frequency, corner frequency, and frequencies at
+        which the phase passes through 0 or 180 degrees. There is a corner frequency if the
+        magnitude is constant in the first octave; otherwise the plateau is outside the band."""
         size, frequency = abs(self.response), self.frequency_hz
         octave = size[frequency <= 2 * frequency[0] * (1 + 1e-9)]
         flat = len(octave) > 1 and np.ptp(octave) <= FLAT_SPREAD * octave[0]
@@ -206,7 +207,8 @@ class Measurement:
 
 
 def sampled(measured: Measurement, overrides: linear.Overrides) -> linear.System:
-    """The two signals as a sampled System with the drive's command (or the DAC code) as input."""
+    """Linear model of a measurement, sampled with its period. The input is the command of the drive
+    or the DAC code, the outputs are the two measured signals."""
     plain = [
         "drive.command" if name == "dac_code" else name
         for name in (measured.input, measured.output)

@@ -1,4 +1,5 @@
-"""Figures of measured responses: with the linear model, and before and after a fit."""
+"""Figures of measured responses with the response of the linear model, also before and after a
+fit."""
 
 import math
 from collections.abc import Sequence
@@ -29,8 +30,8 @@ from forceaxis.linear.curves import Curve, PlantBode
 def response(
     measured: Measurement, model: Complexes | None, title: str, width: float = 5.6
 ) -> Figure:
-    """Figure of a Measurement: amplitude and phase over frequency with the 95 % band, the linear
-    model (complex, at the same frequencies; None: omitted), coherence below."""
+    """Figure of a measured response: magnitude with the 95 % band, phase and coherence over
+    frequency. model: complex response of the linear model at the same frequencies, or None."""
     f = measured.frequency_hz
     figure, (size, phase, coherence) = plt.subplots(
         3, 1, sharex=True, figsize=(width, 6.4), height_ratios=(3, 2, 1)
@@ -41,7 +42,7 @@ def response(
         size.loglog(f, abs(model), color=GOT, linewidth=2.4, alpha=0.5, label="linear model")
     size.loglog(f, magnitude, color=INK, linewidth=0.9, label="measured", marker=marker)
     low, high = size.get_ylim()
-    if high < 10 * low:  # at least a decade, so that a nearly constant magnitude appears constant
+    if high < 10 * low:  # so that a nearly constant magnitude appears constant
         middle = math.sqrt(low * high)
         size.set_ylim(middle / math.sqrt(10), middle * math.sqrt(10))
     bottom = np.maximum(magnitude - radius, magnitude * 1e-3)
@@ -74,8 +75,8 @@ def response(
 
 
 def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
-    """Figure of a Measurement with its 95 % band, the response at the start of a fit and the fitted
-    response (both complex, at the measured frequencies): amplitude and phase."""
+    """Figure of a measured response with its 95 % band, and of the model before and after a fit:
+    magnitude and phase. start, fitted: complex responses of the model at the same frequencies."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:
         style(ax)

@@ -1,4 +1,4 @@
-"""A measurement and its linear model: result of `forceaxis measure` as JSON, files and figure."""
+"""A measured response and its comparison with the linear model: summary, files and figure."""
 
 import csv
 import json
@@ -17,7 +17,7 @@ from forceaxis.identify.setup import Setup, SetupTable, read_setup
 from forceaxis.linear import working
 from forceaxis.results import to_json
 
-STOP_CONTACTS = (".low", ".high")  # ends of the names of the two contacts of a stop
+STOP_CONTACTS = (".low", ".high")  # ends of the names of the contacts of a stop
 
 
 @dataclass(frozen=True)
@@ -133,14 +133,15 @@ STUCK_SHARE = 0.01
 
 
 def _stuck(setup: Setup, measured: Measurement) -> list[str]:
-    """Texts about frictions and backlashes whose state differed from that in the linear model."""
-    taken = working.working(
+    """Texts about frictions and backlashes whose state was not the state that the linear model
+    assumes."""
+    assumed = working.working(
         linear.find_model(setup.model), measured.overrides, measured.modes, setup.free
     )
     texts = []
     for name, shares in measured.states.items():
         stuck = shares.get(working.STUCK, 0.0)
-        if stuck > STUCK_SHARE and taken.modes.get(name) == working.SLIDING:
+        if stuck > STUCK_SHARE and assumed.modes.get(name) == working.SLIDING:
             texts.append(
                 f"{name} was stuck {100 * stuck:.3g} % of the time, but the model assumes that it "
                 "slides: raise the level until it slides, because a smaller level shows the "
@@ -158,7 +159,7 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
 
 
 def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
-    """Texts of reasons, besides a wrong model, for a difference from the linear model."""
+    """Texts about reasons for a difference from the linear model that are not wrong parameters."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():
@@ -190,7 +191,7 @@ def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) ->
 
 
 def figure(done: MeasurementResult[Summary]) -> Figure:
-    """Figure of a result."""
+    """Figure of the measured response and of the linear model."""
     from forceaxis.identify import plots
 
     return plots.response(done.measured, done.model, done.title)
@@ -214,7 +215,7 @@ def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> Non
         degrees = np.degrees(np.angle(done.model))
         columns |= {"model_magnitude": abs(done.model), "model_phase_deg": degrees}
         arrays_of_model = {"model": done.model}
-    # The other fields of the Measurement, which `fit.read_response` reads.
+    # The fields of the Measurement that are not arrays; `fit.read_response` reads them.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     names = ["response.csv", "response.npz", "result.json", *["plot.png"] * draw]
     with paths.replacing(out, *names) as (table, arrays, result, *pictures):

@@ -1,4 +1,4 @@
-"""The set-up of a measurement: keys of its file, options of `forceaxis measure`."""
+"""The set-up of a measurement of a simulated plant: reads and checks its keys."""
 
 import math
 import os
@@ -21,9 +21,9 @@ Check: TypeAlias = Callable[[TomlValue], bool]
 
 @dataclass(frozen=True)
 class Setup:
-    """Set-up of a measurement: the keys of its file and the options of the verb.
+    """Set-up of a measurement of a simulated plant: the keys of a TOML file.
 
-    Files are TOML; [set] contains parameters of the model. See sim/measurements/fig3_6.toml.
+    The table [set] contains parameters of the model. An example is sim/measurements/fig3_6.toml.
     """
 
     model: str  #: path, or stem of a file in sim/models; in a file: relative to the file
@@ -54,11 +54,12 @@ class Setup:
 
 
 def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
-    """(Setup, name of the source) of a measurement file, or of a model; `options` replace keys.
-    Raises InputError."""
+    """(Setup, name of the Setup for errors) from a measurement file, or from a model. target: path,
+    or name of an installed file. options: keys that replace those of the file. Raises
+    InputError."""
     options = {key: value for key, value in (options or {}).items() if value is not None}
     if not str(target).strip():
-        raise InputError("measure: TARGET: expected a measurement or a model, got nothing")
+        raise InputError("measure: TARGET: expected a measurement or a model, got an empty text")
     path = Path(target)
     given, where = {"model": str(target)}, str(target)
     known = paths.MEASUREMENTS / f"{target}.toml"
@@ -77,7 +78,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
             raise InputError(f"{where}: model: expected the path of a model beside the measurement")
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    # with another signal the title of the file is no longer correct
+    # the title of the file is not correct for another signal
     for key in ("input", "output"):
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
