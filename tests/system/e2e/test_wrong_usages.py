@@ -116,7 +116,7 @@ WRONG = [
     ("identify decrement x.csv --mass 1 --stiffness 2", "expected --mass or --stiffness"),
     ("identify split --total-mass 10", "'--stiffness'"),
     ("identify split --total-mass 9 --stiffness 9 --frequency-hz fast", "VALUE+-ERROR"),
-    ("identify tach x.csv --speed nowhere", "expected a column nowhere, it has a, b"),
+    ("identify tach x.csv --speed nowhere", "expected a column nowhere, got a, b"),
     ("identify motor x.csv", "'--k-torque'"),
     ("identify fit fig4_19 x.csv --fit m_r", "--output", "does not contain it"),
     ("identify resonances fig4_11 nowhere --rigid robot.acceleration", "nowhere", "expected"),

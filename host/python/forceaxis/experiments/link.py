@@ -24,6 +24,7 @@ from forceaxis import _core, paths
 from forceaxis._core import InputError, LinkSilent, TransportError
 from forceaxis.chip import emulator as chip
 from forceaxis.errors import ParameterError
+from forceaxis.experiments.node_reports import AxisReport, read_axis_report
 from forceaxis.experiments.run_result import (
     LinkReport,
     ProcessIds,
@@ -35,7 +36,6 @@ from forceaxis.experiments.run_result import (
 from forceaxis.words import option_words
 
 CoreOutcome: TypeAlias = dict[str, Any]  # a result of _core.run_many
-NodeDocument: TypeAlias = dict[str, Any]  # a JSON object that axis_node prints
 CHIPS = chip.links()
 KINDS = ("inproc", "lcm", "socketcan", *CHIPS)
 _CHECKOUT = Path(__file__).resolve().parents[4]
@@ -107,16 +107,6 @@ def _has_can(interface: str) -> bool:
     except OSError:
         return False
     return True
-
-
-@dataclass(frozen=True)
-class NodeReport:
-    """Report of an axis_node process about one run."""
-
-    pid: int
-    trace_hash: str
-    refused: list[RefusedWrite]
-    records: dict[str, int]  # event of records -> number of records
 
 
 @dataclass(frozen=True)
@@ -211,12 +201,13 @@ class AxisNode:
         except OSError:
             raise LinkError(f"axis_node (pid {self.process.pid}) ended") from None
 
-    def _report(self, timeout_s: float) -> NodeDocument:
+    def _report(self, timeout_s: float) -> str:
         """The JSON object that the process prints next. Raises InputError, LinkError."""
-        report: NodeDocument = json.loads(self._line(timeout_s))
+        line = self._line(timeout_s)
+        report = json.loads(line)
         if error := report.get("error"):
             raise (InputError if report.get("status") == 2 else LinkError)(error)
-        return report
+        return line
 
     def begin(self, run_id: int, experiment: str | Path, overrides: Sequence[str]) -> None:
         """Sends the process the experiment and the overrides of the next run. Raises InputError,
@@ -232,17 +223,10 @@ class AxisNode:
             self._text = f"{line}\n".encode() + self._text
             self._report(0)
 
-    def end(self) -> NodeReport:
+    def end(self) -> AxisReport:
         """Ends the run and returns the report of the process. Raises InputError, LinkError."""
         self._send("\n")
-        report = self._report(self.link.timeout_s + 5)
-        axis = report["axes"][0]
-        return NodeReport(
-            pid=report["pid"],
-            trace_hash=axis["trace_hash"],
-            refused=read_refused(axis["refused"]),
-            records=report["statistics"],
-        )
+        return read_axis_report(self._report(self.link.timeout_s + 5))
 
 
 def new_run_id() -> int:
@@ -277,19 +261,20 @@ def run_with(
             raise
         raise ParameterError("inject", str(error)) from None
     details, report = LinkDetails(**given), node.end()
+    axis_hash = report.trace_hashes[0]
     found = LinkReport(
         kind=link.kind,
         where=(link.lcm_url or _core.lcm_url_of(run_id)) if link.kind == "lcm" else link.can,
         run_id=run_id,
         pids=ProcessIds(os.getpid(), report.pid),
-        hashes=TraceHashes(result.trace_hash, report.trace_hash),
-        same=result.trace_hash == report.trace_hash,
+        hashes=TraceHashes(result.trace_hash, axis_hash),
+        same=result.trace_hash == axis_hash,
         ticks_per_s=details.ticks_per_s,
         real_time=details.real_time,
         repeated=details.statistics["repeated"],
-        statistics=RecordCounts(details.statistics, report.records),
+        statistics=RecordCounts(details.statistics, report.messages),
     )
-    return LinkedRun(result, found, report.refused)
+    return LinkedRun(result, found, report.refused[0])
 
 
 def run_on_chip(

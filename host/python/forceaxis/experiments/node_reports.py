@@ -3,6 +3,8 @@
 import json
 from dataclasses import dataclass
 
+from forceaxis.experiments.run_result import RefusedWrite, read_refused
+
 
 @dataclass(frozen=True)
 class PlantReport:
@@ -18,8 +20,11 @@ class PlantReport:
 class AxisReport:
     """The report of axis_node. Each list has one entry for each axis."""
 
+    pid: int  # of the process
     trace_hashes: list[str]
     faults: list[str]  # names of the latched faults; "none"
+    refused: list[list[RefusedWrite]]
+    messages: dict[str, int]  # fate of messages (sent, repeated, dropped, ...) -> their number
 
 
 def read_plant_report(output: str) -> PlantReport:
@@ -35,5 +40,12 @@ def read_plant_report(output: str) -> PlantReport:
 
 def read_axis_report(output: str) -> AxisReport:
     """The report in the last line of the output of axis_node."""
-    axes = json.loads(output.splitlines()[-1])["axes"]
-    return AxisReport([axis["trace_hash"] for axis in axes], [axis["fault"] for axis in axes])
+    report = json.loads(output.splitlines()[-1])
+    axes = report["axes"]
+    return AxisReport(
+        pid=report["pid"],
+        trace_hashes=[axis["trace_hash"] for axis in axes],
+        faults=[axis["fault"] for axis in axes],
+        refused=[read_refused(axis["refused"]) for axis in axes],
+        messages=report["statistics"],
+    )

@@ -1,7 +1,7 @@
-"""Identification of a model's parameters from measurements, each with its confidence interval.
+"""Identification of parameters from recordings, each parameter with a 95 % confidence interval.
 
-These are the procedures of the thesis for the values of Figures 4.4 and 4.26 (4.1.2, 4.4, 5.2.1).
-`fit` fits any parameters of a model to a measured frequency response.
+These are the procedures of the thesis (sections 4.1.2, 4.4, 5.2.1) for the values of its Figures
+4.4 and 4.26. The module `fit` fits parameters of a model to a frequency response instead.
 """
 
 import csv
@@ -37,7 +37,7 @@ class Estimate:
     unit: str = ""
 
     def with_interval(self) -> "EstimateWithInterval":
-        """The estimate in the form of its JSON."""
+        """The estimate with the ends of its interval, as JSON contains it."""
         low, high = finite(self.value - self.half), finite(self.value + self.half)
         return EstimateWithInterval(finite(self.value), (low, high), self.unit)
 
@@ -47,7 +47,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class EstimateWithInterval:
-    """A value and the ends of its 95 % interval in `unit`; None for a number that is not finite."""
+    """A value in `unit` and the ends of its 95 % interval; None in place of a number that is not
+    finite."""
 
     value: float | None
     interval: tuple[float | None, float | None]
@@ -60,8 +61,8 @@ def finite(number: float) -> float | None:
 
 
 def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
-    """Estimate of function(values); the half widths of independent estimates are added as
-    squares."""
+    """Estimate of a function of independent estimates. The square of its half width is the sum of
+    the squares that each estimate causes. unit: of the function."""
     values = [e.value for e in estimates]
     square = 0.0
     for i, e in enumerate(estimates):
@@ -73,9 +74,10 @@ def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = 
 def regression(
     columns: Reals, values: Reals, weights: Reals | None = None
 ) -> list[tuple[float, float]]:
-    """Least squares of values (n,) on columns (n, p), weights (n,) as 1 / standard deviation.
+    """Linear least squares of values (n,) on columns (n, p). weights (n,): 1 / standard deviation.
 
-    Returns [(coefficient, half width of its 95 % interval)], scaled by the residuals (t, n - p).
+    Returns [(coefficient, half width of its 95 % interval)]. The half widths follow from the
+    residuals by Student's distribution with n - p degrees of freedom.
     """
     weights = np.ones(len(values)) if weights is None else weights
     A, y = columns * weights[:, None], values * weights
@@ -87,7 +89,8 @@ def regression(
 
 
 def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
-    """[(line number, [texts])] of the lines of a CSV file that are not empty. Raises InputError."""
+    """[(line number, texts of the fields)] of all lines of a CSV file that are not empty. Raises
+    InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
@@ -102,14 +105,15 @@ def header_of(path: Path | str) -> list[str]:
 
 
 def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
-    """Named columns of a CSV file as float arrays. Raises InputError with file, line and column."""
+    """The columns with these names of a CSV file, (n,) each. Raises InputError with file, line and
+    column."""
     rows = rows_of(path)
     header = [name.strip() for name in rows[0][1]] if rows else []
     for name in names:
         if header.count(name) != 1:
             raise InputError(
-                f"{path}: expected {'a' if name not in header else 'one'} column {name}, it has "
-                f"{', '.join(header) or 'none'}; name the columns in the first line"
+                f"{path}: expected {'a' if name not in header else 'one'} column {name}, got "
+                f"{', '.join(header) or 'no columns'}; name the columns in the first line"
             )
     places = [header.index(name) for name in names]
     columns: list[list[float]] = [[] for _ in names]
@@ -132,10 +136,10 @@ def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
 class RingDown:
     """Parameters of a mode from a recorded free vibration."""
 
-    cycles: int  #: that were used
-    damped_frequency: Estimate  #: Hz, 1 / period
-    natural_frequency: Estimate  #: Hz, without damping
-    decrement: Estimate  #: ln of the ratio of amplitudes one period apart
+    cycles: int  #: number of periods that were used
+    damped_frequency: Estimate  #: 1 / period, Hz
+    natural_frequency: Estimate  #: frequency without damping, Hz
+    decrement: Estimate  #: logarithm of the ratio of two amplitudes with a distance of one period
     damping_ratio: Estimate  #: formula of the thesis, decrement / (2 pi)
     #: decrement / sqrt(4 pi^2 + decrement^2); the formula of the thesis is its limit for small
     #: values
@@ -148,7 +152,8 @@ class RingDown:
 
 
 def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
-    """Columns (n, 4) of a vibration e^(-rate t) with an offset and a drift."""
+    """Columns (n, 4) of a regression: cosine and sine with the envelope e^(-rate t), offset, drift.
+    rate in 1/s, omega in rad/s."""
     envelope, ones = np.exp(-rate * time_s), np.ones(len(time_s))
     return np.stack(
         [envelope * np.cos(omega * time_s), envelope * np.sin(omega * time_s), ones, time_s], 1
@@ -158,10 +163,10 @@ def damped_sine(time_s: Reals, rate: float, omega: float) -> Reals:
 def fit_damped_sine(
     time: Reals, values: Reals, starts: Sequence[tuple[float, float]]
 ) -> optimize.OptimizeResult:
-    """Least squares fit of a damped sine; returns SciPy's result with x: rate, omega and 4
-    coefficients.
+    """Least-squares fit of a damped sine to values (n,) at times (n,) that begin at 0. Returns the
+    result of SciPy, whose x contains rate (1/s), omega (rad/s) and 4 coefficients.
 
-    time (n,) from 0, starts [(rate, omega)] in 1/s and rad/s; the best start is used.
+    starts: start values (rate, omega), of which the best is used.
     """
 
     def linear_part(start: tuple[float, float]) -> tuple[float, list[float]]:
@@ -186,7 +191,8 @@ def fit_damped_sine(
 
 
 def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) -> Reals:
-    """Amplitudes of the periods that begin at `starts`, in s, each from its Fourier coefficient."""
+    """Amplitudes of the periods that begin at the times `starts` in s. Each amplitude is that of
+    the Fourier coefficient at omega, in rad/s, over one period."""
     turning = values * np.exp(-1j * omega * time)
     steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
     total = np.concatenate([[0], np.cumsum(steps)])
@@ -196,7 +202,8 @@ def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) ->
 
 
 def likely_frequencies(time: Reals, values: Reals) -> Reals:
-    """The three highest peaks of the spectrum, in rad/s; the times may have unequal steps."""
+    """Angular frequencies of the three highest peaks of the spectrum in rad/s. The steps of time
+    may be unequal."""
     even = np.linspace(time[0], time[-1], len(time))
     bent = signal.detrend(np.interp(even, time, values))
     size = abs(np.fft.rfft(bent, 2 * len(even)))
@@ -210,13 +217,14 @@ def ring_down(
 ) -> RingDown:
     """Frequency and logarithmic decrement of a free vibration with any offset and slow drift.
 
-    time_s (n,) ascending, values (n,) in any unit. A damped sine is fitted to the record from the
-    largest amplitude down to the share `floor` (0..1) of it. The intervals are those of least
-    squares with white noise, or with the noise density near the frequency of the vibration if that
-    is larger (for example because of another mode). They include at least twice the variance of a
-    converter's rounding. The ratio of the amplitudes of the first and the last period, as read from
-    a plot, is also given. Raises InputError for fewer than 3 periods and for a record that one
-    damped sine does not explain.
+    time_s (n,): rising times. values (n,): in any unit. where: name of the record in errors. A
+    damped sine is fitted to the record from the largest amplitude down to the fraction `floor`
+    (0 to 1) of this amplitude. The confidence intervals are those of least squares with white
+    noise. If the noise density near the frequency of the vibration is larger, for example because
+    of another mode, the intervals follow from this density. They include at least twice the
+    variance of the rounding by a converter. The result also contains the decrement that follows
+    from the amplitudes of the first and the last period, as read from a plot. Raises InputError
+    for fewer than 3 periods and for a record that one damped sine does not explain.
     """
     _expect_samples(time_s, where)
     frequencies, unit = likely_frequencies(time_s, values), float(np.std(values))
@@ -279,8 +287,8 @@ def ring_down(
     warnings = []
     if coloured and explained < 1 - 1e-12:
         warnings.append(
-            "what the fit leaves is not white noise: another mode or a nonlinearity; the "
-            "intervals count it as noise"
+            "the residual of the fit is not white noise, because of another mode or a "
+            "nonlinearity; the intervals treat the residual as noise"
         )
     return RingDown(
         cycles,
@@ -319,21 +327,22 @@ def _start_of_decay(time_s: Reals, values: Reals, omega: float) -> float:
 def noise_of(
     residuals: Reals, freedom: float, turned: float, values: Reals, unit: float
 ) -> tuple[float, float, float, bool]:
-    """Variances of a sample from the `residuals`: white noise, noise near the vibration, rounding;
-    and whether the second is clearly larger than the first.
+    """Variances of a sample by white noise, by noise near the frequency of the vibration, and by
+    rounding; and whether the second variance is clearly larger than the first.
 
-    turned: phase of the vibration in rad over the record of `values`; `unit` is the divisor that
-    made the values dimensionless.
+    residuals (n,): of the fit, without unit. freedom: degrees of freedom of the residuals. turned:
+    phase of the vibration in rad over the record. values: the record. unit: divisor that made the
+    values dimensionless.
     """
     n = len(residuals)
     white = float(np.sum(residuals**2) / freedom)
     lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    # 4 real parameters reduce the degrees of freedom
+    # the four parameters of the vibration reduce the degrees of freedom
     local = float(near.sum() / max(len(near) - 2, 1))
     # Rounding without noise depends on the vibration and causes errors of the amplitude that the
-    # residual does not contain; twice the variance of rounding, step^2 / 12, covers them.
+    # residuals do not contain. Twice the variance of rounding, step^2 / 12, covers these errors.
     levels = np.unique(values)
     rounding = (np.diff(levels).min() / unit) ** 2 / 6 if len(levels) < n / 4 else 0.0
     return white, local, rounding, local > WARNED_NOISE_RATIO * white and len(near) > 4
@@ -342,8 +351,8 @@ def noise_of(
 def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
     """The error for a record with too few periods."""
     return InputError(
-        f"{where}: expected a ring-down of at least {LEAST_CYCLES} cycles, found {int(cycles)}; "
-        f"record longer, strike harder or lower the floor of {floor:g}"
+        f"{where}: expected a decaying vibration of at least {LEAST_CYCLES} cycles, found "
+        f"{int(cycles)}; record longer, strike harder, or lower `floor`, which is {floor:g}"
     )
 
 
@@ -362,8 +371,8 @@ def mode_parameters(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> ModeParameters:
-    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode; either mass or stiffness is
-    given.
+    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode from its frequency, its damping
+    ratio, and either its mass or its stiffness.
 
     `frequency_hz` is the natural frequency and `damping_ratio` the exact ratio: k = m w^2,
     b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6).
@@ -387,7 +396,7 @@ def mode_parameters(
             unit="N s/m",
         )
     else:
-        raise ValueError("expected mass or stiffness, one of them")
+        raise ValueError("expected either mass or stiffness")
     return ModeParameters(replace(mass, unit="kg"), replace(stiffness, unit="N/m"), damping)
 
 
@@ -404,12 +413,12 @@ class Split:
 
 
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> Split:
-    """The two masses from m_r1 + m_r2 = m and w^2 = k m / (m_r1 m_r2), with Estimates of m (kg), k
-    (N/m) and w / (2 pi) (Hz).
+    """The two masses m_r1 and m_r2 on either side of a spring, from their sum m (kg), the stiffness
+    k (N/m) and the frequency w / (2 pi) (Hz) at which both masses vibrate freely: m_r1 + m_r2 = m,
+    w^2 = k m / (m_r1 m_r2).
 
-    The frequency is that of both masses in free space. The choice is that of the thesis: the
-    actuator has more than half of the inertia, m_r1 > m_r2. Raises InputError without a real
-    solution.
+    As in the thesis, the first solution is the one in which the actuator has more than half of the
+    mass, m_r1 > m_r2. Raises InputError if no real masses solve the equations.
     """
 
     def larger(m: float, k: float, f: float) -> float:
@@ -417,7 +426,7 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
 
     def smaller(
         m: float, k: float, f: float
-    ) -> float:  # uses the product of both, to avoid the difference of nearly equal numbers
+    ) -> float:  # from the product of both masses, to avoid a difference of nearly equal numbers
         return m * locked(k, f) / larger(m, k, f)
 
     def locked(k: float, f: float) -> float:
@@ -427,8 +436,9 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
     lowest = math.sqrt(4 * k / m) / (2 * math.pi)
     if f < lowest:
         raise InputError(
-            f"split: frequency: expected at least {lowest:.5g} Hz, the lowest that two masses of "
-            f"{m:g} kg together have on {k:g} N/m (half each), got {f:g} Hz; check the three"
+            f"split: frequency: expected at least {lowest:.5g} Hz, the frequency of two equal "
+            f"masses of {m:g} kg together on {k:g} N/m, got {f:g} Hz; check mass, stiffness and "
+            "frequency"
         )
     large, small = (
         propagate(part, total_mass, stiffness, frequency_hz, unit="kg")
@@ -459,7 +469,7 @@ def regression_of(
         raise InputError(f"{path}: expected at least {fewest} rows, got {len(at)}; measure more")
     if not at.any() or (offset and np.ptp(at) == 0):
         what = "different values" if offset else "values other than 0"
-        raise InputError(f"{path}: {x}: expected {what}; repeat it at many speeds")
+        raise InputError(f"{path}: {x}: expected {what}; measure at several speeds")
     columns = np.stack([at, np.ones(len(at))], 1) if offset else at[:, None]
     found = regression(columns, values)
     return [Estimate(*pair, unit) for pair, unit in zip(found, units, strict=False)]

@@ -1,9 +1,9 @@
-"""Resonance model of 4.2: the response of a rigid body times simple resonances, fitted to data.
+"""Resonance model of thesis section 4.2: the response of a rigid body times simple resonances.
 
     R_i(s) = (w_p / w_z)^2 (s^2 + 2 zeta_z w_z s + w_z^2) / (s^2 + 2 zeta_p w_p s + w_p^2)
 
-The thesis fits it by eye in five steps, beginning with the lowest resonance; `fit` performs these
-steps numerically.
+The thesis fits this model to data by eye in five steps, beginning with the lowest resonance. `fit`
+performs these steps numerically.
 """
 
 from collections.abc import Sequence
@@ -28,22 +28,22 @@ FREQUENCY_RATIO = 1.3
 
 @dataclass(frozen=True)
 class Resonance:
-    """One factor R_i: a peak and, if present, a trough. R_i is 1 at low frequency."""
+    """One factor R_i of the model: a peak and, if present, a trough. R_i is 1 at low frequency."""
 
-    peak_hz: float
-    peak_damping: float
-    trough_hz: float | None = None
-    trough_damping: float | None = None
+    peak_hz: float  #: frequency of the poles, Hz, > 0
+    peak_damping: float  #: damping ratio of the poles
+    trough_hz: float | None = None  #: frequency of the zeros, Hz; None: no trough
+    trough_damping: float | None = None  #: damping ratio of the zeros
 
     @property
     def trough(self) -> tuple[float, float] | None:
-        """Frequency, Hz, and damping ratio of the trough, if there is one."""
+        """Frequency in Hz and damping ratio of the trough; None: no trough."""
         if self.trough_hz is None or self.trough_damping is None:
             return None
         return self.trough_hz, self.trough_damping
 
     def at(self, s: ArrayLike) -> Complexes:
-        """R_i at complex s (1/s)."""
+        """The values of R_i at complex s in 1/s, in the shape of s."""
         s = np.asarray(s, complex)
         value: Complexes = 1 / _pair(s, self.peak_hz, self.peak_damping)
         return value * _pair(s, *self.trough) if self.trough else value
@@ -56,27 +56,25 @@ def _pair(s: ArrayLike, hz: Reals | float, zeta: Reals | float) -> Complexes:
 
 @dataclass(frozen=True)
 class Fit:
-    """Resonances, the lowest first, and the errors of the model.
+    """Result of the fit of a resonance model: the resonances, and the errors of the model over the
+    given frequencies."""
 
-    Errors of magnitude are in dB over the given frequencies. `phase_error_deg` is the rms error of
-    the phase if both the data and the rigid-body response are complex, otherwise None. It is small
-    if the data belong to a minimum-phase system.
-    """
-
-    resonances: tuple[Resonance, ...]
-    rms_db: float
-    max_db: float
+    resonances: tuple[Resonance, ...]  #: the lowest first
+    rms_db: float  #: rms error of the magnitude in dB
+    max_db: float  #: largest error of the magnitude in dB
+    #: rms error of the phase in degrees, small if the data belong to a minimum-phase system; None
+    #: if the data or the rigid-body response are not complex
     phase_error_deg: float | None
 
     def cascade(self) -> Factored:
-        """The product of all R_i as a Factored: zeros, poles and gain (`zpk`)."""
+        """The product of all R_i, with zeros and poles in 1/s and gain."""
         poles = [(r.peak_hz, r.peak_damping) for r in self.resonances]
         zeros = [r.trough for r in self.resonances if r.trough]
         return Factored(_roots(zeros), _roots(poles), 1.0)
 
     def response(self, frequency_hz: ArrayLike, rigid_response: ArrayLike) -> Complexes:
-        """The response of the model, G_p = G_rb prod R_i, from the rigid-body response at the
-        frequencies."""
+        """The response of the model, (n,) complex, in the unit of rigid_response: the rigid-body
+        response (n,) times all R_i at the frequencies (n,) in Hz."""
         return np.asarray(np.asarray(rigid_response) * self.cascade().response(frequency_hz))
 
 
@@ -99,29 +97,34 @@ def fit(
 ) -> Fit:
     """Fits a product of at most `modes` resonances to a measured or simulated response.
 
-    frequency_hz (n,): rising, > 0. response and rigid_response (n,): complex or magnitudes, in one
-    unit; only magnitudes are fitted. Analysed is their quotient, |G| / |G_rb|:
+    frequency_hz (n,): at least 10 rising frequencies > 0. response and rigid_response (n,): complex
+    values or magnitudes in one unit, not 0; only the magnitudes are fitted. The five steps:
 
-    1. compare: the quotient in dB, smoothed by nothing, so average noisy data first
-    2. its peaks that stand out by `prominence_db` (the `modes` most prominent), lowest first
-    3. the trough that belongs to each: the nearest on a logarithmic scale that no other peak is
-       nearer to; a noncolocated mode may have none and then stays without
-    4. and 5. damping ratios so that the model has the height of each peak and the depth of each
-       trough; frequencies so that its own peaks and troughs stand there: 60 rounds, the best kept
+    1. The quotient |response| / |rigid_response| in dB is computed. It is not smoothed; average
+       noisy data first.
+    2. The peaks of the quotient with a prominence of at least `prominence_db` are found. The
+       `modes` most prominent peaks are used.
+    3. Each peak is assigned the nearest trough on a logarithmic scale. A mode that is not
+       collocated may have no trough.
+    4. The damping ratios are adjusted until the model has the height of each peak and the depth of
+       each trough.
+    5. The frequencies are adjusted until the peaks and troughs of the model are at the frequencies
+       of the data. Steps 4 and 5 are repeated 60 times, and the best result is returned.
 
-    `refine` then moves all frequencies and ratios together to the least squares in dB. Data of this
-    very form give their parameters back that way; where the rigid-body response is not quite that
-    of the data, it distorts the resonances to compensate, and the five steps alone are better.
-    A resonance that is only a change of slope is not seen.
-    Raises InputError for data that cannot be fitted.
+    `refine` then minimises the squared error in dB over all frequencies and damping ratios at once.
+    This finds the exact parameters of data that have the form of the model. With a wrong rigid-body
+    response it distorts the resonances, and the five steps alone are better. A resonance that only
+    changes the slope of the quotient is not found.
+
+    Raises InputError for data that cannot be fitted, and if there is no peak.
     """
     f, data, rigid = _checked(frequency_hz, response, rigid_response)
     target = 20 * np.log10(np.abs(data) / np.abs(rigid))
     peaks, troughs = _extremes(f, target, modes, prominence_db)
     if not peaks:
         raise InputError(
-            f"response: expected at least one peak that stands out by {prominence_db} dB, found "
-            "none; lower the prominence or give more frequencies"
+            f"response: expected at least one peak with a prominence of {prominence_db} dB, found "
+            "none; lower `prominence_db` or give more frequencies"
         )
     found = _match(f, target, peaks, troughs)
     if refine:
@@ -150,13 +153,13 @@ def _checked(
     data, rigid = (np.asarray(x, complex) for x in (response, rigid_response))
     if f.ndim != 1 or data.shape != f.shape or rigid.shape != f.shape:
         raise InputError(
-            "response: expected as many values of response and rigid-body response as frequencies, "
-            f"got {data.size}, {rigid.size} and {f.size}"
+            "response: expected equal numbers of values of response, rigid-body response and "
+            f"frequency, got {data.size}, {rigid.size} and {f.size}"
         )
     if len(f) < 10:
         raise InputError(f"frequency_hz: expected at least 10 frequencies, got {len(f)}")
     if not (np.all(f > 0) and np.all(np.diff(f) > 0)):
-        raise InputError("frequency_hz: expected frequencies > 0 that rise")
+        raise InputError("frequency_hz: expected rising frequencies > 0")
     for name, values in (("response", data), ("rigid_response", rigid)):
         if not (np.isfinite(values).all() and np.all(np.abs(values) > 0)):
             raise InputError(f"{name}: expected finite values that are not 0")
@@ -166,11 +169,12 @@ def _checked(
 def _extremes(
     f: Reals, target: Reals, modes: int, prominence_db: float
 ) -> tuple[list[float], list[float | None]]:
-    """Frequencies of the most prominent peaks, and for each of its trough or None."""
+    """The frequencies of the most prominent peaks, and for each peak the frequency of its trough or
+    None."""
 
     def at_top(i: int, values: Reals) -> float:
-        # Frequencies between grid points: vertex of the parabola through three points in the
-        # logarithmic scale.
+        # The frequency of the extreme value is the vertex of the parabola through three points on
+        # the logarithmic scale.
         x, y = np.log(f[i - 1 : i + 2]), values[i - 1 : i + 2]
         second, slope, _ = np.polyfit(x - x[1], y - y[1], 2)
         return float(np.exp(np.clip(x[1] - slope / (2 * second), x[0], x[2]))) if second else f[i]
@@ -178,15 +182,15 @@ def _extremes(
     found, _ = signal.find_peaks(target, prominence=prominence_db)
     troughs, _ = signal.find_peaks(-target, prominence=prominence_db)
     peaks = [at_top(i, target) for i in found]
-    # Assigned before weaker peaks are removed together with their troughs.
+    # Troughs are assigned before weaker peaks are removed, so that their troughs are removed too.
     pairs = _pair_up(peaks, [at_top(i, -target) for i in troughs])
     strongest = np.sort(np.argsort(signal.peak_prominences(target, found)[0])[::-1][:modes])
     return [peaks[i] for i in strongest], [pairs[i] for i in strongest]
 
 
 def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
-    """For each peak its trough or None: the assignment with the smallest total distance and no peak
-    between the two."""
+    """For each peak the frequency of its trough or None. The assignment has the smallest total
+    distance, and no other peak is between a peak and its trough."""
     if not troughs:
         return [None] * len(peaks)
     distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
@@ -204,14 +208,16 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
-    """Steps 2 to 5: adjusts each pair in turn until the model's peaks and troughs agree with those
-    of the data in frequency and size. Neighbouring pairs and damping shift them, so the other pairs
-    are kept constant meanwhile and the rounds repeat."""
+    """Steps 4 and 5: adjusts the frequency and damping of each peak and trough in turn until those
+    of the model agree with those of the data. Each adjustment shifts the neighbours, so the rounds
+    are repeated."""
     marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
     hz = np.array([mark[0] for mark in marks])
     sign = np.array([mark[1] for mark in marks])
     level = np.interp(np.log(hz), np.log(f), target)
-    pairs = np.column_stack([hz, np.full(len(hz), 0.05)])  # the thesis's typical damping
+    pairs = np.column_stack(
+        [hz, np.full(len(hz), 0.05)]
+    )  # damping ratio that is typical in the thesis
     around = np.geomspace(0.8, 1.25, 181)
 
     def model_db(at: Reals) -> Reals:
@@ -237,7 +243,8 @@ def _match(
 
 
 def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance]:
-    """(Hz, damping) of all peaks, then of those troughs that are not None, as Resonance."""
+    """Resonances from `pairs`, rows (frequency in Hz, damping ratio) of all peaks, followed by rows
+    of all troughs that are not None."""
     present = iter(pairs[len(troughs) :])
     return [
         Resonance(*map(float, peak), *(map(float, next(present)) if trough is not None else ()))
@@ -246,7 +253,8 @@ def _resonances(pairs: Reals, troughs: Sequence[float | None]) -> list[Resonance
 
 
 def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Resonance]:
-    """Least squares of the error in dB over all frequencies and ratios, as logarithms."""
+    """The resonances with the smallest squared error in dB, from a search over the logarithms of
+    all frequencies and damping ratios."""
     pairs = [(r.peak_hz, r.peak_damping) for r in start]
     pairs += [r.trough for r in start if r.trough]
     signs = np.array([-1] * len(start) + [1] * (len(pairs) - len(start)))
@@ -285,8 +293,12 @@ def of_measurement(
     prominence_db: float,
     refine: bool,
 ) -> ResonanceResult:
-    """Fits resonances to a measured response. `rigid`: the signal of the model that a rigid
-    structure would give. Raises InputError."""
+    """Fits resonances to a measured response.
+
+    model: path or name of a model of the rigid body. response: folder of a measurement. rigid:
+    signal of the model that a rigid structure would give. overrides: {parameter: value} of the
+    model. modes, prominence_db, refine: see fit(). Raises InputError.
+    """
     from forceaxis.identify import fit as fit_response
 
     if not 0 < prominence_db < 200:
