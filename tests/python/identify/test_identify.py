@@ -420,7 +420,7 @@ def test_what_cannot_be_fitted_is_refused(response, tmp_path):
 
     assert "expected a parameter that the model uses" in words("m_r9")
     assert "START" in words("m_r=heavy")
-    assert "to start as --fit m_r=5" in refusal(
+    assert "as --fit m_r=5" in refusal(
         "fit", "fig4_19", response, "--fit", "m_r", "--set", "m_r=5"
     )
     assert "once" in words("m_r", "m_r=3")

@@ -394,7 +394,7 @@ LINE = {
     "clamped": (["fig4_19", "--output", "adc0", "--clamped", "--free"], "either clamped or free"),
     "no contact": (
         ["laboratory", "--output", "sensor.force"],
-        "keep the contact by a bias or clam",
+        "keep the contact by a bias or by clam",
     ),
     "window": (["fig3_12", "--excitation", "sine", "--window", "hann"], "expected none with sine"),
     "parameter": (["fig3_12", "--set", "nothing=1"], "nothing"),
@@ -407,7 +407,7 @@ LINE = {
     "no file": (["fig9_9.toml", "--output", "drive.current"], "fig9_9.toml"),
     "counts that stay": (
         ["fig3_8", "--inject", "codes", "--level", 1, "--output", "adc1", "--band", "10:400"],
-        "expected an output that moves",
+        "expected an output that changes",
     ),
 }
 

@@ -314,7 +314,7 @@ def test_two_sweeps_in_one_folder_are_refused(small):
     summary, out = small
     with (out / "journal.jsonl").open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        refused(forceaxis_sweep(*summary["command"].split()[2:]), "journal.jsonl", "no other sweep")
+        refused(forceaxis_sweep(*summary["command"].split()[2:]), "journal.jsonl", "no other running sweep")
 
 
 # Failing runs.
@@ -379,7 +379,7 @@ GAIN = "firmware.force_gain"
         (["--grid", f"{GAIN}=1:2:2", "--set", f"{GAIN}=1"], [GAIN, "once"]),
         (["--grid", f"{GAIN}=1:2:2", "--random", "k_s=1:2"], ["--random", "either"]),
         (["--grid", "m_x=1:2:2"], ["m_x", "parameter of the model"]),
-        (["--grid", "m_b=1:2:2"], ["m_b", "changes nothing"]),
+        (["--grid", "m_b=1:2:2"], ["m_b", "changes the model"]),
         (["--grid", "firmware.gain=1:2:2"], ["firmware.gain", "forceaxis objects"]),
         (["--grid", "firmware.tick=1:2:2"], ["firmware.tick"]),
         (["--grid", "experiment.title=1:2:2"], ["experiment.title", "experiment.duration_s"]),
