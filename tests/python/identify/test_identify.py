@@ -420,9 +420,7 @@ def test_what_cannot_be_fitted_is_refused(response, tmp_path):
 
     assert "expected a parameter that the model uses" in words("m_r9")
     assert "START" in words("m_r=heavy")
-    assert "as --fit m_r=5" in refusal(
-        "fit", "fig4_19", response, "--fit", "m_r", "--set", "m_r=5"
-    )
+    assert "as --fit m_r=5" in refusal("fit", "fig4_19", response, "--fit", "m_r", "--set", "m_r=5")
     assert "once" in words("m_r", "m_r=3")
     assert "above 0, got 0" in words("b_m")
     assert "approach: expected a parameter that changes the response" in words("m_r", "approach=1")

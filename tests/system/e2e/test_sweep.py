@@ -314,7 +314,11 @@ def test_two_sweeps_in_one_folder_are_refused(small):
     summary, out = small
     with (out / "journal.jsonl").open("ab") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        refused(forceaxis_sweep(*summary["command"].split()[2:]), "journal.jsonl", "no other running sweep")
+        refused(
+            forceaxis_sweep(*summary["command"].split()[2:]),
+            "journal.jsonl",
+            "no other running sweep",
+        )
 
 
 # Failing runs.
