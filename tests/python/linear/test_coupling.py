@@ -1,9 +1,9 @@
 """The coupling rule of 2.3.2 against every assembled model."""
 
+import coupling
 import numpy as np
 import pytest
 from forceaxis import linear, paths
-from forceaxis.linear import coupling
 
 S = np.concatenate([2j * np.pi * np.geomspace(0.5, 700, 40), [3.0, -20 + 90j, 100 + 1000j]])
 MODELS = sorted(p.stem for p in paths.MODELS.glob("*.toml") if p.stem != "thesis")

@@ -98,7 +98,8 @@ class Bank:
         return system
 
     def hf_gain(self) -> float:
-        """Gain at high frequency in DAC codes per 8-bit count, as law_bank_state() computes it."""
+        """Gain at high frequency in DAC codes per 8-bit count, computed as law_bank_state() of the
+        firmware does."""
         direct = math.prod(section[0] for section in self.sections)
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))

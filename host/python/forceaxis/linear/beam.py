@@ -51,8 +51,8 @@ class Factored:
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
     def zpk(self) -> tuple[Matrix, Matrix, float]:
-        """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole), including zeros or poles at
-        0."""
+        """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole); zeros and poles in 1/s
+        include those at s = 0."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
         poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])
         gain = self.gain
@@ -61,8 +61,8 @@ class Factored:
         return zeros, poles, float(np.real(gain))
 
     def transfer_function(self) -> "control.TransferFunction":
-        """The function as control.TransferFunction. Raises InputError if a coefficient exceeds
-        double precision."""
+        """The function as control.TransferFunction in powers of s (1/s). Raises InputError if a
+        coefficient exceeds the range of double precision."""
         import control
 
         zeros, poles, gain = self.zpk()
@@ -88,7 +88,8 @@ def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
 
 
 def sliding_free_roots(count: int) -> Matrix:
-    """The first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ..."""
+    """The first `count` positive roots of tan y + tanh y = 0, without unit: 2.36502, 5.49780, ...;
+    array of shape (count,)."""
     y = (np.arange(1, count + 1) - 0.25) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -100,7 +101,8 @@ def sliding_free_roots(count: int) -> Matrix:
 
 
 def clamped_free_roots(count: int) -> Matrix:
-    """The first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ..."""
+    """The first `count` positive roots of cos y cosh y = -1, without unit: 1.87510, 4.69409, ...;
+    array of shape (count,)."""
     y = (np.arange(1, count + 1) - 0.5) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -117,7 +119,9 @@ class Beam:
     """Distributed-parameter beam of Figure 2.21: one end slides without turning, the other is free.
 
     The actuator pushes the sliding end. `damping_s` makes the modulus E (1 + damping_s s), so mode
-    k of natural frequency w_k has the damping ratio damping_s w_k / 2.
+    k of natural frequency w_k has the damping ratio damping_s w_k / 2. Raises InputError unless the
+    bending stiffness in N m^2, the mass per length in kg/m and the length in m are in the range
+    1e-12 to 1e12, and damping_s >= 0.
     """
 
     bending_stiffness_Nm2: float  # E I
@@ -146,23 +150,23 @@ class Beam:
         return float(a / self.length_m**2)
 
     def natural_frequencies(self, count: int) -> Matrix:
-        """Frequencies of the first `count` bending modes in rad/s, without the rigid-body mode at
-        0."""
+        """Frequencies of the first `count` bending modes in rad/s, ascending, shape (count,). The
+        rigid-body mode at frequency 0 is not included."""
         return self.rate * sliding_free_roots(count) ** 2
 
     def poles(self, count: int) -> Matrix:
-        """Poles in 1/s: 0 (rigid body, velocity per force) and the pairs of `count` modes,
-        ascending."""
+        """Poles of velocity per force in 1/s, shape (1 + 2 count,): 0 for the rigid body, then a
+        pair for each of `count` modes in ascending order."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> Matrix:
-        """`count` pairs of zeros of V_act / F_a in 1/s; at these frequencies the sliding end does
-        not move."""
+        """`count` pairs of zeros of V_act / F_a in 1/s, shape (2 count,). At these frequencies the
+        sliding end does not move."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
     def tip_zeros(self, count: int) -> Matrix:
-        """`count` real pairs of zeros of V_tip / F_a in 1/s, +-2 rate ((k - 1/2) pi)^2 without
-        damping."""
+        """`count` real pairs of zeros of V_tip / F_a in 1/s, shape (2 count,); without damping +-2
+        rate ((k - 1/2) pi)^2."""
         k = np.arange(1, count + 1)
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
@@ -174,12 +178,12 @@ class Beam:
         return np.column_stack([-squares / far, far]).ravel()
 
     def actuator(self, s: ArrayLike) -> Matrix:
-        """V_act / F_a at complex s (1/s) of any shape, without overflow at any frequency; s = 0 is
-        a pole."""
+        """V_act / F_a in m/s per N at complex s (1/s), in the shape of s; s = 0 is a pole. No
+        frequency causes an overflow."""
         return self._transfer(s)[0]
 
     def tip(self, s: ArrayLike) -> Matrix:
-        """V_tip / F_a at complex s, as `actuator`."""
+        """V_tip / F_a in m/s per N at complex s (1/s), in the shape of s; s = 0 is a pole."""
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
@@ -307,11 +311,14 @@ class LumpedBeam:
         J2_kgm2: float,
         tip_offset_m: float,
     ) -> "LumpedBeam":
-        """Two masses and one element."""
+        """The beam of Figure 2.24 with two masses and one element: bending stiffness E I in N m^2,
+        length of the element in m, masses in kg, inertia of the second mass in kg m^2, offset of
+        the tip in m. Raises InputError for values that are not > 0."""
         return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
 
     def matrices(self) -> tuple[Matrix, Matrix]:
-        """(M, K) of q = (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
+        """Mass matrix M and stiffness matrix K, each (2 n + 1, 2 n + 1) for n elements, of the
+        coordinates (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
         n = len(self.lengths_m)
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg

@@ -18,7 +18,7 @@ DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
-    """Orthonormal basis of the controllable states."""
+    """Orthonormal basis of the states that the input can control, as columns."""
     basis: Matrix = B / np.linalg.norm(B)
     while basis.shape[1] < len(A):
         image = A @ basis[:, -1:]
@@ -80,7 +80,8 @@ def response(system: System) -> _core.BoundaryResponse:
 
 
 def marks(roots: Matrix, fastest: float) -> Matrix:
-    """Frequencies of the plane, >= 0, at and between those of the roots; fastest: of the poles."""
+    """Frequencies of the plane in rad/s, > 0: values beside and between `roots`, which are
+    frequencies too. fastest: largest magnitude of a pole, 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
     # no frequency between two equal roots
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]

@@ -100,7 +100,7 @@ class Curve:
 
     @property
     def phase_deg(self) -> Numbers:
-        """Unwrapped phase; see `phase_deg`."""
+        """Phase in degrees without jumps of 360 degrees, see the function phase_deg."""
         return phase_deg(self.frequency_hz, self.response)
 
     def table(self) -> CurveTable:
@@ -225,7 +225,8 @@ def model_curve(
 
 
 def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
-    """Unit of output per input, such as "N/V"."""
+    """Unit of a response, the unit of the output divided by that of the input, such as "N/V"; empty
+    if both are equal. settings: {parameter: value} of the model."""
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal

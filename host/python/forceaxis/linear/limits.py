@@ -264,7 +264,8 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
     stable = loop.stable(gain)
-    # Twice the duration is computed to verify that a signal within 2 % stays there.
+    # The response is computed for twice the duration, because settling requires that the signal
+    # stays within 2 % of its final value.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None

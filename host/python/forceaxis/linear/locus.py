@@ -24,7 +24,7 @@ class Array:
 
 
 def pairs(roots: Iterable[complex]) -> list[list[float] | None]:
-    """Roots as [real, imaginary] for JSON, null for one at infinity."""
+    """Complex roots as [real part, imaginary part] for JSON; None for a root at infinity."""
     return [[float(s.real), float(s.imag)] if np.isfinite(s) else None for s in roots]
 
 

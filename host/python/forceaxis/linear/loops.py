@@ -127,11 +127,16 @@ def force_loop(
     free: bool = False,
     **parameters: float | None,
 ) -> Loop:
-    """The loop of a law around a model; LoopSpec has further fields of a loop.
+    """The loop of a control law around a model; LoopSpec describes loops with a bank or another
+    sampling period.
 
-    model, overrides, modes, free: as in `linear.linearise`. law, timing, output: as in LoopSpec.
-    parameters: integral_rad_per_s, derivative_s, lead_zero_hz, lead_pole_hz, stiffness_N_per_m,
-    damping_Ns_per_m as the law needs, and velocity_gain_Vs_per_m; None: absent. Raises InputError.
+    model: a path, or the stem of a file of sim/models. overrides: {parameter of the model: value}.
+    modes: {element: state}. free: contacts are open. law, timing, output: as in LoopSpec.
+    parameters: integral_rad_per_s (1/s), derivative_s (s), lead_zero_hz and lead_pole_hz (Hz),
+    stiffness_N_per_m, damping_Ns_per_m as the law needs, and velocity_gain_Vs_per_m; None: absent.
+
+    Raises InputError for a model, signal or state that does not exist, and ParameterError for a
+    law, timing or parameter that is wrong or missing.
     """
     given = {name: float(value) for name, value in parameters.items() if value is not None}
     return LoopSpec(law, timing, output, free, given).around(model, overrides, modes)
@@ -197,7 +202,8 @@ class _Site(NamedTuple):
 
 
 class _Plant(NamedTuple):
-    """A plant and the rows of its outputs that a law can feed back: force f, its rate, x and v."""
+    """A plant with the rows of its outputs that a law can feed back: the force f, its rate, the
+    position x and the velocity v."""
 
     A: Matrix
     B: Matrix
@@ -416,8 +422,8 @@ def no_reading(where: str) -> _core.InputError:
 def _with_last(
     A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
 ) -> tuple[Matrix, Matrix, list[Matrix]]:
-    """The sampled system with an additional state for the last sample of row `kept`; returns the
-    rows for the larger state, and the row of that sample."""
+    """The sampled system with one more state, which holds the last sample of the row `kept`;
+    returns A, B, the rows for the larger state, and the row of that sample."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])
     B = np.vstack([B, np.zeros((1, B.shape[1]))])

@@ -112,10 +112,11 @@ class ModeAnalysis:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Undamped modes of a model without the drive; columns of `shapes` have unit modal mass.
+    """Undamped modes of a model without the drive; b bodies, n modes.
 
-    masses (b,) kg; w (n,) rad/s ascending; shapes (b, n) of `bodies`; damping_ratio (n,), nan for
-    w = 0; drive (n,) and output (n,): gains of input and output of each mode.
+    bodies: names. masses (b,) in kg. w (n,): angular frequencies in rad/s, ascending. shapes (b,
+    n): displacement of each body in each mode, scaled to a modal mass of 1 kg. damping_ratio (n,):
+    nan for w = 0. drive (n,), output (n,): gains of the input and of the output in each mode.
     """
 
     bodies: tuple[str, ...]
@@ -135,7 +136,12 @@ def mechanics(
     states: States | None = None,
     free: bool = False,
 ) -> Mechanics:
-    """The undamped modes of a model between `input` and an `output` that depends on positions."""
+    """The undamped modes of a model without its drive, between one input and one output.
+
+    model, overrides, free: as in `modes`. input: "drive.force" or "BODY.force" in N. output: a
+    signal that is a function of positions. states: {element: state} of elements outside the drive.
+    Raises InputError for a model, parameter, signal or state that does not exist.
+    """
     masses = linear.facts(model, overrides).masses_kg
     bodies = tuple(masses)
     pushes = [f"{body}.force" for body in bodies]
@@ -181,11 +187,9 @@ def mechanics(
 
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
-    """Output of the force loop: the measured signal, or the position of the body that would touch
-    the workpiece.
-
-    facts: from linear.facts; apart: the model's contacts if all of them are open.
-    """
+    """The output of the force loop: the measured signal, or the position of the body that would
+    touch the workpiece. facts: of the model; apart: its contacts if all of them are open, otherwise
+    empty."""
     for contact in apart:
         return next(end for end in contact.between if end != "ground") + ".position"
     reading = facts.reading
@@ -197,7 +201,8 @@ def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
 
 
 def as_positions(output: str) -> str:
-    """The output whose residues have the signs of positions; for a rate, its integral."""
+    """The signal whose residues are compared for an output: a velocity or an acceleration is
+    replaced by the position, the rate of a force by the force."""
     for ending, plain in (
         (".velocity", ".position"),
         (".acceleration", ".position"),
@@ -325,7 +330,7 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """{number of a mode: number of its pole}."""
+    """{index of a mode: index of the pole whose displacements and frequency are most similar}."""
     x = [system.states.index(f"{body}.position") for body in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)

@@ -102,7 +102,7 @@ class _Response:
         return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level: float) -> Matrix:
-        """Points s near which |H(jw)| = level: the zeros of level^2 - H(s) H(-s)."""
+        """Complex points s near which |H(jw)| = level: the zeros of level^2 - H(s) H(-s)."""
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
         if abs(rest) < 1e-9 * level**2:
@@ -168,7 +168,7 @@ class _Response:
         return float(best)
 
     def _rise(self, w: float) -> float:
-        """d ln |H| / dw."""
+        """Derivative of ln |H| with respect to the frequency w."""
         value, slope, _ = self.response([w])
         return float((slope[0] / value[0]).real)
 
@@ -238,7 +238,7 @@ class _Set(Generic[T]):
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
         """The entry with the largest badness, after a search in the neighbourhood of the worst
         entries."""
-        for member, timing, _ in self._few(badness):
+        for member, timing, _ in self._starts(badness):
             self._climb(member, timing, badness, (0.5, COARSE_STEP))
         member, timing, _ = self._first(badness)
         self._climb(member, timing, badness, (COARSE_STEP, FINE_STEP))
@@ -247,8 +247,9 @@ class _Set(Generic[T]):
     def _first(self, badness: Callable[[T], float]) -> Entry[T]:
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
-    def _few(self, badness: Callable[[T], float]) -> list[Entry[T]]:
-        """The worst entry of each mode and timing, and the worst of the other entries."""
+    def _starts(self, badness: Callable[[T], float]) -> list[Entry[T]]:
+        """Entries from which the search begins: the worst entry of each mode and timing, and the
+        worst of all entries."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
         first: dict[tuple[Mode, str], Entry[T]] = {}
         for member, timing, result in ordered:
@@ -264,9 +265,9 @@ class _Set(Generic[T]):
         badness: Callable[[T], float],
         steps: tuple[float, float],
     ) -> None:
-        """Pattern search within the ranges, beginning at one member. steps: first and last step, as
-        a share of half the width of a range. With a small first step, values at the end of their
-        range are not changed."""
+        """Pattern search for a larger badness within the ranges, beginning at one member. steps:
+        first and last step, as a share of half the width of a range. A search that begins with
+        COARSE_STEP does not change a parameter that is at the end of its range."""
         ranges = self.plants.ranges
         best, (step, last) = badness(self.at(member, timing)[2]), steps
         if step == COARSE_STEP:
@@ -293,7 +294,8 @@ class _Set(Generic[T]):
 
 
 def sample(plants: PlantSet) -> list[Member]:
-    """Members that are analysed before the search: nominal, corners, random ones."""
+    """Members of a set that are analysed before the search: the nominal ones, the corners, and
+    random ones."""
     return plants.nominal() + (
         plants.corners() + plants.random(RANDOM_MEMBERS) if plants.ranges else []
     )
@@ -309,7 +311,8 @@ def _explored(
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
-    """The gain k of a loop: `gain`, or that of a force_gain, or that of the loop's bank."""
+    """The gain k of a loop: `gain` if it is given, otherwise the gain of force_gain, otherwise the
+    gain of the bank. Raises ParameterError without any of them."""
     if gain is not None:
         return gain
     if force_gain is not None:
@@ -345,7 +348,7 @@ def worst(
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # If no crossing is known, the smallest known range counts.
+    # A loop without a known crossing has a gain margin of at least its known_to.
     doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):
@@ -426,8 +429,9 @@ def distinct(
 
 
 def _lasts(known: PlantFacts, modes: States) -> bool:
-    """Whether a force law can stay in this mode: in contact, if the model has contacts, and without
-    saturation. (With a saturated feedback inside the drive, no gain makes the loop stable.)"""
+    """Whether a force law can stay in this mode: a contact is pressed, if the model has contacts,
+    and no element is saturated, because with a saturated feedback inside the drive no gain makes
+    the loop stable."""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
     names = [contact.name for contact in known.contacts]

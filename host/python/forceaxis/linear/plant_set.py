@@ -1,8 +1,6 @@
-"""A set of plants: ranges of a model's parameters, and modes of the plant.
-
-`--over k_w=30%,m_w=200..500` defines ranges about the values of the model. A Member is one choice
-of values in one mode. Margins are computed over the loops of all members, for one delay or several.
-"""
+"""A set of plants: ranges of a model's parameters, and modes of the plant. Texts such as k_w=30% or
+m_w=200..500 define the ranges. A Member is one choice of parameter values in one mode. Margins are
+computed over the loops of all members, for one latency or several."""
 
 import itertools
 import math
@@ -40,9 +38,10 @@ class Member:
 
 @dataclass(frozen=True)
 class PlantSet:
-    """model: a path or stem; overrides: {parameter: value} of all members; ranges: {parameter:
-    (nominal, low, high)}, SI; together: {parameter: SI value} that change together; modes:
-    {element: state}. Each choice of values in the ranges is combined with each entry of `together`
+    """Plants of one model with parameters in ranges, in several modes. model: a path or stem.
+    overrides: {parameter: value} of all members. ranges: {parameter: (nominal, low, high)} in SI
+    units. modes: {element: state} of each mode. together: {parameter: SI value} for parameters that
+    change together. Each choice of values in the ranges is combined with each entry of `together`
     and with each mode."""
 
     model: str
@@ -86,8 +85,9 @@ class PlantSet:
 def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
-    """{parameter: (nominal, low, high)} from texts NAME=PERCENT% or NAME=LOW..HIGH; a text may
-    contain several, separated by commas. Raises InputError."""
+    """{parameter: (nominal, low, high)} in SI units from texts NAME=PERCENT% or NAME=LOW..HIGH; a
+    text may contain several ranges, separated by commas. Raises ParameterError for an unknown
+    parameter or a wrong range."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}
     for text in (part for given in over for part in given.split(",")):

@@ -125,7 +125,8 @@ def bode(
 
 
 def members_key(ax: Axes) -> None:
-    """Adds the legend of the curves over a set."""
+    """Adds the legend of a figure with the nominal curve and the curves of other members of a
+    set."""
     thin = Line2D([], [], label="corners and random members", **MEMBER_LINE)
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best")
 
@@ -234,13 +235,13 @@ def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
 
 
 def hz(roots: ArrayLike) -> tuple[Numbers, Numbers]:
-    """Real and imaginary part divided by 2 pi."""
+    """Real and imaginary parts of roots in 1/s, divided by 2 pi."""
     roots = np.asarray(roots) / (2 * np.pi)
     return roots.real, roots.imag
 
 
 def mark(ax: Axes, ends: Array, size: float = 5.5) -> None:
-    """Marks poles with x and zeros with o."""
+    """Marks poles with x and zeros with o in a figure of the s-plane."""
     ax.plot(*hz(ends.poles), "x", color=INK, markersize=size, markeredgewidth=1.3, zorder=4)
     ax.plot(
         *hz(ends.zeros), "o", color=GOT, markersize=size, markerfacecolor="none",
@@ -372,8 +373,8 @@ def pole_zero(
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # Lightly damped and nonminimum-phase roots; most real roots in the left half-plane belong
-        # to the drive.
+        # Lightly damped and nonminimum-phase roots. Most real roots in the left half-plane are
+        # electrical poles of the drive and do not describe the structure.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
@@ -392,9 +393,9 @@ def pole_zero(
 
 
 def frame(sizes: Numbers) -> float:
-    """Half-width in 1/s of a figure around all roots, except outer ones that are separated by a
-    factor of six."""
-    # without values that are 0 except for rounding
+    """Half-width in 1/s of a figure of roots with these magnitudes. Outer roots are left out if
+    their magnitude is more than six times that of the next smaller root."""
+    # Magnitudes that are 0 except for rounding errors are ignored.
     ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):
         return 2 * np.pi

@@ -81,10 +81,9 @@ class LoopRequest:
 
 
 def one_gain(loop: Loop, gain: float | None, firmware_gain: float | None) -> float | None:
-    """The gain k of a loop from k or from force_gain, or that of its experiment; None: no gain.
-
-    Raises ParameterError if both are given, or if a gain is out of range.
-    """
+    """The gain k of a loop: `gain`, the gain of firmware_gain (force_gain in DAC codes per 8-bit
+    count), or the gain of the loop's experiment; None without a gain. Raises ParameterError if both
+    are given, or if a gain is out of range."""
     if gain is not None and firmware_gain is not None:
         raise ParameterError("gain", "expected either `gain` or `firmware_gain`, got both")
     if firmware_gain is not None:

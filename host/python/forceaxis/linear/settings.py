@@ -1,9 +1,7 @@
-"""MODEL|EXPERIMENT of the command line: a plant, and the loop that an experiment's firmware
-closes.
-
-The analysis uses the experiment's model, its [set], and the initial values of [firmware] as the
-firmware stores them: law, bank, gain, latency. Later writes of the experiment ([[at]]) are ignored.
-"""
+"""The plant of a model or an experiment, and the force loop that the firmware of an experiment
+closes. The analysis uses the experiment's model, its [set], and the initial values of [firmware] as
+the firmware stores them: law, bank, gain, latency. Later writes of the experiment ([[at]]) are
+ignored."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -77,9 +75,10 @@ def is_experiment(table: Mapping[str, Any]) -> bool:
 
 
 def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
-    """The ModelSettings of MODEL|EXPERIMENT with {name: value} of --set; for an experiment also
-    firmware.NAME. Raises InputError, also for an experiment without a force loop unless only its
-    plant is needed (plant)."""
+    """The ModelSettings of a model or experiment, given as path or stem. overrides: {parameter:
+    value}, for an experiment also firmware.NAME. plant: True if only the plant is needed. Raises
+    InputError for a wrong file or value, and unless `plant` also for an experiment without a force
+    law."""
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():

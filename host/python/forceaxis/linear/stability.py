@@ -31,8 +31,8 @@ GAIN_MAX = 1e15  # of a loop
 
 
 def known_text(known_to: float, unit: str) -> str:
-    """Text about the gain up to which it is known that a loop has no crossing, and the reason for
-    this limit."""
+    """Text that a loop has no crossing up to the gain known_to in `unit`, because above this gain
+    rounding errors decide about the result."""
     return f"{plain(known_to)} {unit}".rstrip() + ", above which rounding decides"
 
 
@@ -42,7 +42,8 @@ class Crossing:
 
     gain: float
     frequency_hz: float | None  # None: at infinity (continuous, direct path with negative sign)
-    # sign of Re ds/dk: 1 leaves the stable region, -1 enters it, 0 touches the boundary
+    # As the gain rises, the pole leaves (1) or enters (-1) the stable region, or touches its
+    # boundary (0).
     direction: int
 
 
@@ -124,7 +125,8 @@ class Loop:
         return self.whole.dt
 
     def firmware_gain(self, gain: float) -> float:
-        """The firmware's force_gain, DAC codes per 8-bit count, of k = `gain`."""
+        """The force_gain of the firmware in DAC codes per 8-bit count for a gain k of the loop.
+        Raises InputError if the loop does not feed back the signal of ADC 0."""
         if self.codes_per_gain is None:
             raise _core.InputError(
                 "firmware gain: expected a loop that controls the signal of ADC channel 0; use "
@@ -133,19 +135,20 @@ class Loop:
         return gain * self.codes_per_gain
 
     def optional_firmware_gain(self, gain: float | None) -> float | None:
-        """As `firmware_gain`; None for gain None or 0, and if the loop does not feed back the
-        signal of ADC 0."""
+        """As firmware_gain, but None for a gain that is None or 0, and for a loop that does not
+        feed back the signal of ADC 0."""
         return self.firmware_gain(gain) if gain and self.codes_per_gain is not None else None
 
     def gain_of(self, firmware_gain: float) -> float:
-        """k of a firmware force_gain."""
+        """The gain k of the loop for a force_gain of the firmware in DAC codes per 8-bit count.
+        Raises InputError if the loop does not feed back the signal of ADC 0."""
         return firmware_gain / self.firmware_gain(1.0)
 
     def closed(self, gain: float) -> System:
-        """The closed loop as a System from the set-point (in the unit of the feedback, N) to the
-        signal."""
+        """The closed loop at a gain k as a System from the set-point, in the unit of the feedback
+        (N for a force), to the controlled signal."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
-        # share of the set-point minus C x in gain (r - C x - D u)
+        # The input is u = gain (r - C x - D u) = share (r - C x), with the set-point r.
         share = gain / (1 + gain * D[0, 0])
         return replace(
             self.whole,
@@ -158,8 +161,8 @@ class Loop:
         )
 
     def sensitivity(self, gain: float) -> System:
-        """S = 1 / (1 + k L) as a System from the set-point to the error, for a loop closed at a
-        gain."""
+        """The sensitivity function S = 1 / (1 + k L) at a gain k as a System from the set-point to
+        the error."""
         A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
         share = gain / D[0, 0]
         return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
@@ -269,17 +272,19 @@ class Loop:
         ]
 
     def _phase(self, w: float) -> float:
-        """Sine of the phase of G, which is 0 where G is real or 0, and at a pole."""
+        """Sine of the phase of G at a frequency w in rad/s; 0 where G is real or 0, and at a
+        pole."""
         G = self._at(w)
         return float(G.imag / np.abs(G)) if np.isfinite(G) and G else 0.0
 
     def _turn(self, w: float) -> float:
-        """d Im G / dw."""
+        """Derivative of the imaginary part of G with respect to the frequency w."""
         return float(self._known(w)[1].imag)
 
     @cached_property
     def _real_points(self) -> Matrix:
-        """Zeros of G(s) - G(-s); on the axis these are the points at which G is real."""
+        """Complex points s at which G(s) = G(-s); G is real at those of them that lie on the
+        imaginary axis."""
         A, B, C, _ = self._plane
         zero = np.zeros((len(A), len(A)))
         both = System(
@@ -296,11 +301,7 @@ class Loop:
         eigenvalue problem, so no point is missed; each point is then refined with G itself. If G is
         real on the whole axis (a plant without damping), there are no crossings.
         """
-        return list(self._crossings)
-
-    @property
-    def _crossings(self) -> list[Crossing]:
-        return self._crossed[0]
+        return list(self._crossed[0])
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
@@ -328,7 +329,7 @@ class Loop:
             value = G.real
             if abs(G.imag) < 1e-12 * w * abs(slope.imag):  # w is known only to double precision
                 value -= slope.real * G.imag / slope.imag
-            # At a zero on the axis the phase changes too, but the gain is infinite.
+            # At a zero of G on the axis the phase changes too, but the gain -1 / G is infinite.
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
             if rounding < GAIN_CHANGE_MAX * abs(value):
@@ -340,8 +341,8 @@ class Loop:
         return crossings, doubt if doubt < GAIN_MAX else None
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
-        """The smallest gain of a crossing that rounding could hide: rounding exceeds Im G and the
-        share GAIN_CHANGE_MAX of G. The gain is that at the beginning of such an interval."""
+        """The smallest gain at which rounding errors could hide a crossing: between two frequencies
+        of the grid the rounding error of G exceeds both Im G and GAIN_CHANGE_MAX |G|."""
         hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
         gains = 1 / (np.abs(G) + rounding)
         least = math.inf
@@ -366,7 +367,9 @@ class Loop:
         return float(optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15))
 
     def _touches(self, zeros: Matrix, grid: Matrix, values: Matrix) -> list[tuple[float, int]]:
-        """Double zeros of Im G on the axis: [(w, 0)]. values: Im G on the grid."""
+        """Frequencies w at which a closed-loop pole touches the stability boundary without crossing
+        it, as [(w, 0)]: the double zeros of Im G. zeros: all zeros of Im G in the complex plane;
+        values: Im G on the grid."""
         found = []
         for zero in zeros:
             w = abs(zero.imag)
@@ -380,11 +383,12 @@ class Loop:
         return found
 
     def _ends(self, values: Matrix, least: float) -> list[Crossing]:
-        """Crossings at the ends of the axis: s = 0 unless the plant integrates; infinity or z = -1.
-        values: Im G on the grid; least: smallest direct path that is not caused by rounding."""
+        """Crossings at the two ends of the stability boundary: at frequency 0, unless the plant
+        integrates, and at infinity or z = -1. values: Im G on the grid; least: the largest negative
+        direct path that rounding errors can cause."""
         crossings = []
         static = float(self._at(0.0).real)
-        if -math.inf < static < 0 and static < -self._static_rounding(static):  # less is a zero
+        if -math.inf < static < 0 and static < -self._static_rounding(static):
             crossings.append(Crossing(-1 / static, 0.0, int(np.sign(values[0]))))
         direct = float(self._plane[3][0, 0])
         if direct < least:
@@ -393,14 +397,16 @@ class Loop:
         return crossings
 
     def stable(self, gain: float) -> bool:
-        """Whether the closed loop is stable; states outside the loop are ignored."""
+        """Whether the closed loop is stable at a gain k. States that are not controllable or not
+        observable in the loop are ignored."""
         A = self._closed_minimal(gain)
         poles = _core.eigenvalues(A)
         rounding = 1e-18 * len(A) * max(float(np.linalg.norm(A)), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain: float) -> float:
-        """Decay rate in 1/s of the slowest pole in the loop; < 0 if its response grows."""
+        """Decay rate in 1/s of the slowest closed-loop pole at a gain k; negative for an unstable
+        loop."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
@@ -439,9 +445,9 @@ class Loop:
         return ranges
 
     def limit(self) -> Limit:
-        """The smallest gain at which the loop becomes unstable, beginning at 0, with all crossings.
-        If this gain is 0, the crossings also contain the plant's own poles on the stability
-        boundary."""
+        """The smallest gain at which the loop becomes unstable as the gain rises from 0, with all
+        crossings. If this gain is 0, the crossings also contain the poles of the plant that lie on
+        the stability boundary."""
         crossings, ranges = self.crossings(), self.stable_ranges
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
@@ -456,7 +462,7 @@ class Loop:
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
     def margins(self, gain: float) -> Margins:
-        """Margins of the loop at a gain at which it is stable."""
+        """Gain and phase margins of the loop at a gain k at which it is stable."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
         crossings, known_to = self._crossed

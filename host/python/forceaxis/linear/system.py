@@ -32,8 +32,8 @@ TICK_S = 1 / _core.TICKS_PER_SECOND
 
 
 def _complement(rows: Matrix) -> Matrix:
-    """Orthonormal columns (n, n - d) in the null space of rows (d, n), by Householder
-    reflections."""
+    """Orthonormal columns (n, n - d) of the vectors that are orthogonal to all rows (d, n),
+    computed by Householder reflections."""
     work = np.array(rows.T, np.longdouble)
     basis = np.eye(len(work), dtype=np.longdouble)
     for k in range(len(rows)):
@@ -101,7 +101,8 @@ class System:
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
     def _markov(self) -> tuple[int, float]:
-        """Relative degree r and C A^(r-1) B (D for r = 0)."""
+        """The relative degree r of the transfer function and its first nonzero Markov parameter: C
+        A^(r-1) B, or D for r = 0."""
         if self.B.shape[1] != 1 or self.C.shape[0] != 1:
             raise ValueError("expected one input and one output")
         A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
@@ -160,7 +161,7 @@ class System:
             return result
 
     def gain(self) -> float:
-        """The factor of the product of (s - zeros) / (s - poles)."""
+        """The factor g of the transfer function g prod(s - zero) / prod(s - pole)."""
         return float(self._markov()[1])
 
     def transfer_function(self) -> tuple[Matrix, Matrix]:
@@ -262,7 +263,8 @@ def find_model(text: str | Path) -> Path:
 
 
 def overrides(texts: Iterable[str]) -> dict[str, float | str]:
-    """{name: number, or text of a quantity or parameter} from the NAME=VALUE texts of `--set`."""
+    """{name: number, or text of a quantity or of another parameter} from texts NAME=VALUE. Raises
+    ParameterError for another text, or for a name with two values."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -288,12 +290,12 @@ def shown(value: float | str) -> str:
 
 
 def override_texts(values: Overrides) -> list[str]:
-    """{name: number or text} as texts of `--set`."""
+    """Texts NAME=VALUE of {name: number or text}."""
     return [f"{n}={v if isinstance(v, str) else repr(float(v))}" for n, v in values.items()]
 
 
 def states(texts: Sequence[str]) -> dict[str, str]:
-    """{element: state} from the ELEMENT=STATE texts of `--mode`."""
+    """{element: state} from texts ELEMENT=STATE. Raises ParameterError for another text."""
     for text in texts:
         if not all(text.partition("=")):
             raise ParameterError("states", f"{text}: expected ELEMENT=STATE")
@@ -316,15 +318,17 @@ def linearise(
 ) -> System:
     """One mode of a model as a System, from the equations that the time simulation integrates.
 
-    model: a path, or the stem of a file of sim/models. overrides: {parameter: value}. Contacts are
-    pressed (apart if `free`), frictions slide, the play of a backlash is taken up (`working`),
-    everything else is in the middle of its range, unless `modes`, {element: state}, says otherwise
-    ({"drive.amplifier": "high outer", "rail": "stuck"}; states as in events.csv).
-    inputs: drive.command (V), drive.tach (V, added to the tachometer), drive.force (N, on the
-    drive's body and against its reaction, besides what the drive gives), BODY.force (N, from
-    outside). outputs: any signal of the model, reading (what ADC 0 converts, in its own unit), adc0
-    and adc1 (8-bit counts), encoder (counts).
-    `drive` False takes the drive off: the load of 2.3.2, with input drive.force.
+    model: a path, or the stem of a file of sim/models. inputs: drive.command (V), drive.tach (V,
+    added to the tachometer), drive.force (N, between the body of the drive and its reaction body,
+    in addition to the force of the drive), BODY.force (N, from outside). outputs: any signal of the
+    model, reading (the input of ADC 0 in its own unit), adc0 and adc1 (8-bit counts), encoder
+    (counts). overrides: {parameter: value}. modes: {element: state}, with the names of events.csv,
+    such as {"drive.amplifier": "high outer", "rail": "stuck"}. free: contacts are open. drive:
+    False removes the drive; the input drive.command then means drive.force.
+
+    Elements that `modes` does not name are in their default state: contacts are pressed, frictions
+    slide, backlash is closed (see `working`), and every other element is in the middle of its
+    range.
 
     Raises InputError for a model, parameter, name or state that does not exist.
     """

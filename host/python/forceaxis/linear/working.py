@@ -35,8 +35,9 @@ Used = tuple[tuple[str, float | str], ...]  # (parameter, value)
 
 @dataclass(frozen=True)
 class Friction:
-    """A [[friction]] of a model: name, its two ends, sliding force in N, breakaway force in N, and
-    the parameters of these two forces; None for a number in the file."""
+    """A [[friction]] of a model: its name, its two ends, sliding force and breakaway force in N.
+    parameters: names of the parameters that define these two forces; None for a force that is a
+    number in the file."""
 
     name: str
     between: tuple[str, str]
@@ -141,8 +142,8 @@ def backlashes(path: str | Path) -> tuple[str, ...]:
 
 
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """The frictions that the drive cannot overcome: the force that arrives there is below their
-    breakaway force."""
+    """The frictions that the drive cannot overcome, because the force of the drive that reaches the
+    friction is below its breakaway force."""
     arriving = arriving_N(path, overrides)
     return tuple(
         one
@@ -152,9 +153,9 @@ def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
-    """{friction: force in N} that the drive brings to a sticking friction while all others slide
-    and contacts are pressed: at the full scale of the DAC, within the drive's limits; empty without
-    a drive."""
+    """{friction: force in N with which the drive can load a sticking friction} at the full scale of
+    the DAC and within the limits of the drive, while all other frictions slide and contacts are
+    pressed. Empty for a model without a drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
@@ -228,8 +229,9 @@ def working(
 def friction_states(
     path: str | Path, overrides: Overrides | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
-    """For each friction of the model ((name, state), ...): sliding and stuck, or only stuck if the
-    drive does not overcome the friction. Both directions of sliding give the same linear system."""
+    """For each friction of the model its possible states ((name, state), ...): sliding and stuck,
+    or only stuck if the drive cannot overcome the friction. Both directions of sliding give the
+    same linear system, so only one is listed."""
     stuck = {one.name for one in held(path, overrides)}
     own = frictions(path, overrides)
     return [
@@ -280,8 +282,9 @@ def cut_by(
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
-    """The end of an error text: the element that interrupts the path in the mode `taken`, and the
-    remedy; empty if not a single element does. has_path(modes): whether a mode has a path."""
+    """The end of an error text that names the element that interrupts the signal path in the mode
+    `taken`, and the remedy; empty if no single element interrupts the path. has_path(modes):
+    whether the path exists in a mode."""
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (

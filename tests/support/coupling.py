@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
-
 from forceaxis.linear import system as linear
 from forceaxis.linear.equations import Matrix
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.working import States
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     import control
