@@ -1,4 +1,4 @@
-"""A capture of the recorder, assembled from the received blocks."""
+"""Assembles a capture of the recorder from the blocks that the gateway publishes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +8,13 @@ from forceaxis.objects import BY_NAME
 
 Samples = NDArray[np.float64]
 
-# More samples than any recorder has: a corrupted number allocates no memory.
+# More samples than any recorder can store, so that a corrupted number allocates no memory.
 SAMPLES_MAX = 1_000_000
 
 
 class Assembly:
-    """One capture: rows of raw values by sample, and which of them were received."""
+    """One capture: `raw` has the raw values, (samples, signals), and `have` tells which samples
+    were received."""
 
     def __init__(self) -> None:
         self.signals: tuple[str, ...] = ()
@@ -24,7 +25,7 @@ class Assembly:
         self.newest_us = 0
 
     def take(self, block: axis_capture_t) -> bool:
-        """Adds an axis_capture_t; False if it does not fit the earlier blocks."""
+        """Adds a block; returns False if the block does not match the earlier blocks."""
         shape = (block.total_samples, block.num_signals)
         decimation = self.decimation or max(1, block.decimation)
         stop = block.first_sample + block.num_samples
@@ -40,7 +41,7 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
-        # Set when the size is known: a capture without any received sample misses all of them.
+        # The size is set first, so that a capture without a received sample misses all samples.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:
@@ -64,15 +65,15 @@ class Assembly:
         return int((~self.have).sum())
 
     def ticks(self) -> NDArray[np.int64]:
-        """Tick of every sample; counted from the trigger where the gateway reported no tick."""
+        """The tick of each sample; the trigger is tick 0 if the gateway reported no tick."""
         first = self.first_tick
         if first is None:
             first = -self.trigger_sample * self.decimation
         return first + np.arange(self.total, dtype=np.int64) * self.decimation
 
     def values(self, name: str) -> Samples | NDArray[np.int64]:
-        """A signal in engineering units, NaN where samples were lost; exact where the scale is 1
-        and nothing was."""
+        """A signal in engineering units, (n,), NaN for lost samples; integers if the scale is 1 and
+        no sample was lost."""
         column = self.raw[:, self.signals.index(name)]
         known = BY_NAME.get(name)
         if known is None or known.scale == 1:
@@ -90,6 +91,6 @@ def fits(first_tick: int, samples: int, decimation: int) -> bool:
 
 
 def unit_of(name: str) -> str:
-    """Unit of an object, "" without a dimension."""
+    """The unit of an object, or "" for an object without a unit."""
     known = BY_NAME.get(name)
     return known.unit if known and known.unit != "1" else ""

@@ -1,17 +1,18 @@
-"""Command an axis over LCM through its gateway, and wait for the acknowledgement.
+"""Sends commands to an axis through its gateway over LCM and waits for the acknowledgements.
 
     from forceaxis.bus.client import AxisClient
 
     with AxisClient(1) as axis:
-        axis.take()                            # acquire it: other buses are refused from now on
-        axis.write("force_gain", 7.0)          # engineering units, enum texts as text
+        axis.take()                            # acquires the axis; other buses are then refused
+        axis.write("force_gain", 7.0)          # engineering value, or text of an enumeration
         axis.read("force_gain")                # 7.0
         held = axis.capture(["force", "dac_code"], samples=1500)
         axis.wait_event(axis_event_t.EVENT_FAULT, timeout_s=60)
         axis.release()
 
-A refused command raises Refused with the reason, an unacknowledged one NoAnswer. A name
-or value that is not in the object table raises InputError before anything is sent.
+A command that the axis refuses raises Refused with the reason. A command without an acknowledgement
+raises NoAnswer. A name or value that the object table does not permit raises InputError before
+anything is sent.
 """
 
 import math
@@ -39,8 +40,8 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.words import suggestion
 
-LATE_BLOCKS_WAIT_S = 1.0  # for blocks of a capture that arrive after its final event
-SILENCE_S = 1.0  # a gateway publishes states more often
+LATE_BLOCKS_WAIT_S = 1.0  # time for blocks of a capture that arrive after its final event
+SILENCE_S = 1.0  # a gateway publishes states in shorter intervals
 
 T = TypeVar("T")
 Value = float | str  # in engineering units, or the text of an enumeration
@@ -48,8 +49,9 @@ ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
 class Refused(Exception):
-    """The axis, or what carries its objects, refused: the text gives the reason, `code` the SDO
-    abort code (0 without one), `event` the gateway's answer where a gateway is between."""
+    """The axis or the connection refused a command or an access. The text states the reason. `code`
+    is the SDO abort code, 0 if there is none. `event` is the answer of the gateway, None without a
+    gateway."""
 
     def __init__(self, text: str, code: int = 0, event: axis_event_t | None = None) -> None:
         super().__init__(text)
@@ -57,11 +59,13 @@ class Refused(Exception):
 
 
 class NoAnswer(TimeoutError):
-    """The axis did not answer, or what was awaited did not happen in time."""
+    """The axis did not answer, or an expected state or event did not occur within its time
+    limit."""
 
 
 def object_named(name: str) -> AxisObject | None:
-    """The object of the table; None for a CANopen address; InputError for neither."""
+    """The object of this name, or None if `name` is a CANopen address such as 0x6040:0. Raises
+    InputError for an unknown name."""
     if ADDRESS.fullmatch(name):
         return None
     if name not in BY_NAME:
@@ -73,8 +77,9 @@ def object_named(name: str) -> AxisObject | None:
 
 
 def to_raw(name: str, value: Value) -> int:
-    """Raw value of an engineering value or enum text; InputError where the table does not allow
-    it. With a CANopen address the value is raw already."""
+    """Converts an engineering value or the text of an enumeration to a raw value. For a CANopen
+    address the value is already raw. Raises InputError for a value that the object table does not
+    permit."""
     known = object_named(name)
     if known and isinstance(value, str) and value in texts(known):
         return texts(known)[value]
@@ -98,7 +103,8 @@ def to_raw(name: str, value: Value) -> int:
 
 
 def from_raw(name: str, raw: int) -> Value:
-    """Engineering value (an int where the scale is 1) or the enum's text."""
+    """Converts a raw value to the engineering value, which is an integer if the scale is 1, or to
+    the text of an enumeration."""
     known = BY_NAME.get(name)
     if known is None:
         return raw
@@ -132,53 +138,59 @@ class AxisClient(Closable):
         self._bus.close()
 
     def write(self, name: str, value: Value) -> axis_event_t:
-        """Writes one object: engineering value or enum text; with an address the raw value."""
+        """Writes an engineering value or the text of an enumeration to one object, or a raw value
+        to a CANopen address. Returns the event that acknowledges the command."""
         return self.write_all({name: value})
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
-        """Writes {name: value} in order; the first that is refused ends it, those before it stay.
-        Returns the axis_event_t that acknowledges it."""
+        """Writes {name: value} in order, as write(). If a value is refused, the values before it
+        remain written and the values after it are not written. Returns the event that acknowledges
+        the command."""
         return self.write_raw({name: to_raw(name, value) for name, value in values.items()})
 
     def write_raw(self, values: Mapping[str, int]) -> axis_event_t:
-        """As write_all, with raw values."""
+        """Writes {name: raw value}, otherwise as write_all()."""
         return self._command(axis_command_t.KIND_WRITE, list(values.items()))
 
     def read(self, name: str) -> Value:
-        """Engineering value or enum text of one object; raw value of an address."""
+        """Reads one object: engineering value or text of an enumeration; raw value of an
+        address."""
         return self.read_all([name])[name]
 
     def read_all(self, names: Sequence[str]) -> dict[str, Value]:
-        """{name: value} of several objects; of one tick if the gateway can read them together."""
+        """Reads {name: value} of several objects. The values belong to one tick if the gateway can
+        read the objects together."""
         return {name: from_raw(name, raw) for name, raw in self.read_raw(names).items()}
 
     def read_raw(self, names: Sequence[str]) -> dict[str, int]:
-        """As read_all: raw values."""
+        """Reads {name: raw value}, otherwise as read_all()."""
         for name in names:
             object_named(name)
         answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
         return dict(zip(answer.object, answer.value, strict=True))
 
     def take(self) -> axis_event_t:
-        """Makes LCM the axis's command source; kept by writes that follow within its watchdog."""
+        """Acquires the axis: LCM becomes its command source. The axis remains owned while writes
+        follow within the time of its watchdog."""
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self) -> axis_event_t:
-        """Releases the axis: its command source is CANopen again."""
+        """Releases the axis; CANopen is then its command source."""
         return self._command(axis_command_t.KIND_RELEASE)
 
     def capture(
         self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Value
     ) -> Assembly:
-        """Records `signals` tick by tick and waits for the samples: arm(), then captured().
+        """Records `signals` in each tick and waits for the samples: arm(), then captured().
 
-        samples 0: as many as the recorder holds. `settings` are further recorder objects without
-        the prefix: decimation=3, pretrigger=100, trigger_edge="rising", trigger_level=5120.
+        samples 0: as many as the recorder can store. `settings` are further objects of the recorder
+        without their prefix: decimation=3, pretrigger=100, trigger_edge="rising",
+        trigger_level=5120.
         """
         return self.captured(self.arm(signals, samples, **settings), timeout_s)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> int:
-        """Starts a recording as capture() describes; its number, for captured()."""
+        """Starts a recording as capture() does; returns its number for captured()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:
@@ -190,14 +202,14 @@ class AxisClient(Closable):
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
-        """Makes the incident of the black box, with these signals, the recording that captured()
-        gets: its number."""
+        """Loads the incident of the black box, which has these signals, into the recorder; returns
+        the number of this recording for captured()."""
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         return self._command_id
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
-        """Waits for the samples of an armed recording: a capture_assembly.Assembly, whose `missing`
-        counts the samples lost in transit."""
+        """Waits for the samples of a recording and returns them as capture_assembly.Assembly, whose
+        `missing` is the number of samples that were lost in transit."""
 
         def complete() -> Assembly | None:
             held = self._captures.get(number)
@@ -206,7 +218,7 @@ class AxisClient(Closable):
         with self._news:
             found = self._await(lambda: complete() or self._ended(number), timeout_s)
             if found is not None:
-                # Blocks may be received after the final event; lost ones never are.
+                # Blocks may arrive after the final event; lost blocks never arrive.
                 self._await(complete, LATE_BLOCKS_WAIT_S)
             held, ended = self._captures.pop(number, None), self._ended(number)
         if ended and ended.code < 0:
@@ -216,7 +228,7 @@ class AxisClient(Closable):
         return held
 
     def _no_capture(self, timeout_s: float) -> NoAnswer:
-        """Why an acknowledged capture has no samples."""
+        """The error of a capture that was acknowledged but has no samples."""
         try:
             state = self.read("recorder_state")
         except (NoAnswer, Refused):
@@ -244,7 +256,8 @@ class AxisClient(Closable):
     def _command(
         self, kind: int, items: Sequence[tuple[str, int]] = (), signals: Sequence[str] = ()
     ) -> axis_event_t:
-        """Repeats a command until it is acknowledged: that event. Raises Refused or NoAnswer."""
+        """Sends a command repeatedly until its acknowledgement arrives, and returns that event.
+        Raises Refused, NoAnswer."""
         self._command_id += 1
         command = axis_command_t()
         command.utime = NOT_AVAILABLE
@@ -273,7 +286,7 @@ class AxisClient(Closable):
         return self._event_of(self._command_id, *answers)
 
     def state(self, timeout_s: float | None = None) -> axis_state_t:
-        """The next axis_state_t."""
+        """Waits for the next state of the axis and returns it. Raises NoAnswer."""
         with self._news:
             before = self._state
             found = self._await(
@@ -290,8 +303,9 @@ class AxisClient(Closable):
         where: Callable[[axis_event_t], bool] = lambda event: True,
         timeout_s: float | None = None,
     ) -> axis_event_t:
-        """The first event of `kind` for which where(event) holds, among the events since the
-        latest command was sent, so that the command's own effects are included."""
+        """Waits for an event of `kind` (None: of any kind) for which where(event) is True, and
+        returns it. Events since the latest command count too, so that effects of this command are
+        found. Raises NoAnswer."""
 
         def ready() -> axis_event_t | None:
             for received, event in self._events:
@@ -322,12 +336,13 @@ class AxisClient(Closable):
                 self._heard += 1
             elif isinstance(message, axis_capture_t) and message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
-                if len(self._captures) > 16:  # no caller waits for the oldest any more
+                if len(self._captures) > 16:  # no caller waits for the oldest capture any more
                     del self._captures[min(self._captures)]
             self._news.notify_all()
 
     def _await(self, ready: Callable[[], T | None], timeout_s: float) -> T | None:
-        """First result of `ready` that is not None, or None at the time-out; the caller locks."""
+        """The first result of ready() that is not None, or None after timeout_s. The caller holds
+        the lock `_news`."""
         end = time.monotonic() + timeout_s
         while (found := ready()) is None and (remaining := end - time.monotonic()) > 0:
             self._news.wait(remaining)

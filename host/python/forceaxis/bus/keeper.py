@@ -1,4 +1,4 @@
-"""Threads that feed an axis' watchdog, or produce its owner's heartbeat."""
+"""Threads that write to the watchdog of an axis or send the heartbeat of its owner."""
 
 import contextlib
 import socket
@@ -12,8 +12,9 @@ KEEP_PERIOD_S = 0.2
 
 
 class Keeper:
-    """Calls feed(), which returns the seconds until the next call, in a thread of its own until
-    close(). A refusal or a missing response does not end it: the owner's accesses report it."""
+    """Calls feed() repeatedly in its own thread until close(). feed() returns the time in s until
+    its next call. The thread continues after a refusal or a missing answer, because the other
+    accesses of the owner report them."""
 
     def __init__(self, feed: Callable[[], float]) -> None:
         self._feed, self._stop = feed, threading.Event()
@@ -34,11 +35,13 @@ class Keeper:
 
 
 class HeartbeatKeeper(Keeper):
-    """Produces a heartbeat every `period_s` from the constructor on: one byte under `can_id`.
+    """Sends a CANopen heartbeat, one byte with the identifier `can_id`, every `period_s`. It begins
+    in the constructor.
 
-    On a CAN interface the kernel sends it (SocketCAN's broadcast manager): for BRIDGED_S after the
-    last call of this thread, which another thread's long call may stall, and no longer than the
-    process exists. send(data) sends it where there is no such interface, or kernel.
+    On a CAN interface the kernel sends the heartbeat (broadcast manager of SocketCAN). It continues
+    for BRIDGED_S after the last call of this thread, because a long call of another thread may
+    delay this thread, and it ends with the process. Without such an interface or kernel, the thread
+    calls send(data).
     """
 
     BRIDGED_S = 2.0
@@ -76,7 +79,8 @@ class HeartbeatKeeper(Keeper):
 
 
 def _broadcast_manager(interface: str | None) -> socket.socket:
-    """A socket of the kernel's cyclic frames. Raises OSError where there is none."""
+    """A socket for cyclic frames that the kernel sends. Raises OSError if the kernel or the
+    interface does not support them."""
     if interface is None:
         raise OSError
     made = socket.socket(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM)
@@ -89,7 +93,8 @@ def _broadcast_manager(interface: str | None) -> socket.socket:
 
 
 def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
-    """linux/can/bcm.h: this frame at once, then `count` in all, `period_us` apart."""
+    """The command of linux/can/bcm.h that sends a frame `count` times, the first one at once, every
+    `period_us`."""
     set_and_start = socket.CAN_BCM_SETTIMER | socket.CAN_BCM_STARTTIMER
     head = (socket.CAN_BCM_TX_SETUP, set_and_start, count, 0, period_us, 0, 0, can_id, 1)
     frame = struct.pack("=IB3x8s", can_id, len(data), data.ljust(8, b"\0"))
@@ -97,11 +102,11 @@ def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
 
 
 class WatchdogKeeper(Keeper):
-    """Feeds the watchdog by writing its own value several times within it; only the owner's writes
-    count, so an axis that another client has acquired is not affected.
+    """Writes the value of the object `watchdog` back several times within the time of the watchdog.
+    Only writes of the owner count, so an axis that another client has acquired is not affected.
 
-    read() returns the watchdog in ms, write(ms) writes it, both called in this thread. `unchanged`
-    is locked from reading to writing it; a caller that changes the watchdog holds it.
+    read() returns the watchdog in ms, write(ms) writes it; this thread calls both. `unchanged` is
+    locked from reading to writing. A caller that changes the watchdog must hold this lock.
     """
 
     def __init__(self, read: Callable[[], int], write: Callable[[int], None]) -> None:
@@ -117,8 +122,8 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """For an axis behind a gateway; a client of its own also runs while the owner's waits for a
-    capture."""
+    """The WatchdogKeeper for an axis behind a gateway. It has its own client, so that it also works
+    while the client of the owner waits for a capture."""
 
     def __init__(self, axis: int, url: str | None) -> None:
         self._client = AxisClient(axis, url)

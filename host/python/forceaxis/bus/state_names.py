@@ -1,4 +1,4 @@
-"""Names of a drive's numbers: CiA 402 state, mode of operation, EMCY code, enumerations."""
+"""Texts for the numbers of a drive: CiA 402 state, mode of operation, EMCY code, enumerations."""
 
 from forceaxis.objects import BY_NAME, AxisObject
 
@@ -21,7 +21,7 @@ POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 MODES = {
     value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
 }
-# As a CANopen master names them; -1 is the gateway's own.
+# NMT states of a node (CiA 301); the gateway adds -1 for a node that sends nothing.
 NODE_STATES = {
     0: "booting",
     4: "stopped",
@@ -30,14 +30,14 @@ NODE_STATES = {
     -1: "silent",
 }
 
-# Statusword bits that mean the same in every mode.
+# (bit, text) of the statusword bits that have the same meaning in each mode of operation.
 BITS = (
     (7, "warning"),
     (10, "target reached"),
     (11, "internal limit"),
     (14, "stopped by another"),
 )
-# Bits 12 and 13 depend on the mode.
+# {mode of operation: text} of bits 12 and 13 of the statusword.
 BIT_12 = {
     1: "set-point acknowledged",
     3: "speed zero",
@@ -49,14 +49,14 @@ BIT_12 = {
 BIT_13 = {1: "following error", 6: "homing error", 8: "following error"}
 
 
-# Modes of operation in which a force is demanded, a position is given, or a profile leads there.
+# Modes of operation that control a force, a position target, or a position on a profile.
 FORCE_MODES = {-8, -7, -6, -1, 4, 10}
 TARGET_MODES = {-5, 1, 8}
 PROFILE_MODES = {-4, 3, 6, 9}
 
 
 def drive_state(statusword: int) -> str:
-    """The CiA 402 state, or the word itself where no state has that pattern."""
+    """The CiA 402 state of a statusword, or the number if no state has this pattern."""
     for mask, value, text in STATES:
         if statusword & mask == value:
             return text
@@ -75,7 +75,7 @@ def condition(statusword: int, fault: str) -> str:
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
-    """The further statusword bits that are set, by their names in this mode."""
+    """The names of the set bits 7 and 10 to 14 of a statusword in a mode of operation."""
     names = [text for bit, text in BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
         if statusword >> bit & 1 and mode in texts:
@@ -84,7 +84,7 @@ def status_bits(statusword: int, mode: int | None = None) -> list[str]:
 
 
 def mode(number: int) -> str:
-    """The mode of operation (6061h) in words."""
+    """The mode of operation (6061h) as text."""
     return MODES.get(number, f"mode {number}")
 
 
@@ -93,18 +93,18 @@ def node_state(number: int) -> str:
 
 
 def emergency(code: int) -> str:
-    """An EMCY code in words, with its number."""
+    """An EMCY code as text, with its number."""
     text = _named("error_code", code) if code else "error reset"
     return f"EMCY {code:04X}h {text.replace('_', ' ')}" if text else f"EMCY {code:04X}h"
 
 
 def enum(name: str, raw: int) -> str:
-    """Text of an object's raw value; the number where the table has no text for it."""
+    """The text of a raw value of an object, or the number if the object has no text for it."""
     return _named(name, raw) or str(raw)
 
 
 def texts(known: AxisObject) -> dict[str, int]:
-    """{text: raw value} of an object whose values have names, else empty."""
+    """{text: raw value} of an object whose values have names, otherwise empty."""
     return {t: i for i, t in enumerate(known.enum)} | {text: value for value, text in known.values}
 
 

@@ -1,7 +1,7 @@
-"""Whether bytes are a whole message of an LCM type, seen before the generated code decodes them.
+"""Checks that bytes are a complete message of an LCM type before the generated code decodes them.
 
-That code believes every count: a few bytes that announce 2^31 rows of nothing keep it busy until
-the memory is full, and a string that is cut off passes as a shorter one.
+The generated code does not check counts. A few bytes that announce 2^31 empty rows would fill the
+memory, and a truncated string would be decoded as a shorter string.
 """
 
 import functools
@@ -15,7 +15,7 @@ _SIZES = {
 
 
 class Message(Protocol):
-    """What every generated message type has."""
+    """The members of each generated message type."""
 
     __slots__: ClassVar[list[str]]
     __typenames__: list[str]
@@ -26,18 +26,18 @@ class Message(Protocol):
 
     @classmethod
     def decode(cls, data: bytes) -> Self:
-        """The message in these bytes."""
+        """Decodes a message."""
 
     @classmethod
     def _get_packed_fingerprint(cls) -> bytes:
-        """The first eight bytes of every message of the type."""
+        """The first eight bytes of each message of this type."""
 
     def encode(self) -> bytes:
-        """The bytes of the message."""
+        """Encodes the message."""
 
 
-# Bytes of values that count no rows; (name, bytes) of a count; (names of counts, bytes of one
-# element, 0 for strings) of an array or string.
+# One step through a message: a number of bytes that contain no count; (name, bytes) of a count; or
+# (names of the counts, bytes of one element) of an array, with 0 bytes for strings.
 Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 
@@ -47,7 +47,7 @@ class Torn(ValueError):
 
 @functools.cache
 def _plan(message_type: type[Message]) -> list[Step]:
-    """What follows the fingerprint of a message, in order."""
+    """The steps through a message behind its fingerprint."""
     dimensions = message_type.__dimensions__
     counting = {name for each in dimensions if each for name in each}
     steps: list[Step] = []
@@ -67,6 +67,8 @@ def _plan(message_type: type[Message]) -> list[Step]:
 
 
 class _Reader:
+    """Position `at` in the bytes of a message. Its methods raise Torn behind the last byte."""
+
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
@@ -89,7 +91,7 @@ class _Reader:
 
 
 def expect_whole(message_type: type[Message], data: bytes) -> None:
-    """Raises Torn unless every count and length of the data fits and nothing is left over."""
+    """Raises Torn unless all counts and lengths match the data and no bytes remain."""
     reader = _Reader(bytes(data))
     counts: dict[str, int] = {}
     reader.skip(8)
@@ -107,7 +109,7 @@ def expect_whole(message_type: type[Message], data: bytes) -> None:
             continue
         elements = math.prod(counts[dimension] for dimension in what)
         if elements == 0 and any(counts[dimension] for dimension in what[:1]):
-            raise Torn("rows of nothing")  # they have no bytes, but cost time and memory
+            raise Torn("rows of nothing")  # they have no bytes but would cost time and memory
         if size:
             reader.skip(elements * size)
             continue

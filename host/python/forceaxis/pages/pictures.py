@@ -29,8 +29,7 @@ def thumbnail(done: Run) -> Markup:
         low, high = min(low, setpoint), max(high, setpoint)
 
     def height(value: float) -> float:
-        share = float((value - low) / ((high - low) or 1))
-        return HEIGHT - 3 - (HEIGHT - 6) * share
+        return float(HEIGHT - 3 - (HEIGHT - 6) * (value - low) / ((high - low) or 1))
 
     edges = np.unique(np.linspace(0, len(values), STEPS + 1).astype(int))
     points = []
