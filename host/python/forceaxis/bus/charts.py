@@ -1,7 +1,7 @@
-"""Lines drawn with braille dots, two by four to a character, for the terminal.
+"""Draws line charts for the terminal with braille characters of two by four dots.
 
-Written here because ready-made widgets use three lines of each plot for its own time axis: three
-strip charts would not fit into 24 lines.
+Available widgets need three lines of each chart for its time axis, so that three charts would not
+fit into a terminal of 24 lines.
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,9 +22,9 @@ DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uin
 def draw(
     width: int, height: int, lines: Sequence[Line], x_span: Span, y_span: Span
 ) -> list[list[tuple[str, str]]]:
-    """Rows of (character, colour) for `lines` of (x, y, colour); the first is drawn on top.
+    """Draws `lines` of (x, y, colour) as rows of (character, colour); the first line is on top.
 
-    NaN interrupts a line. What lies outside the spans is not drawn.
+    NaN interrupts a line. Points outside the spans are not drawn.
     """
     dots = np.zeros((height, width), np.uint8)
     colours = np.zeros((height, width), np.int8)
@@ -47,7 +47,8 @@ def draw(
 def _pixels(
     x: Samples, y: Samples, x_span: Span, y_span: Span, columns: int, rows: int
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Every dot of a line, joined from sample to sample, within the picture."""
+    """(columns, rows) of the dots of a line that joins the samples, as far as they are in the
+    picture."""
     if not x.size:
         return np.zeros(0, int), np.zeros(0, int)
     fx = (x - x_span[0]) / (x_span[1] - x_span[0]) * (columns - 1)
@@ -59,7 +60,7 @@ def _pixels(
     py = np.rint(np.where(good, fy, 0)).astype(int)
     joined = good[:-1] & good[1:]
     steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
-    # Each segment from its start, excluding its end; then all the samples themselves.
+    # The dots of each segment without its end, then the dots of all samples.
     which = np.repeat(np.arange(len(steps)), steps)
     part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     share = part / np.maximum(steps[which], 1)
@@ -71,7 +72,8 @@ def _pixels(
 
 
 def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
-    """(low, high) in round numbers around all finite values, at least `least` apart."""
+    """(low, high): round numbers that include all finite values, with a difference of at least
+    `least`."""
     values = [a[np.isfinite(a)] for a in arrays]
     values = [v for v in values if v.size]
     low = min((float(v.min()) for v in values), default=0.0)
@@ -84,7 +86,7 @@ def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
 
 
 def _step(rough: float) -> float:
-    """The next of 1, 2, 5, 10, ... at or above."""
+    """The smallest number of the sequence 1, 2, 5, 10, ... that is not below `rough`."""
     ten = 10.0 ** np.floor(np.log10(rough))
     return float(next(ten * k for k in (1, 2, 5, 10) if ten * k >= rough * 0.999))
 
@@ -106,10 +108,8 @@ def panel(
     style: str = "",
     least: float = 1.0,
 ) -> Text:
-    """A chart with its title and the ends of its scale at the left, as one Text of `height` lines.
-
-    `title` is a Text; `lines` as for draw, sharing one scale.
-    """
+    """A chart with its title and the limits of its scale on the left, as a Text of `height` lines.
+    `lines` as in draw(); they have the same scale."""
     inner, rows = max(1, width - SCALE_WIDTH), max(1, height - 1)
     y_span = span([np.asarray(y, float) for _, y, _ in lines], least)
     text = title.copy()
@@ -130,7 +130,7 @@ def panel(
 
 
 def time_axis(width: int, seconds: float, right: str = "now") -> Text:
-    """The line below strip charts: how far back the left end is."""
+    """The line of text below charts with the times at their left end and in their middle."""
     inner = max(1, width - SCALE_WIDTH)
     left = f"-{seconds:g} s"
     middle = f"-{seconds / 2:g} s"

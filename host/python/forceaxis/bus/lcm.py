@@ -1,4 +1,5 @@
-"""One LCM connection: channels and types of host/lcm/axis.lcm, received with gaps counted."""
+"""A connection to an LCM bus with the channels and message types of host/lcm/axis.lcm. Counts lost
+messages."""
 
 import abc
 import os
@@ -48,7 +49,7 @@ _TYPES: dict[str | None, type[Message]] = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
-# The lock-step's records too: logs may hold them, the monitor ignores them.
+# Includes the messages of the lock-step, because a log may contain them; the monitor ignores them.
 _BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
@@ -58,12 +59,12 @@ _CHANNEL = re.compile(r"AXIS_([1-9][0-9]{0,2})_(STATE|COMMAND|EVENT|CAPTURE)|SIM
 
 
 class Undecodable(Exception):
-    """Data that is not the type that the channel carries."""
+    """Data of another type than that of its channel."""
 
 
 def channel_of(name: str) -> tuple[int | None, str | None]:
-    """(axis or None, kind) of a channel's name; (None, None) for a channel that is not of
-    forceaxis."""
+    """(number of the axis or None, kind) of the name of a channel; (None, None) for a channel of
+    another program."""
     match = _CHANNEL.fullmatch(name)
     if not match or int(match[1] or 1) not in AXES:
         return None, None
@@ -71,14 +72,15 @@ def channel_of(name: str) -> tuple[int | None, str | None]:
 
 
 def type_of(channel: str, data: bytes = b"") -> type[Message] | None:
-    """The message type that a channel carries: by its name, else by what the data begin with; None
-    where it is not one of forceaxis."""
+    """The message type of a channel by its name, otherwise by the fingerprint at the beginning of
+    the data; None for a type of another program."""
     return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
 
 
 def decode(channel: str, data: bytes) -> Message:
-    """The message, or Undecodable. The channel or the data must be of a known type. Its texts are
-    printable: whoever is on the bus writes them, and a terminal obeys control characters."""
+    """Decodes a message. Raises Undecodable for data of an unknown or another type. Control
+    characters in its texts are replaced, because any program on the bus can write them and a
+    terminal would execute them."""
     carried = type_of(channel, data)
     if carried is None:
         raise Undecodable(f"{channel}: expected a channel of forceaxis")
@@ -91,12 +93,12 @@ def decode(channel: str, data: bytes) -> Message:
                 several = isinstance(value, list)
                 setattr(message, name, list(map(printable, value)) if several else printable(value))
         return message
-    except Exception as error:  # generated code fails in any way on bytes that are not its type
+    except Exception as error:  # generated code may raise any exception for other bytes
         raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error
 
 
 def blank(message_type: type[M]) -> M:
-    """A message whose integers are all NOT_AVAILABLE; wall_utime is now."""
+    """A message whose integers are NOT_AVAILABLE, except wall_utime, which is the present time."""
     message = message_type()
     for name, kind in zip(message_type.__slots__, message_type.__typenames__, strict=True):
         if kind == "int64_t" and not isinstance(getattr(message, name), list):
@@ -118,7 +120,7 @@ def default_url() -> str:
 
 
 def connect(url: str | None = None) -> lcm.LCM:
-    """An LCM instance. Raises InputError, one line with the remedy."""
+    """Connects to an LCM bus. Raises InputError, whose text states the remedy in one line."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
@@ -140,10 +142,10 @@ def connect(url: str | None = None) -> lcm.LCM:
 
 
 def _expect_route(url: str) -> None:
-    """Refuses a multicast URL where the machine has no route to its group."""
+    """Raises InputError for a multicast URL if the machine has no route to its group."""
     match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
     if not match or not 0 < int(match[2] or 7667) < 65536:
-        return  # liblcm reports the error in it
+        return  # liblcm reports the error in the URL
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((match[1], int(match[2] or 7667)))
@@ -156,25 +158,25 @@ def _expect_route(url: str) -> None:
 
 @dataclass
 class _Run:
-    """Numbering of one publisher's messages."""
+    """Sequence numbers of the messages of one publisher."""
 
     next_seq: int
     missing: set[int] = field(default_factory=set)
 
 
 class Gaps:
-    """Counts messages that are lost, duplicated or late, by their (run_id, seq)."""
+    """Counts messages that are lost, duplicated or late, by their run_id and sequence number."""
 
     MISSING_KEPT = 4096  # numbers of missing messages, to recognise a late message
 
     def __init__(self) -> None:
         self.received = self.lost = self.doubled = self.late = self.restarts = 0
-        self.rivals = False  # two publishers at once
+        self.rivals = False  # True: two publishers send on this channel
         self._runs: dict[int, _Run] = {}
         self._latest: int | None = None
 
     def take(self, run_id: int, seq: int) -> bool:
-        """Counts one message; False if it is a duplicate."""
+        """Counts one message; returns False for a duplicate."""
         run = self._runs.get(run_id)
         if run is None:
             self.restarts += bool(self._runs)
@@ -184,7 +186,7 @@ class Gaps:
             self.received += 1
             return True
         if run_id != self._latest:
-            # The publisher that was considered replaced still sends.
+            # An earlier publisher of this channel still sends.
             self.rivals, self._latest = True, run_id
         missing = run.missing
         if seq >= run.next_seq:
@@ -219,14 +221,14 @@ class Closable(abc.ABC):
 
 
 class Bus(Closable):
-    """A connection with its own thread, which calls handle(channel, data, wall_us): bytes, and the
-    time of receipt in us since 1970."""
+    """A connection with its own thread, which calls handle(channel, data, wall_us) for each
+    message. data: bytes; wall_us: time of reception in us since 1970."""
 
     def __init__(
         self, url: str | None, handle: Callable[[str, bytes, int], None], channels: str = CHANNELS
     ) -> None:
         self.url = url or default_url()
-        self.trouble: str | None = None  # what ended the thread
+        self.trouble: str | None = None  # the error that ended the thread
         self._lcm, self._handle, self._run = connect(self.url), handle, True
         self._seq: dict[str, int] = {}
         self._run_id, self._lock = new_run_id(), threading.Lock()
@@ -240,7 +242,8 @@ class Bus(Closable):
         return self._run_id
 
     def publish(self, channel: str, message: Message) -> None:
-        """Sends with this connection's run_id, the channel's next seq and the present time."""
+        """Publishes a message with the run_id of this connection, the next sequence number of the
+        channel and the present time."""
         with self._lock:
             message.run_id = self._run_id
             message.seq = self._seq.get(channel, 0)

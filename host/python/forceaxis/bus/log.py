@@ -1,7 +1,7 @@
-"""LCM logs: write while receiving, read past damage, summarise.
+"""Writes, reads and summarises LCM logs in the format of lcm-logger.
 
-The format is that of lcm-logger. liblcm's reader stops silently at the first damaged byte; this one
-continues at the next event and reports what it skipped.
+The reader of liblcm stops at the first damaged byte without a message. This reader continues at the
+next entry and reports the number of skipped bytes.
 """
 
 import struct
@@ -19,7 +19,8 @@ from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
 
 SYNC = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC)
-HEADER = struct.Struct(">IqqII")  # sync, number, wall us, lengths of channel and data
+# mark, number of the entry, time in us since 1970, bytes of the channel's name, bytes of the data
+HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
 
 
@@ -33,8 +34,8 @@ class LogEntry(NamedTuple):
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """The messages of one channel of a log; counts of lost messages are None for a channel of
-    another program."""
+    """The messages of one channel of a log. The numbers of lost and repeated messages are None for
+    a channel of another program."""
 
     type: str | None
     count: int
@@ -61,7 +62,7 @@ class LogSummary:
 
 @dataclass
 class _ChannelCount:
-    """What was read of one channel so far."""
+    """Numbers of one channel while a log is read."""
 
     first_us: int
     last_us: int = 0
@@ -72,7 +73,7 @@ class _ChannelCount:
     gaps: Gaps = field(default_factory=Gaps)
 
     def summary(self) -> ChannelSummary:
-        """The counts as they are reported."""
+        """The numbers as a result."""
         span_s = (self.last_us - self.first_us) / 1e6
         ours = self.type is not None
         return ChannelSummary(
@@ -89,8 +90,8 @@ class _ChannelCount:
 
 
 class LogWriter:
-    """Writes a log that lcm-logplayer and every LCM tool reads. Flushed twice a second, so that
-    a killed process loses little."""
+    """Writes a log that lcm-logplayer and other LCM tools can read. The file is flushed twice a
+    second, so that a killed process loses few messages."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
@@ -117,7 +118,8 @@ class LogWriter:
 
 
 class LogReader:
-    """Iterates over the entries of a log; afterwards `damage` is None or one line."""
+    """Iterates over the entries of a log. Afterwards `damage` describes skipped bytes in one line,
+    or is None."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count, self.skipped, self.cut = path, 0, 0, False
@@ -138,7 +140,7 @@ class LogReader:
                 start = at + HEADER.size
                 stop = start + name_size + data_size
                 sane = mark == SYNC and name_size <= LONGEST_CHANNEL and data_size <= LONGEST_DATA
-                # A corrupted length would swallow the events that follow.
+                # A corrupted length would hide the entries that follow.
                 if sane and stop <= size and self._whole(data, start, stop):
                     self.count += 1
                     at, middle = stop, start + name_size
@@ -153,13 +155,14 @@ class LogReader:
 
     @staticmethod
     def _whole(data: memoryview, start: int, stop: int) -> bool:
-        """Another event or the end follows, or at least none begins inside."""
+        """Whether an entry ends at `stop`: another entry or the end of the file follows, or no
+        entry begins between `start` and `stop`."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0
 
     @property
     def damage(self) -> str | None:
-        """What was skipped, in one line; None if nothing was."""
+        """The number of skipped bytes as one line of text; None if no byte was skipped."""
         if not self.skipped:
             return None
         what = "is cut off" if self.cut else "is damaged"
@@ -170,7 +173,8 @@ class LogReader:
 
 
 def _find(data: memoryview, start: int, stop: int) -> int:
-    """Where an event begins at or after `start`, or -1; read in pieces, as a log may be large."""
+    """The position of the next entry between `start` and `stop`, or -1. The data are searched in
+    pieces, because a log may be large."""
     piece = 1 << 20
     while start < stop:
         found = bytes(data[start : min(stop, start + piece + 3)]).find(SYNC_BYTES)
@@ -185,13 +189,13 @@ def _why(error: Exception) -> str:
 
 
 def expect_messages(reader: LogReader) -> None:
-    """Refuses a log without a single message."""
+    """Raises InputError for a log without a message."""
     if not reader.count:
         raise no_messages(reader)
 
 
 def no_messages(reader: LogReader) -> InputError:
-    """The error of a log without a single message."""
+    """The error of a log without a message."""
     return InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
 
 

@@ -35,7 +35,7 @@ Column = MutableSequence[Any]  # an array of integers or doubles, or a list of t
 
 @dataclass(frozen=True)
 class WrittenTable:
-    """The files of one table, with its size."""
+    """The files of one exported table, its number of rows and the names of its columns."""
 
     files: list[str]
     rows: int
@@ -44,7 +44,7 @@ class WrittenTable:
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """What was written of a log: `forceaxis log export --json`."""
+    """Result of the export of a log."""
 
     file: Path
     out: Path
@@ -56,7 +56,7 @@ class ExportSummary:
 
 
 class Columns:
-    """A table built from rows of {column: value}; missing values stay empty."""
+    """A table to which rows of {column: value} are added. A missing value remains empty."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -64,7 +64,8 @@ class Columns:
 
     def add(self, row: Row) -> None:
         for name, value in row.items():
-            if value is None:  # a column all the same, so that tables of one type are alike
+            # the column also exists without a value, so that tables of one message type are equal
+            if value is None:
                 self._columns.setdefault(name, array("q"))
                 continue
             column = self._columns.get(name)
@@ -79,7 +80,8 @@ class Columns:
         self.rows += 1
 
     def arrays(self) -> Table:
-        """{column: array}: integers where every row has one, else doubles with NaN; texts."""
+        """{column: array}. A column of numbers has integers if no value is missing, otherwise
+        doubles with NaN."""
         made: Table = {}
         for name, column in self._columns.items():
             kind = _kind(column)
@@ -100,8 +102,8 @@ def _kind(column: Column | None) -> str | None:
 
 
 def _changed(column: Column | None, wanted: str | None) -> Column:
-    """The column converted so that it can hold values of another kind: doubles hold integers, texts
-    hold anything."""
+    """Converts a column so that it can contain values of another kind: a column of doubles also
+    contains integers, a column of texts contains all values."""
     if column is None:
         return [] if wanted is None else array(wanted)
     if wanted == "d":
@@ -148,7 +150,7 @@ class _Exporter:
             self.tables.setdefault(channel, Columns()).add(row)
 
     def named(self) -> dict[str, Table]:
-        """The tables by name; captures of a channel are numbered."""
+        """{name: table}; the tables of the captures of a channel are numbered."""
         numbers: dict[str, int] = {}
         named = {channel: table.arrays() for channel, table in self.tables.items()}
         for (channel, _, _), held in self.captures.items():
@@ -184,8 +186,8 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
 
 
 def message_row(message: Message, wall_us: int) -> Row:
-    """A message's fields as a row: units are in the fields' names; further objects follow by
-    theirs, and texts for coded numbers."""
+    """The fields of a message as a row. The name of a field contains its unit. The further objects
+    of the message follow under their names, then texts for numbers that are codes."""
     row: Row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
         value = getattr(message, name)
@@ -209,7 +211,7 @@ def message_row(message: Message, wall_us: int) -> Row:
 
 
 def event_word(kind: int) -> str:
-    """ "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
+    """The kind of an event as text, such as "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
     for name, value in vars(axis_event_t).items():
         if name.startswith("EVENT_") and value == kind:
             return name.removeprefix("EVENT_").lower().replace("_", " ")
@@ -217,7 +219,8 @@ def event_word(kind: int) -> str:
 
 
 def state_words(state: axis_state_t) -> dict[str, str]:
-    """State, modes, fault and limit of an axis_state_t as texts, empty where not available."""
+    """State, modes, fault and limit of an axis as texts; a text is empty if the value is not
+    available."""
     texts = {
         "drive_state": (state.statusword, state_names.drive_state),
         "mode_text": (state.mode_display, state_names.mode),
@@ -239,8 +242,8 @@ def truth_rows(message: sim_truth_t) -> Iterator[Row]:
 
 
 def capture_columns(held: Assembly) -> Table:
-    """A capture's columns: tick, time and every signal in engineering units, with its
-    unit. Samples that were lost in transit are NaN."""
+    """The columns of a capture: tick, time in s, and each signal in engineering units, with the
+    unit in its name. Samples that were lost in transit are NaN."""
     ticks = held.ticks()
     columns = {"tick": ticks, "time_s": ticks / TICKS_PER_SECOND}
     for name in held.signals:
@@ -249,8 +252,8 @@ def capture_columns(held: Assembly) -> Table:
 
 
 def column_name(name: str) -> str:
-    """force -> force_count, velocity -> velocity_count_per_tick; as it is without a dimension
-    or where the name ends in it, dac_code."""
+    """The name of an object with its unit: force_count, velocity_count_per_tick. A name without a
+    unit or with the unit at its end, such as dac_code, is unchanged."""
     return _with_unit(name, unit_of(name))
 
 
@@ -269,7 +272,7 @@ def _engineering(name: str, raw: int) -> float | None:
 
 
 def write_csv(path: Path, columns: Table) -> None:
-    """A NaN is an empty field; whole numbers and texts as they are, doubles to their last bit."""
+    """Writes a table as CSV. A NaN becomes an empty field; doubles have all digits."""
 
     def texts(values: NDArray[np.generic]) -> list[str]:
         exact = values.dtype.kind == "f"

@@ -1,4 +1,4 @@
-"""`forceaxis monitor`: watch axes live in the terminal. It never writes to an axis."""
+"""Shows axes live in the terminal (`forceaxis monitor`). The program writes nothing to an axis."""
 
 import contextlib
 import math
@@ -39,8 +39,7 @@ REFRESH_PERIOD_S = 0.2
 
 
 class Monitor(App[None]):
-    """Axes of one source (sources.Source): panels above, charts of the
-    chosen axis below."""
+    """Shows the axes of one source: panels of all axes above, charts of the selected axis below."""
 
     TITLE = "forceaxis monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -112,7 +111,7 @@ class Monitor(App[None]):
         self.draw_head()
 
     def watch_app_focus(self, focused: bool) -> None:
-        if not focused:  # the keys are shown before a page is clicked too
+        if not focused:  # the keys are also shown before the user has clicked the page
             self.app_focus = True
             self.refresh_bindings()
 
@@ -220,7 +219,8 @@ class Monitor(App[None]):
         self.draw_chart(now)
 
     def arrange(self, shown: Sequence[int], width: int, room: int) -> None:
-        """As many columns as fit, and the tallest panels that leave enough lines for the charts."""
+        """Sets the number of columns and the largest height of the panels that leaves enough lines
+        for the charts."""
         grid = self.query_one("#panels", Grid)
         there = {p.number for p in self.query(AxisPanel)}
         for number in shown:

@@ -1,6 +1,8 @@
-"""What was received of every axis: latest state, history for charts, events, captures, losses.
+"""The received data of each axis: latest state, history for charts, events, captures, lost
+messages.
 
-Fed by a connection's thread or by a replayed log, read by the monitor; one lock guards it all.
+The thread of a connection or a replayed log adds the messages, and the monitor reads the data. One
+lock protects all data.
 """
 
 import dataclasses
@@ -25,9 +27,9 @@ from forceaxis.bus.messages import (
 )
 from forceaxis.results import json_field
 
-HISTORY_STATES = 12_000  # kept for the charts: two minutes at 100 per second
+HISTORY_STATES = 12_000  # number of states for the charts: two minutes at 100 per second
 STALE_AFTER_S = 1.0  # an axis without a message for this long is shown as silent
-RATE_WINDOW_S = 3.0  # of the message rate
+RATE_WINDOW_S = 3.0  # span of time over which the message rate is computed
 
 COMMAND_KINDS = {
     axis_command_t.KIND_WRITE: "write",
@@ -38,9 +40,9 @@ COMMAND_KINDS = {
 }
 VOLT_PER_CODE = 20 / 4096  # of the DAC
 T = TypeVar("T")
-# Metre, radian and degree of CiA 303-2, as they are shown.
+# {unit of CiA 303-2: (unit that is shown, its number in one unit)}: metre, radian, degree.
 UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
-REPEATED = " x"  # before the count of a routine event
+REPEATED = " x"  # in the text of a routine event, before the number of its repetitions
 # Kinds of events that are shown as alarms.
 ALARMS = {
     axis_event_t.EVENT_REFUSED,
@@ -53,13 +55,13 @@ ALARMS = {
 
 
 def known(value: T) -> T | None:
-    """A message's value, None where it is not available."""
+    """The value of a message, or None if it is not available."""
     return None if value == NOT_AVAILABLE else value
 
 
 @dataclass(frozen=True)
 class AxisSnapshot:
-    """The state of an axis in words and numbers; None where a value is not available.
+    """The state of an axis as texts and numbers. A value that is not available is None.
 
     position, target_position and velocity_per_s are in position_unit (mm, deg, user unit or count).
     """
@@ -105,7 +107,7 @@ class AxisSnapshot:
 
 @dataclass(frozen=True)
 class ClockSnapshot:
-    """The simulator's clock; speed over real time."""
+    """The clock of the simulator. `speed` is simulated time divided by real time."""
 
     tick: int | None
     state: str
@@ -115,7 +117,7 @@ class ClockSnapshot:
 
 @dataclass(frozen=True)
 class WatchedEvent:
-    """One line of the list of events; axis None: of no axis."""
+    """One line of the list of events; axis None: the event belongs to no axis."""
 
     wall_us: int
     axis: int | None
@@ -125,7 +127,7 @@ class WatchedEvent:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All axes at one moment: `forceaxis monitor --once --json`."""
+    """The state of all axes at one moment."""
 
     axes: dict[str, AxisSnapshot]
     clock: ClockSnapshot | None
@@ -137,7 +139,7 @@ class Snapshot:
 
 
 def text(value: int, words: Callable[[int], T]) -> T | None:
-    """words(value), or None where the value is not available."""
+    """words(value), or None if the value is not available."""
     return None if known(value) is None else words(value)
 
 
@@ -183,7 +185,7 @@ class Trace:
 
 
 class AxisWatch:
-    """One axis: `state` is the latest axis_state_t or None."""
+    """The received data of one axis. `state` is the latest axis_state_t or None."""
 
     def __init__(self, number: int, mm_per_count: float | None = None) -> None:
         self.number, self.mm_per_count = number, mm_per_count
@@ -222,8 +224,8 @@ class AxisWatch:
         return self.state
 
     def forces(self) -> tuple[float | None, float | None, str]:
-        """(force, target, unit): in N where scale or rated force are known, else in counts; None
-        where not available."""
+        """(force, target, unit): in N if the scale or the rated force is known, otherwise in
+        counts. A value that is not available is None."""
         state = self._heard()
         count, share = known(state.force_cnt_q8), known(state.force_permille)
         wanted, rated = self.force_wanted(), known(state.rated_force_mN)
@@ -238,13 +240,14 @@ class AxisWatch:
         return force, target, "N" if in_newtons else unit
 
     def more(self) -> dict[str, int]:
-        """{name: value} of the objects that the state has beside its fields."""
+        """{name: raw value} of the further objects in the state."""
         state = self._heard()
         return dict(zip(state.more_name, state.more_value, strict=True))
 
     def length(self) -> tuple[str, float]:
-        """(unit, its size in units of the axis's positions): what 60A8h names, mm by the model's
-        encoder, else counts of the encoder."""
+        """(unit of lengths, number of these units in one position unit of the axis). The unit
+        follows from 60A8h, otherwise it is mm if the encoder of a model is known, otherwise the
+        count of the encoder."""
         more = self.more() if self.state else {}
         if more.get("feed"):
             exponent, unit = divmod(more.get("position_unit", 0) >> 16, 256)
@@ -254,7 +257,8 @@ class AxisWatch:
         return ("mm", self.mm_per_count) if self.mm_per_count else ("count", 1)
 
     def force_wanted(self) -> int | None:
-        """The force that the mode in force demands, per mille of rated; None in the others."""
+        """The demanded force of the active mode of operation in per mille of the rated force; None
+        in a mode that does not control the force."""
         state = self._heard()
         if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
             return None
@@ -264,7 +268,8 @@ class AxisWatch:
         return demand
 
     def position_target(self) -> int | None:
-        """Where the mode in force leads the axis, in counts; None where force decides."""
+        """The demanded position of the active mode of operation in counts; None in a mode that
+        controls the force."""
         state = self._heard()
         mode = known(state.mode_display)
         if mode in state_names.PROFILE_MODES:
@@ -273,34 +278,37 @@ class AxisWatch:
         return known(state.target_position_cnt) if in_position else None
 
     def age_s(self, now_us: float) -> float | None:
-        """Age of the drive's values in s: since receipt of the message, plus their age in it."""
+        """Age of the values of the drive in s: time since the reception of the message, plus the
+        age in the message."""
         if self.received_us is None:
             return None
         return max(0, now_us - self.received_us + (known(self._heard().age_us) or 0)) / 1e6
 
     def rate(self, now_us: float) -> float:
-        """States a second, over the last RATE_WINDOW_S."""
+        """Received states per second over the last RATE_WINDOW_S."""
         recent = [t for t in self.arrivals if t > now_us - RATE_WINDOW_S * 1e6]
         if len(recent) < 2 or recent[-1] == recent[0]:
             return 0.0
         return (len(recent) - 1) / ((recent[-1] - recent[0]) / 1e6)
 
     def lost(self) -> int:
-        """Messages lost on this axis's channels from its gateway (clients' commands apart)."""
+        """Number of messages from the gateway of this axis that were lost; commands of clients do
+        not count."""
         return sum(g.lost for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def rivals(self) -> bool:
         return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def mismatch(self) -> str | None:
-        """Difference between the object tables of firmware and this program as a text, or None."""
+        """Text that names the object tables of the firmware and of this program if they differ,
+        otherwise None."""
         theirs = self.state and known(self.state.objects_hash)
         if not theirs or theirs == TABLE_HASH:  # 0: not read yet
             return None
         return f"object table {theirs:08x} in the firmware, {TABLE_HASH:08x} here"
 
     def words(self, now_us: float) -> AxisSnapshot | None:
-        """The state in words and numbers, as --json prints it; None where not available."""
+        """The latest state as texts and numbers; None before the first state."""
         state = self.state
         if state is None:
             return None
@@ -356,8 +364,9 @@ class AxisWatch:
 
 
 class Watch:
-    """All axes. Ages refer to `now_us`: the wall clock, or that of the replayed log. mm_per_count:
-    of the encoders of axes that have no units of their own."""
+    """The received data of all axes. Ages refer to `now_us`, the present time or the time in a
+    replayed log, in us since 1970. mm_per_count: size of an encoder count of axes without user
+    units."""
 
     def __init__(self, mm_per_count: float | None = None) -> None:
         self.mm_per_count = mm_per_count
@@ -415,8 +424,9 @@ class Watch:
                 self._take_capture(self.axis(number), message, wall_us)
 
     def _routine(self, wall_us: int, number: int | None, text: str) -> None:
-        """A client's command or its confirmation. One that is repeated, such as the write that
-        keeps an owner's watchdog, is one line with a count, and other events stay visible."""
+        """Adds a command of a client or its acknowledgement to the events. A repeated command, such
+        as the write to the watchdog, is one line with the number of repetitions, so that other
+        events remain visible."""
         for i, event in enumerate(self.events):
             base, _, count = event.text.rpartition(REPEATED)
             if event.alarm or event.axis != number or text not in (base, event.text):
@@ -438,8 +448,8 @@ class Watch:
     def snapshot(
         self, source: str, now_us: float, axis: int | None = None, trouble: str | None = None
     ) -> Snapshot:
-        """All states in words, or that of one axis; source: where the messages come from; trouble:
-        what ended the source."""
+        """The state of all axes or of one axis. source: name of the source of the messages;
+        trouble: the error that ended the source."""
         with self.lock:
             return Snapshot(
                 axes={
@@ -472,7 +482,7 @@ def clock_word(clock: sim_clock_t) -> str:
 
 
 def command_text(command: axis_command_t) -> str:
-    """A command as one line: write force_gain=1792."""
+    """A command as one line of text, such as "write force_gain=1792"."""
     words = [COMMAND_KINDS.get(command.kind, f"command kind {command.kind}")]
     if command.kind == axis_command_t.KIND_READ:
         words += command.object

@@ -34,7 +34,7 @@ STATE_COLOURS = {
 
 
 def signed(value: float | None, unit: str = "", digits: int | None = None) -> str:
-    """A number with thin groups of three, "-" where there is none."""
+    """A number as text with thin spaces between groups of three digits; "-" without a number."""
     if value is None:
         return "-"
     text = f"{value:,.{digits}f}" if digits is not None else f"{value:,}"
@@ -42,7 +42,8 @@ def signed(value: float | None, unit: str = "", digits: int | None = None) -> st
 
 
 def spread(width: int, left: Text, right: Text) -> Text:
-    """One line with `left` at the left and `right` at the right, cut to `width`."""
+    """One line of `width` characters with `left` at its beginning, which may be cut, and `right` at
+    its end."""
     room = width - left.cell_len - right.cell_len
     if room < 1:
         left = left.copy()
@@ -52,7 +53,7 @@ def spread(width: int, left: Text, right: Text) -> Text:
 
 
 class AxisPanel(Static):
-    """One axis: state, mode and fault in words, its values, its active limit."""
+    """The panel of one axis: state, mode of operation, fault, values, active limit."""
 
     class Chosen(Message):
         """The panel was clicked."""
@@ -71,7 +72,7 @@ class AxisPanel(Static):
     def show(
         self, words: AxisSnapshot | None, silent_s: float, height: int, chosen: bool, codes: bool
     ) -> None:
-        """Draws `words` (AxisWatch.words, None: only other messages were received)."""
+        """Draws the state of the axis; `words` is None before the first state."""
         width = max(10, self.content_size.width)
         silent = words is None or silent_s > STALE_AFTER_S
         state = (words and words.drive_state) or "no state yet"
@@ -156,7 +157,7 @@ def force_value(words: AxisSnapshot, codes: bool) -> str:
 
 
 def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
-    """(name, position, speed): of the axis in its unit, of the encoder in counts."""
+    """(name, position, speed): of the axis in its unit, or of the encoder in counts."""
     unit = words.position_unit
     if codes or unit == "count":
         speed = signed(words.velocity_cnt_per_s, "count/s")
@@ -200,7 +201,7 @@ def full(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 def trouble_text(words: AxisSnapshot) -> Text:
-    """The worst of fault, limit cycle and limit; contact where all is well."""
+    """The first of fault, limit cycle and active limit that is present, otherwise the contact."""
     if words.fault not in (None, "none") or words.error_code:
         return fault_text(words)
     if words.limit_cycle:
@@ -211,7 +212,7 @@ def trouble_text(words: AxisSnapshot) -> Text:
 
 
 def numbers(words: AxisSnapshot, codes: bool) -> Text:
-    """Force, position and output in one line; codes: by name, without units."""
+    """Force, position and output in one line; codes: as counts and codes with names."""
     if codes:
         force = "-" if words.force_cnt is None else f"{words.force_cnt:.2f}"
         return Text.assemble(
@@ -242,7 +243,7 @@ def slim(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 class StripChart(NamedTuple):
-    """One chart over time: two lines of one scale."""
+    """One chart over time with two lines, which have the same scale."""
 
     name: str
     unit: str
@@ -255,7 +256,8 @@ class StripChart(NamedTuple):
 def strip_charts(
     axis: AxisWatch, width: int, height: int, now_us: float, span_s: float, codes: bool = False
 ) -> Text:
-    """Force, position and command over the last span_s, as many of them as fit."""
+    """Charts of force, position and command over the last span_s seconds; a low terminal shows
+    fewer charts."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
     time_s = data.time_s - now
@@ -302,7 +304,7 @@ def plots_of(axis: AxisWatch, data: TraceColumns, codes: bool) -> list[StripChar
 
 
 def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
-    """The line, interrupted where several messages in a row are missing."""
+    """Interrupts a line where several consecutive messages are missing."""
     if len(time_s) < 3:
         return time_s, values
     steps = np.diff(time_s)
@@ -311,7 +313,8 @@ def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
 
 
 def capture_chart(axis: AxisWatch, width: int, height: int) -> Text:
-    """The latest capture: each signal a strip over ms from the trigger, as many as fit."""
+    """Charts of the signals of the latest capture over the time in ms from the trigger; a low
+    terminal shows fewer signals."""
     if axis.capture is None:
         return Text("capture: none yet", style=QUIET)
     (_, number), held = axis.capture

@@ -1,7 +1,7 @@
-"""`forceaxis monitor --web`: the monitor's screen in browsers, by textual's own server.
+"""Shows the screen of the monitor in browsers, with the server of Textual.
 
-Each page runs a process of its own (`python -m forceaxis.bus.monitor_web`), a monitor that cannot
-record. Everything that a page loads comes from this server.
+Each page runs its own process (`python -m forceaxis.bus.monitor_web`), a monitor that cannot
+record. A page loads nothing from other servers.
 """
 
 import asyncio
@@ -26,8 +26,8 @@ from forceaxis._core import InputError
 from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
-PAGES_MAX = 8  # open at once; each is a process
-QUIT_TIMEOUT_S = 3.0  # of a screen that was asked to end
+PAGES_MAX = 8  # largest number of open pages; each page is a process
+QUIT_TIMEOUT_S = 3.0  # time in which a process ends after a request
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "frame-ancestors 'none'"
@@ -39,7 +39,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """What the screen of a page shows; it goes to the page's process as JSON."""
+    """Settings of the screen of a page, which its process receives as JSON."""
 
     url: str | None
     axis: int | None
@@ -54,7 +54,7 @@ class AddressError(InputError):
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address or name."""
+    """Whether an address or name is reachable from this machine only."""
     if host == "localhost":
         return True
     try:
@@ -64,7 +64,7 @@ def is_loopback(host: str) -> bool:
 
 
 def authority(url: str) -> tuple[str, str]:
-    """(host with its port, host) of a URL. Raises HTTPBadRequest for what is none."""
+    """(host with its port, host) of a URL. Raises HTTPBadRequest for an invalid URL."""
     try:
         parts = urlsplit(url)
         return parts.netloc, parts.hostname or ""
@@ -93,7 +93,7 @@ textual_server.AppService = Screen  # type: ignore[misc]  # the server has no ot
 
 
 class MonitorServer(textual_server.Server):
-    """Serves one page and its screens; a request by another site's page is refused."""
+    """Serves one page and its screens; a request from a page of another site is refused."""
 
     def __init__(self, settings: MonitorSettings, host: str, port: int) -> None:
         command = [sys.executable, "-m", "forceaxis.bus.monitor_web", json.dumps(to_json(settings))]
@@ -113,7 +113,8 @@ class MonitorServer(textual_server.Server):
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuses a name that only resolves to this machine, and screens for other sites."""
+        """Refuses a request for a foreign host name that resolves to this machine, and a request
+        from a page of another site."""
         _, host = authority(f"//{request.host}")
         origin = request.headers.get("Origin")
         foreign = origin is not None and authority(origin)[0] != request.host
@@ -144,7 +145,8 @@ class MonitorServer(textual_server.Server):
             task.cancel()
 
     async def run(self, ready: Callable[[str], None]) -> int:
-        """Serves until SIGINT or SIGTERM, whose number it returns; `ready(url)` once it listens."""
+        """Serves until SIGINT or SIGTERM and returns the number of the signal. Calls ready(url) as
+        soon as the server listens."""
         loop = asyncio.get_running_loop()
         ended: asyncio.Future[int] = loop.create_future()
 
@@ -166,7 +168,8 @@ class MonitorServer(textual_server.Server):
 
 
 def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str], None]) -> int:
-    """Serves the monitor of `settings` (see `main`). Returns the signal that ended it."""
+    """Serves the monitor until SIGINT or SIGTERM and returns the number of the signal. Raises
+    AddressError."""
     logging.getLogger("textual-serve").setLevel(logging.CRITICAL)
     try:
         return asyncio.run(MonitorServer(settings, host, port).run(ready))
@@ -178,8 +181,7 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
 
 
 def main() -> None:
-    """One page's screen, at the other end of textual's web driver; ends when its page does, or its
-    server in any way."""
+    """The process of one page. It ends when the page is closed or when the server ends."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch

@@ -1,4 +1,4 @@
-"""Sources of a monitor's messages: a live bus, which can be recorded, or a replayed log."""
+"""Sources of the messages of a monitor: a live bus, which can be recorded, or a replayed log."""
 
 import threading
 import time
@@ -12,7 +12,7 @@ from forceaxis.bus.monitor_state import Watch
 
 
 class LiveSource:
-    """Messages of a bus, handed to `watch` by the connection's thread."""
+    """Passes the messages of a bus to `watch`, in the thread of the connection."""
 
     replayed = ended = False
 
@@ -47,13 +47,13 @@ class LiveSource:
         self.watch.take(channel, data, wall_us)
 
     def record(self, path: Path) -> None:
-        """Begins a log; InputError where the file exists."""
+        """Begins to record the messages in a new file. Raises InputError if the file exists."""
         writer = LogWriter(path)
         with self._lock:
             self.writer, self.unwritten = writer, None
 
     def stop_recording(self) -> LogWriter | None:
-        """The finished LogWriter, or None."""
+        """Ends the recording and returns its LogWriter; None without a recording."""
         with self._lock:
             writer, self.writer = self.writer, None
         if writer:
@@ -69,7 +69,8 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Messages of a log at `speed` times the rate at which they were received; None: at once."""
+    """Passes the messages of a log to `watch` at `speed` times the rate of their reception; speed
+    None: without waiting."""
 
     replayed = True
     writer: LogWriter | None = None
@@ -100,7 +101,7 @@ class ReplaySource:
         self._thread.start()
 
     def play_all(self) -> None:
-        """Passes all messages at once, in this thread."""
+        """Passes all messages without waiting, in the thread of the caller."""
         self.speed = None
         self._play()
 
@@ -111,13 +112,13 @@ class ReplaySource:
         return (self._at_us - self._start_us) / 1e6
 
     def record(self, path: Path) -> None:
-        """Refuses: a replay is a log already."""
+        """Raises InputError, because the messages of a replay are in a log already."""
         raise InputError(
             "expected a live bus to record; the messages of a replay are in a log already"
         )
 
     def stop_recording(self) -> LogWriter | None:
-        """None: a replay is never recorded."""
+        """Returns None, because a replay is never recorded."""
         return None
 
     def pause(self, paused: bool) -> None:
