@@ -1,4 +1,5 @@
-"""Simulated contacts: the cases, the figures of a run, and the gains that were reduced for them."""
+"""Simulated contacts of a design: the cases that are simulated, the figures of a run, and the gains
+that were rejected because a contact was not stable."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,19 +20,19 @@ class ContactCase:
 
     @property
     def name(self) -> str:
-        """Such as "contact 30 N at 20 mm/s, strike 0.25 N s"."""
+        """Name of the case, such as "contact 30 N at 20 mm/s, strike 0.25 N s"."""
         text = f"contact {self.setpoint_N:.3g} N at {1e3 * self.speed_m_per_s:.3g} mm/s"
         return text + (f", strike {self.strike_N_s:.3g} N s" if self.strike_N_s else "")
 
 
 class NamedCase(NamedTuple):
-    """The user's own experiment as a case, under the name of its file."""
+    """The experiment of the user as a case; name: stem of its file."""
 
     name: str
 
 
 class Outcome:
-    """What both forms of a simulated contact have: its verdict and the fault of the firmware."""
+    """Base of the results of a simulated contact: the verdict, and the fault of the firmware."""
 
     verdict: str
     fault: str
@@ -44,7 +45,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class ContactRun(Outcome):
-    """The result of one run that a design uses."""
+    """The parts of the result of one simulated run that a design uses."""
 
     verdict: str
     fault: str
@@ -86,7 +87,8 @@ def simulated_contact(
     law: str, case: str, member: dict[str, float], latency_ticks: int, run: ContactRun,
     losses_max: int | None = None,
 ) -> SimulatedContact:  # fmt: skip
-    """The row of a run; losses_max: contact losses that its verdict permits."""
+    """The row of a simulated run in the result of `design`. losses_max: number of contact losses
+    that the verdict permits, None: any number."""
     metrics, held = run.metrics, run.metrics.held_force
     settle_s = held.settle_s if held else None
     return SimulatedContact(
@@ -109,8 +111,9 @@ def simulated_contact(
 
 @dataclass(frozen=True)
 class GainCut:
-    """A gain that simulate.safe() rejected: force_gain in DAC codes per 8-bit count, the number of
-    failed and of simulated contacts, the first failed case and the limits that it did not keep."""
+    """A gain that was rejected because a simulated contact was not stable. force_gain: DAC codes
+    per 8-bit count; failed, simulated: numbers of contacts; case: first case that was not stable;
+    why: the limits that this case did not keep."""
 
     force_gain: float
     failed: int
@@ -120,7 +123,7 @@ class GainCut:
 
     @property
     def text(self) -> str:
-        """One line for a terminal or a page."""
+        """A sentence about the rejected gain for a terminal or a page."""
         return (
             f"gain {self.force_gain:.3g}: {self.failed} of {self.simulated} not stable, "
             f"{self.case}: {self.why}"
@@ -128,7 +131,8 @@ class GainCut:
 
 
 def why(contact: SimulatedContact) -> str:
-    """The limits that a simulated contact did not keep, in one line: each with number and unit."""
+    """A text of one line that names the limits that a simulated contact did not keep, each with its
+    value and unit."""
     texts = []
     for missed in contact.missed:
         if missed.limit == "fault":
@@ -142,10 +146,11 @@ def why(contact: SimulatedContact) -> str:
 
 
 def most_losses(contacts: Sequence[SimulatedContact]) -> int:
-    """Largest number of losses of contact in a simulated first contact; 0 without any."""
+    """Largest number of contact losses among the simulated first contacts; 0 if no first contact
+    was simulated."""
     return max((one.losses for one in contacts if one.losses_max is not None), default=0)
 
 
 def unstable(contacts: Sequence[SimulatedContact]) -> list[SimulatedContact]:
-    """The contacts that are not stable or end with a fault."""
+    """The simulated contacts whose verdict is not stable or that end with a fault."""
     return [one for one in contacts if not one.is_stable]

@@ -1,4 +1,5 @@
-"""A design that can be changed: a model with its parameter values, and the changes for `advise`."""
+"""An axis as a design: its model with parameter values, and the changes of it that `advise`
+compares."""
 
 import contextlib
 import math
@@ -24,11 +25,12 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 
 FACTOR = 2.0  # by which `advise` multiplies and divides a parameter
-# The two improvements of the thesis (5.1.2, 5.2) and its sensor (Fig 4.26), in SI units.
+# Stiffness and damping of the grip pads of the thesis (5.1, 5.1.2) and mass of its sensor (Fig
+# 4.26), in SI units.
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
-WORKPIECE_ZETA = 0.11  # damping ratio of the damped workpiece
-NO_PAD = 1e7  # N/m, without a pad (Fig 4.24)
-# [verdict] for an experiment without one, the same as in contact.toml
+WORKPIECE_ZETA = 0.11  # damping ratio of the workpiece with the damper of 5.2
+NO_PAD = 1e7  # stiffness of a contact without a pad in N/m (Fig 4.24)
+# table [verdict] for an experiment that has none, the same as in contact.toml
 VERDICT: dict[str, float | bool] = {
     "window_s": 1.0,
     "contact_held": True,
@@ -39,7 +41,7 @@ KIND_OF_UNIT = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad
 
 @dataclass(frozen=True)
 class Change:
-    """One change of the design; a field with its default changes nothing."""
+    """One change of a design. A field that has its default changes nothing."""
 
     name: str = ""
     kind: str = ""  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
@@ -59,10 +61,11 @@ NO_CHANGE = Change()
 class Design:
     """A model with its parameter values, and the experiment that simulates it.
 
-    text: MODEL or EXPERIMENT as on the command line; `overrides` take precedence over an
-    experiment's [set]. states: {element: state} in which the plant is linearised; all other
-    elements have the states of `linear.working`. Use as a context: changed models are files in a
-    temporary folder.
+    text: model or experiment, as a path or a name; overrides: {parameter: value}, which take
+    precedence over the table [set] of the experiment; timing: of loops.TIMINGS, None: that of the
+    experiment. states: {element: state} in which the plant is linearised; all other elements have
+    the states of `linear.working`. The object is a context manager, because changed models are
+    files in a temporary folder.
     """
 
     def __init__(
@@ -92,7 +95,8 @@ class Design:
         self._runs: dict[Path, Path] = {}
 
     def _own_experiment(self) -> Path | None:
-        """The experiment of forceaxis with the name of the model, if it runs this model."""
+        """The experiment of the project that has the name of the model, if this experiment runs the
+        model; otherwise None."""
         path = paths.EXPERIMENTS / f"{self.model.stem}.toml"
         model = toml.read(path).get("model") if path.exists() else None
         return path if model and (path.parent / model).resolve() == self.model else None
@@ -113,11 +117,13 @@ class Design:
             )
 
     def value(self, given: Given | None) -> float | None:
-        """The value of a number, quantity or parameter in the model file; None without one."""
+        """The value in SI units of a number, quantity or parameter in the model file. None if the
+        file has no value or the parameter is unknown."""
         return working.number(given, self.facts.parameters)
 
     def file(self, name: str, text: str) -> Path:
-        """Writes a file with this text, which exists until the design is closed."""
+        """Writes a text to a temporary file, which exists until the design is closed, and returns
+        the path of the file."""
         if self._folder is None:
             self._folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         path = self._folder / name
@@ -125,7 +131,7 @@ class Design:
         return path
 
     def changed_model(self, change: Change) -> Path:
-        """The path of the changed model."""
+        """The path of the model file with a change of the design."""
         if not change.edits:
             return self.model
         if change.name not in self._files:
@@ -134,7 +140,7 @@ class Design:
         return self._files[change.name]
 
     def loop(self, change: Change = NO_CHANGE) -> Loop:
-        """The force loop with a change."""
+        """The force loop of the design with a change."""
         return (change.spec or LoopSpec(timing=self.timing)).around(
             self.changed_model(change),
             self.overrides | dict(change.overrides),
@@ -142,11 +148,12 @@ class Design:
         )
 
     def working(self) -> working.Working:
-        """The working.Working mode of the unchanged plant."""
+        """The mode in which the unchanged plant is linearised."""
         return working.working(self.model, self.overrides, self.states)
 
     def job(self, change: Change = NO_CHANGE, **sets: float) -> tuple[str, list[str]]:
-        """(experiment, overrides) of a run with the firmware; sets: firmware objects."""
+        """(experiment, texts NAME=VALUE) of a simulated run with the firmware, with a change of the
+        design. sets: values of firmware objects."""
         model = self.changed_model(change)
         if model not in self._runs:
             self._runs[model] = self.run_file(model)
@@ -155,8 +162,8 @@ class Design:
         return str(self._runs[model]), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
 
     def run_file(self, model: Path) -> Path:
-        """The path of an experiment for a model: the given file, or a file with that model and a
-        verdict."""
+        """The path of an experiment that runs `model`. This is the experiment of the design if it
+        runs the same model and has a verdict; otherwise a new file."""
         text = (
             experiment_file.document(self.experiment) if self.experiment else self._first_contact()
         )
@@ -169,7 +176,7 @@ class Design:
         return self.file(f"run_{len(self._runs)}.toml", tomlkit.dumps(text))
 
     def _first_contact(self) -> ExperimentText:
-        """The text of a first contact for a model without an experiment, as in contact.toml."""
+        """The experiment of a first contact, for a model that has no experiment."""
         adc = self.tables.force_adc
         return {
             "title": f"Contact of {self.model.stem}",
@@ -188,7 +195,7 @@ class Design:
 
 
 def roles(tables: model_file.ModelFile) -> dict[str, str]:
-    """{parameter: its role}: "arm stiffness", "tip mass"."""
+    """{parameter: what the parameter is in the model}, such as {"k_rf": "arm stiffness"}."""
     uses = [(body.mass, f"{body.name} mass") for body in tables.bodies]
     for link in (*tables.springs, *tables.dampers, *tables.contacts):
         uses.append((link.stiffness, f"{link.name} stiffness"))
@@ -201,7 +208,8 @@ def roles(tables: model_file.ModelFile) -> dict[str, str]:
 
 
 def scaled(design: Design, factor: float) -> list[Change]:
-    """Changes: each stiffness, mass and damping of the model multiplied and divided by `factor`."""
+    """Changes in which one stiffness, mass or damping of the model is multiplied or divided by
+    `factor`."""
     known = roles(design.tables)
     changes = []
     for name, (value, unit) in design.facts.parameters.items():
@@ -214,7 +222,8 @@ def scaled(design: Design, factor: float) -> list[Change]:
 
 
 def pads(design: Design) -> list[Change]:
-    """Changes: grip pads between sensor and workpiece (5.1) inserted, exchanged or removed."""
+    """Changes in which a grip pad between sensor and workpiece (5.1) is inserted, exchanged or
+    removed."""
     tables = design.tables
     contact = tables.contact
     if contact is None or design.value(contact.stiffness) is None:
@@ -242,8 +251,10 @@ def pads(design: Design) -> list[Change]:
 def _with_pad(
     tables: model_file.ModelFile, contact: model_file.ModelLink, stiffness: float, sensor: str
 ) -> tuple[dict[str, float], tuple[TableEdit, ...]]:
-    """(parameters, edits) with which the contact has the stiffness of a pad. A contact that is the
-    force sensor itself becomes a spring, and an additional body gets the mass of the sensor."""
+    """(parameters, edits of the model) with which the contact has the stiffness of a pad.
+
+    If the contact is the force sensor itself, the sensor becomes a spring, and an additional body
+    between sensor and pad gets the mass of the sensor."""
     values = {"stiffness": stiffness, "damping": PAD_DAMPING}
     names = contact.stiffness, contact.damping
     if sensor != contact.name:
@@ -263,12 +274,13 @@ def _with_pad(
 
 
 def _present(values: Mapping[str, Given | None]) -> dict[str, Given]:
+    """The entries of `values` that are not None."""
     return {key: value for key, value in values.items() if value is not None}
 
 
 def workpiece_damping(design: Design) -> list[Change]:
-    """Change: the damper of 5.2, which gives the workpiece's support the damping ratio
-    WORKPIECE_ZETA."""
+    """The change in which a damper gives the support of the workpiece the damping ratio
+    WORKPIECE_ZETA (5.2); empty if the model has no such support."""
     support, mass = design.tables.support, design.facts.masses_kg.get(design.tables.workpiece or "")
     if support is None or mass is None:
         return []
@@ -284,7 +296,7 @@ def workpiece_damping(design: Design) -> list[Change]:
 
 
 def together(one: Change, other: Change) -> Change:
-    """A change that contains two changes; they edit different tables of the model."""
+    """A change that makes two changes at once, which edit different tables of the model."""
     return Change(
         "both improvements: soft pad, damped workpiece", "grip",
         {**one.overrides, **other.overrides}, one.edits + other.edits, thesis="5.1, 5.2",
@@ -292,7 +304,7 @@ def together(one: Change, other: Change) -> Change:
 
 
 def sampling(design: Design) -> list[Change]:
-    """Changes of sample rate, hold and delay."""
+    """Changes of the sampling: rate, zero-order hold and latency."""
     rate_hz = _core.TICKS_PER_SECOND
     rows = []
     if design.timing != "continuous":
@@ -323,13 +335,13 @@ def sampling(design: Design) -> list[Change]:
 
 
 def converter(design: Design, bits: int = 12) -> list[Change]:
-    """Change: an ADC with more bits and the same range (6.2.1). The linear limit does not depend on
-    it."""
+    """The change to an ADC with more bits and the same range (6.2.1); empty if the ADC already has
+    `bits` bits. The linear limit does not depend on the number of bits."""
     return [resolution(design, bits)] if design.facts.required_reading.bits < bits else []
 
 
 def resolution(design: Design, bits: int) -> Change:
-    """The design with an ADC of `bits` bits and the same range."""
+    """The change to an ADC of `bits` bits with the same range."""
     factor = 2 ** (bits - design.facts.required_reading.bits)
     overrides: dict[str, float] = {}
     edits = []
@@ -351,7 +363,8 @@ def resolution(design: Design, bits: int) -> Change:
 
 
 def amplifier(design: Design) -> list[Change]:
-    """Change: the other linear range of the amplifier (Fig 4.3)."""
+    """The change to the other linear range of the amplifier (Fig 4.3); empty if the amplifier of
+    the model has one linear range."""
     drive = design.tables.drive
     gain, inner = design.value(drive.k_amp_outer), design.value(drive.k_amp)
     if drive.type != "dc_motor" or gain is None or inner is None:
@@ -365,9 +378,9 @@ def amplifier(design: Design) -> list[Change]:
 
 
 def control(design: Design, frequency_hz: float | None) -> list[Change]:
-    """Changes to other laws (6.2.1), placed at the frequency at which the present loop becomes
-    unstable: laws of a firmware bank, and the derivative of a sensor for which the firmware has no
-    input."""
+    """Changes to other control laws (6.2.1): laws of a firmware bank, and the derivative of a
+    velocity sensor, for which the firmware has no input. frequency_hz: frequency at which the
+    present loop becomes unstable and at which the laws add phase lead."""
     if not frequency_hz:
         return []
     span = 4.0
@@ -397,8 +410,8 @@ def control(design: Design, frequency_hz: float | None) -> list[Change]:
 
 
 def lead_section(zero_hz: float, pole_hz: float) -> tuple[float, ...]:
-    """(1 + s / w_z) / (1 + s / w_p), transformed bilinearly, as a second-order section of a
-    bank."""
+    """The lead filter (1 + s / w_z) / (1 + s / w_p) as a second-order section of a bank, by the
+    bilinear transformation."""
     (az, bz), (ap, bp) = (
         (1 + 1 / (math.pi * hz * linear.TICK_S), 1 - 1 / (math.pi * hz * linear.TICK_S))
         for hz in (zero_hz, pole_hz)
@@ -407,7 +420,8 @@ def lead_section(zero_hz: float, pole_hz: float) -> tuple[float, ...]:
 
 
 def banked(design: Design, text: str, bank: Bank, thesis: str = "") -> Change:
-    """The change from the present law to a bank of the firmware."""
+    """The change from the present control law to a bank of the firmware. text: name of the
+    change."""
     spec = LoopSpec("bank", design.timing, bank=bank)
     return Change(text, "control", spec=spec, simulated=False, thesis=thesis)
 

@@ -21,17 +21,19 @@ class SheetField:
     unit: str
     low: float  # smallest accepted value
     high: float  # largest accepted value
-    default: float | DefaultValue | None  # None: the word
+    default: float | DefaultValue | None  # None: the default is the word
     why: str  # the origin of the default
-    ask: str  # the question: name of the quantity and its place in data sheets
-    word: str | None = None  # accepted instead of a number
-    # name of another field; this field is asked for only if the other one is a number ...
+    ask: str  # question: name of the quantity and its place in data sheets
+    word: str | None = None  # a word that is accepted instead of a number, such as "none"
+    # name of another field; this field has an effect only if the other field is a number
     needs: str | None = None
-    instead_of: str | None = None  # ... or is not
+    # name of another field; this field has an effect only if the other field has its word
+    instead_of: str | None = None
     name: str = ""  # of the field in SheetValues; ends in the unit
 
     def parse(self, text: str) -> float | None:
-        """The number in a text; None for the field's word. Raises InputError."""
+        """The number in a text of the user; None if the text is the word of the field. Raises
+        InputError."""
         if self.word and text.strip() == self.word:
             return None
         span = f"a plain number from {self.low:g} to {self.high:g} {self.unit}"
@@ -52,7 +54,8 @@ class SheetField:
 
 
 def number(field: SheetField) -> float:
-    """A field of SheetValues that is always a number; 0 if the value has no effect on the axis."""
+    """A field of SheetValues that is always a number. The number is 0 if the field has no effect on
+    the axis."""
     return dataclasses.field(default=0.0, metadata={"field": field})
 
 
@@ -276,14 +279,15 @@ class SheetValues:
 
 
 def default_filter_hz(v: SheetValues) -> float:
-    """Default of the velocity filter, well above the bandwidth that the velocity loop reaches with
-    the motor-side mass."""
+    """Default of the velocity filter in Hz: at least six times the bandwidth of the velocity loop,
+    and more if the rotor is light compared with the load."""
     return max(6.0, 4.0 * v.total_mass_kg / v.motor_side_mass_kg) * v.velocity_loop_hz
 
 
 def default_current_loop_hz(v: SheetValues) -> float:
-    """Default of the current loop: above the motor's electrical pole and the velocity filter, and
-    so fast that the back EMF adds at most a third of the velocity loop's damping."""
+    """Default bandwidth of the current loop in Hz. The bandwidth is above the motor's electrical
+    pole and the velocity filter, and so large that the back EMF adds at most a third of the damping
+    of the velocity loop."""
     pole = v.resistance_ohm / (2 * math.pi * v.inductance_h)
     emf = v.torque_constant_n_m_per_a * v.back_emf_v_s_per_rad / v.inductance_h
     emf /= v.total_mass_kg * v.radius_m**2 * (2 * math.pi) ** 2 * v.velocity_loop_hz
@@ -291,7 +295,8 @@ def default_current_loop_hz(v: SheetValues) -> float:
 
 
 def default_brake_n(v: SheetValues) -> float:
-    """Default of the holding force: twice the weight along the axis, and at least 1 N."""
+    """Default of the holding force of the brake in N: twice the component of the weight along the
+    axis, and at least 1 N."""
     return max(1.0, 2.0 * abs(v.weight_n))
 
 
@@ -305,21 +310,23 @@ BACK = "<"  # answer that returns to the previous question
 
 
 def sheet_of(values: Mapping[str, float | None]) -> SheetValues:
-    """The data sheet of {field: value}; None: the word, or a value without effect."""
+    """The data sheet from {name of a field: value}. The value None stands for the word of the field
+    or for a value without effect."""
     return from_json(SheetValues, {n: v for n, v in values.items() if v is not None})
 
 
 def collect(
     given: Mapping[str, str | None], ask: Callable[[SheetField, str, int], str] | None = None
 ) -> tuple[SheetValues, dict[str, str]]:
-    """Collects every value and its origin. given: texts by name; ask(field, proposed, number)
-    returns a text that can be parsed, or BACK; number: of the field, from 1.
+    """Collects the values of a data sheet and the origin of each value.
 
-    Returns (values, {field: origin}). Raises InputError for a value that is out of range or without
-    effect.
+    given: {field: text of the user}; ask(field, proposed, number) asks the user for a missing value
+    and returns a valid text or BACK; number counts the fields from 1. Returns (values, {field:
+    origin}). Raises InputError for a value that is out of range or without effect.
     """
     texts = {name: text for name, text in given.items() if text is not None}
-    for field in FIELDS:  # a given alternative answers the other field with "none"
+    # A given alternative, such as the radius of a pulley, sets the other field to "none".
+    for field in FIELDS:
         if field.instead_of and field.name in texts:
             texts.setdefault(field.instead_of, "none")
     values: dict[str, float | None] = {}
@@ -334,7 +341,7 @@ def collect(
             if text not in (None, field.word):
                 raise ParameterError(field.name, refusal)
             values[field.name] = None
-            # the stored origin belongs to an answer before the user returned to this question
+            # An answer from before the user returned to an earlier question may have an origin.
             sources.pop(field.name, None)
             i += 1
             continue
@@ -360,8 +367,8 @@ def collect(
 
 
 def without_effect(field: SheetField, values: Mapping[str, float | None]) -> str | None:
-    """Reason why a field has no effect beside the fields before it; None if the field has an
-    effect."""
+    """Reason why a field of the data sheet has no effect, given the values of the fields before it;
+    None if the field has an effect."""
     if field.needs and values[field.needs] is None:
         word = BY_NAME[field.needs].word
         return f"expected no value while `{field.needs}` is {word}; give that one too"

@@ -1,8 +1,7 @@
-"""Writes a design: experiments with the bank, and the objects of the bank.
+"""Writes the files of a design: experiments with the bank, and the firmware objects of the bank.
 
-bank.toml contains objects with engineering values in the order in which an axis accepts them, as
-the [firmware] table of an experiment. The table can be copied into an experiment, and `write_all`
-of a gateway's client writes it to an axis.
+bank.toml contains the objects with engineering values, in the order in which an axis accepts them.
+They are in a table [firmware], which can be copied into an experiment or written to an axis.
 """
 
 import datetime
@@ -22,11 +21,12 @@ from forceaxis.design.outcome import DesignOutcome
 from forceaxis.design.simulate import ContactBench
 from forceaxis.errors import ParameterError
 
-EPOCH = datetime.date(1984, 1, 1)  # of certificate_date
+EPOCH = datetime.date(1984, 1, 1)  # day 0 of the object certificate_date
 
 
 def signed(name: str, value: float) -> float:
-    """The engineering value of an object with its sign, as _core.inputs gives it."""
+    """The engineering value of an object with its sign. value: from _core.inputs, which gives
+    negative values as unsigned numbers."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
@@ -35,8 +35,8 @@ def signed(name: str, value: float) -> float:
 def tolerance_per_mille(
     ranges: Mapping[str, tuple[float, float, float]], units: Mapping[str, str], unit: str
 ) -> int:
-    """The smallest tolerance of the parameters with the unit `unit`, up or down, in per mille; 0 if
-    the set has no such parameter."""
+    """The smallest tolerance of a set of plants in per mille, among the parameters with the unit
+    `unit`; 0 if the set has no such parameter. ranges: {parameter: (nominal, low, high)}."""
     shares = [
         min(nominal - low, high - nominal) / nominal
         for name, (nominal, low, high) in ranges.items()
@@ -49,8 +49,9 @@ def bank_objects(
     experiment: str | Path, worst_ms: float, ranges: Mapping[str, tuple[float, float, float]],
     units: Mapping[str, str], date: datetime.date,
 ) -> dict[str, float]:  # fmt: skip
-    """{object: engineering value} for the bank of an experiment's file: sensor, bank, certificate,
-    contact loss, and last the selection of the bank."""
+    """{object: engineering value} of the bank in an experiment file: sensor, bank, certificate,
+    limits after a contact loss, and last the selection of the bank. worst_ms: largest Ms over the
+    set of plants; ranges, units: of the parameters of the set; date: of the certificate."""
     settings = _core.inputs(str(experiment))["firmware"]
     first = 15 * (BANK - 1) + 1
     names = [
@@ -78,8 +79,9 @@ def bank_objects(
 
 
 class NewFolder:
-    """A new folder that appears complete. Files are written to a temporary folder beside it, which
-    is renamed at the end of the context, unless an exception ends the context."""
+    """Context in which a new folder is written completely or not at all. Its files are written to a
+    temporary folder, which gets the final name at the end of the context. If an exception ends the
+    context, the temporary folder is deleted."""
 
     def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
@@ -92,13 +94,13 @@ class NewFolder:
         return self
 
     def write(self, name: str, text: str) -> Path:
-        """Write a file and return its path."""
+        """Write a text to a file of the folder and return the path of the file."""
         path = self.path / name
         path.write_text(text, encoding="utf-8")
         return path
 
     def reference(self, path: str | Path) -> str:
-        """The relative path by which files in the folder refer to a file."""
+        """The relative path of a file, as seen from the final folder."""
         return os.path.relpath(Path(path).resolve(), self.parent.resolve() / self.out.name)
 
     def __exit__(
@@ -116,7 +118,7 @@ class NewFolder:
 
 
 def refuse_existing(out: Path) -> None:
-    """Raise InputError if `out` is a file or a folder with content."""
+    """Raise InputError if `out` is an existing file or a folder that is not empty."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise ParameterError("out", f"{out}: expected no such file or folder, take another name")
 
@@ -125,7 +127,9 @@ def write(
     folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, own: Path | None = None,
     date: datetime.date | None = None,
 ) -> list[str]:  # fmt: skip
-    """Write experiments and bank.toml of a design into a folder. Returns the names of the files."""
+    """Write the experiments and bank.toml of a design into a folder, and return the names of the
+    files. own: experiment of the user, of which a copy gets the bank; date: of the certificate,
+    None: today."""
     names = []
     model = folder.reference(bench.model)
     if bench.change.edits:
@@ -142,7 +146,7 @@ def write(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),
         outcome.worst.largest_ms, outcome.ranges, outcome.units, date or datetime.date.today(),
     )  # fmt: skip
-    if outcome.slowed:  # the contacts were simulated with this approach speed
+    if outcome.slowed:  # the axis gets the approach speed of the simulated contacts
         values = {"approach_velocity_max": bench.approach_count_per_s(case)} | values
     contact = bench.text(case, outcome.bank, outcome.loss_objects, model)
     texts = {"contact.toml": contact, "bank.toml": bank_text(bench, values)}
@@ -154,10 +158,11 @@ def write(
 
 
 def bank_text(bench: ContactBench, values: dict[str, float]) -> str:
+    """The text of bank.toml from {object: engineering value}."""
     document = tomlkit.document()
     document.add(
         tomlkit.comment(f"The force law designed for {bench.design.model.stem}: objects of an")
     )
-    document.add(tomlkit.comment("axis, in the order in which it takes them."))
+    document.add(tomlkit.comment("axis, in the order in which the axis accepts them."))
     document["firmware"] = values
     return tomlkit.dumps(document)

@@ -1,8 +1,8 @@
 """Designs a force law for a set of plants: search, simulation with the firmware, files.
 
 The search (`search`) uses the linear set of plants. The simulation (`simulate`) may then reduce the
-gain; the reduction is reported, and if another structure has more bandwidth after its own
-reduction, that structure is chosen. `files` writes the design.
+gain of the law, and the result names each reduction. If another structure of the law has more
+bandwidth after such a reduction, that structure is chosen. `files` writes the design.
 """
 
 import contextlib
@@ -29,18 +29,19 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
-# gain of the first law as a share of the limit of P; integral rate of the first law
+# gain, as a share of the limit of P, and integral rate of the law with which the modes are found
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
-Say = Callable[[str], None]
-# Writes a page into a folder: the page names the experiment that the last argument is.
+Say = Callable[[str], None]  # shows a text about the progress
+# Writes the page of a design into a folder. The last argument is the path of the experiment that the
+# page tells the user to run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
-# function that returns the design with the named structure, if there is one
+# returns the design with the structure of the given name; None if no gain keeps the margins
 Instead = Callable[[str], DesignOutcome | None]
 
 
 def check(order: DesignOrder) -> None:
-    """Raises InputError for a value that is out of range for every model."""
+    """Raises InputError for a value of the order that is out of range for every model."""
     for name, value, low in (
         ("ms", order.ms, 1.0),
         ("ms_late", order.ms_late, 1.0),
@@ -62,8 +63,9 @@ def check(order: DesignOrder) -> None:
 
 
 def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
-    """The set of plants of an order. Its modes are all modes, or those that occur in a contact with
-    a small gain and integral action, with which the force reaches the set-points."""
+    """The set of plants of an order. The set has all modes, or the modes that occur in a simulated
+    contact. For this simulation the law has a small gain, and integral action so that the force
+    reaches the set-points."""
     plant = bench.design
     ranges = ranges_of(plant.model, order.over, plant.overrides)
     if order.modes == "all":
@@ -79,8 +81,8 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
 def visited(
     bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
 ) -> tuple[dict[str, str], ...]:
-    """`modes` and the modes that occur at the largest force and in an impact, without
-    duplicates."""
+    """`modes`, and the modes that occur with a bank at the largest force and in an impact, without
+    duplicates. A mode is {element: state}."""
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bench.own, bank, 0))
@@ -96,8 +98,8 @@ def design(
     progress: Say | None = None,
     write_page: PageWriter | None = None,
 ) -> DesignOutcome:
-    """Designs for an order, and writes the design to the folder `out` if one is given. The folder
-    is written completely or not at all.
+    """Designs a force law for a set of plants, and writes the design to the new folder `out` unless
+    `out` is None. The folder is written completely or not at all.
 
     progress(text) is called at every step. write_page: writes the page of the design into the
     folder, as `forceaxis.pages.design.write`. Raises InputError, SimulationError.
@@ -132,7 +134,7 @@ def design(
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
-    """The firmware settings of an order, with the speed of the approach."""
+    """The firmware settings of an order, with the approach speed in encoder counts per second."""
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
@@ -150,7 +152,7 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
 def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
-    """The outcome of the search, and a function that returns the outcome with another structure."""
+    """(result of the search, function that returns the result with another structure)."""
     units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
     def outcome(answer: search.SearchResult) -> DesignOutcome:
@@ -180,11 +182,12 @@ def found(
 def simulated(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, say: Say
 ) -> tuple[DesignOutcome, ContactBench]:
-    """(the design with the gain that the simulation permits, or with another structure whose
-    bandwidth is then larger; the bench with the approach of this design).
+    """(design, bench) after the simulation of contacts, with the gain and the approach speed at
+    which the contacts are stable. The structure of the law changes if another structure then has
+    more bandwidth.
 
-    The approach becomes slower where contacts do not settle or lose contact more than LOSSES_MAX
-    times, unless the order names a speed. Raises InputError where no gain is permitted.
+    The approach becomes slower if contacts do not settle or are lost more than LOSSES_MAX times,
+    unless the order gives a speed. Raises InputError if no gain makes the contacts stable.
     """
     order, threads = outcome.order, outcome.order.threads or os.cpu_count() or 1
     latencies = order.latencies
@@ -221,10 +224,10 @@ def simulated(
 def calmer(
     bench: ContactBench, bank: Bank, latencies: Sequence[int], threads: int
 ) -> tuple[float, ContactBench]:
-    """(share, bench): the fastest of the slower SPEEDS with the smallest number of contact losses
-    caused by the impact alone."""
-    fewest: dict[float, int] = {}  # share -> losses
-    for share in simulate.SPEEDS[1:]:
+    """(share of the approach speed, bench at this speed) with the smallest number of contact losses
+    that the impact alone causes. Among equal numbers, the fastest speed is chosen."""
+    fewest: dict[float, int] = {}  # {share of the approach speed: contact losses}
+    for share in simulate.SPEED_SHARES[1:]:
         slow = bench.at(share)
         slow.wait_for(bank)
         slow.measure_impacts(bank, latencies, threads)
@@ -239,8 +242,8 @@ def settled(
     bench: ContactBench, outcome: DesignOutcome, instead: Instead, members: Sequence[Plant],
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
-    """The design with the most bandwidth whose contacts settle, with the chosen structure or with
-    another one. Raises InputError if no structure gives such a design."""
+    """The design with the largest bandwidth among those whose simulated contacts settle. The
+    structure is the chosen one or another one. Raises InputError if there is no such design."""
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
@@ -254,8 +257,8 @@ def settled(
     promised = {row.name: row.bandwidth_Hz for row in outcome.structures if row.worst}
     names = [n for n, fS in promised.items() if fS and n not in ("P", outcome.chosen)]
     names = [outcome.chosen, *sorted(names, key=promised.__getitem__, reverse=True)]
-    # First, each structure is tried down to the gain at which the next structure has more
-    # bandwidth; if all fail, each structure is tried with any gain.
+    # First, the gain of each structure is reduced only as far as its bandwidth is above that of the
+    # next structure. If all structures fail, each is tried with every gain.
     shares = [promised[after] / promised[name] for name, after in itertools.pairwise(names)] + [0.0]
     best: DesignOutcome | None = None
     refused: InputError | None = None
@@ -268,7 +271,7 @@ def settled(
             try:
                 one = one and left(one, least)
             except InputError as error:
-                # the last try includes the smallest gain, so its error is the reported one
+                # The error of the last try is reported, because this try had the smallest gain.
                 refused = error
                 passed[name] = str(error)
                 continue
@@ -285,9 +288,9 @@ def settled(
 def contact_members(
     bench: ContactBench, plants: PlantSet, count: int, seed: int = 1988
 ) -> list[Plant]:
-    """[{parameter: value}] of the plants on which contacts are simulated: the nominal plant, the
-    plants without friction and with the most friction, and random plants of the set with random
-    friction. If the set names a parameter of friction, its range in the set is used."""
+    """The plants on which contacts are simulated, each as {parameter: SI value}: the nominal plant,
+    the plants without friction and with the most friction, and random plants of the set with random
+    friction. A parameter of friction that the set names keeps its range in the set."""
     own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
     rubbing = friction.drawn(tuple(own), count, seed)
     drawn = random_members(plants, count, seed)
@@ -298,15 +301,15 @@ def contact_members(
 
 
 def random_members(plants: PlantSet, count: int, seed: int = 1988) -> list[Plant]:
-    """[{parameter: value}] of random members, without regard to modes; the choices of `together`
-    alternate."""
+    """Random plants of a set in its nominal mode, each as {parameter: SI value}. The choices of
+    values that change together alternate."""
     turns = len(plants.together)
     drawn = replace(plants, modes=({},)).random(count, seed)
     return [drawn[turns * i + i % turns].values for i in range(count)]
 
 
 def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
-    """The worst figures of a bank whose gain was reduced, over the same set."""
+    """The worst figures of a bank over the set of a design, for a bank whose gain was reduced."""
     found = {
         timing: sets.worst(outcome.plants, (timing,), LoopSpec("bank", bank=bank))
         for timing in outcome.order.goal(outcome.bits).timings
@@ -329,6 +332,7 @@ def reassessed(outcome: DesignOutcome, bank: Bank) -> WorstFigures:
 def _smallest(
     found: Mapping[str, sets.Worst], name: str
 ) -> tuple[float | None, tuple[Member, str] | None]:
-    """The smallest value of a figure and its (member, timing); None if no member has the figure."""
+    """(smallest value of the figure `name`, (member, timing) with this value); both are None if no
+    member has the figure."""
     known = [(getattr(w, name), w.member[name]) for w in found.values() if name in w.member]
     return min(known, key=lambda one: one[0], default=(None, None))

@@ -1,9 +1,9 @@
-"""Range of dry friction over which simulated contacts are evaluated.
+"""Range of dry friction over which contacts are simulated.
 
-The dry friction of a model is uncertain, because it depends on grease, wear and load. A law that
-depends on the damping effect of friction may oscillate without friction, and a law for an axis
-without friction may have a limit cycle where the axis sticks. Contacts are therefore simulated
-without friction, with the declared friction and with twice that friction; in random members, each
+The dry friction of a model is uncertain, because it depends on grease, wear and load. A control law
+that needs the damping effect of friction may oscillate without friction. A control law for an axis
+without friction may have a limit cycle if the axis sticks. Contacts are therefore simulated without
+friction, with the declared friction and with twice that friction. In random members of a set, each
 friction varies independently.
 """
 
@@ -17,13 +17,14 @@ from forceaxis.design import model_file
 from forceaxis.linear import working
 from forceaxis.linear.plant_facts import Overrides
 
-MOST = 2.0  # multiple of the declared friction
+MULTIPLE_MAX = 2.0  # largest multiple of the declared friction
 
 
 @dataclass(frozen=True)
 class FrictionRange:
-    """A friction of a model: its two ends; the one or two parameters of its sliding force and
-    breakaway force, with their declared values in N; the largest multiple of these values."""
+    """A friction element of a model and the range of its force. between: the bodies at its ends;
+    declared_N: (parameter, declared value in N) of sliding force and breakaway force; most: largest
+    multiple of the declared values."""
 
     name: str
     between: tuple[str, str]
@@ -36,14 +37,14 @@ class FrictionRange:
         return self.most * max(value for _, value in self.declared_N)
 
     def at(self, share: float) -> dict[str, float]:
-        """{parameter: N} at a multiple of the declared values."""
+        """{parameter: force in N} at the multiple `share` of the declared values."""
         return {name: share * value for name, value in self.declared_N}
 
 
 def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[FrictionRange, ...]:
-    """The frictions of a model whose forces are parameters (see `named`), without those that the
-    drive cannot overcome. The largest multiple is 2, or the mean of 1 and the ratio of the drive's
-    force to the breakaway force if that is less."""
+    """The friction elements of a model whose forces are parameters (see `named`), without those
+    that the drive cannot overcome. The largest multiple of a friction is 2, or the mean of 1 and
+    the ratio of the drive's force to the breakaway force if this mean is less than 2."""
     arriving = working.arriving_N(model, overrides)
     found = []
     for one in working.frictions(model, overrides):
@@ -51,14 +52,14 @@ def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[Frict
         own = {name: value for name, value in forces if name is not None}
         limit = arriving.get(one.name, one.stiction_N)
         if own and one.stiction_N and limit > one.stiction_N:
-            most = min(MOST, (1 + limit / one.stiction_N) / 2)
+            most = min(MULTIPLE_MAX, (1 + limit / one.stiction_N) / 2)
             found.append(FrictionRange(one.name, one.between, tuple(own.items()), most))
     return tuple(found)
 
 
 def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
-    """Overrides of the member without friction and of the member with the largest value of each
-    friction."""
+    """Two plants as {parameter: force in N}: the plant without friction, and the plant with the
+    largest value of each friction. Empty for a model without friction."""
     if not found:
         return []
     shares = ([0.0 for _ in found], [one.most for one in found])
@@ -66,7 +67,8 @@ def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
 
 
 def drawn(found: tuple[FrictionRange, ...], count: int, seed: int) -> list[dict[str, float]]:
-    """Overrides of `count` random members: each friction is uniform from 0 to its largest value."""
+    """`count` random plants as {parameter: force in N}. Each friction is uniformly distributed from
+    0 to its largest value."""
     rng = random.Random(seed)
     return [_at(found, [rng.uniform(0.0, one.most) for one in found]) for _ in range(count)]
 
@@ -77,8 +79,8 @@ def _at(found: tuple[FrictionRange, ...], shares: list[float]) -> dict[str, floa
 
 
 def named(model: Path) -> str | None:
-    """The text of a model in which each friction force that was a number is a parameter, to be
-    written to another file; None if no friction force is a number."""
+    """The text of the model file after each friction force that is a number has been replaced by a
+    parameter, so that a run can change this force. None if no friction force is a number."""
     document = model_file.document(model)
     changed = False
     for row in document.get("friction", ()):

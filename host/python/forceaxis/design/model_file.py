@@ -1,7 +1,8 @@
-"""Model files as their tables: read into types, and changed with comments kept.
+"""Reads the tables of a model file into types, and changes a model file without loss of its
+comments.
 
-The compiled module reads a model with all units and checks. This module keeps what it does not
-give: which parameter or text of the file a value comes from.
+The compiled module computes with a model but does not tell from which parameter or text of the file
+a value comes. This module reads these names and texts.
 """
 
 import dataclasses
@@ -88,7 +89,7 @@ class ModelDrive:
 
 @dataclass(frozen=True)
 class ModelFile:
-    """The tables of a model file that a design reads."""
+    """The tables of a model file: elements, converters and drive."""
 
     bodies: tuple[ModelBody, ...]
     springs: tuple[ModelLink, ...]
@@ -101,17 +102,20 @@ class ModelFile:
 
     @property
     def contact(self) -> ModelLink | None:
-        """The only contact, on which the force loop presses; None if there is not exactly one."""
+        """The contact at which the axis presses on the workpiece; None if the model does not have
+        exactly one contact."""
         return self.contacts[0] if len(self.contacts) == 1 else None
 
     @property
     def workpiece(self) -> str | None:
-        """The body behind the only contact, or "ground"; None without such a contact."""
+        """The name of the body on which the axis presses, or "ground"; None if the model does not
+        have exactly one contact."""
         return self.contact.between[1] if self.contact else None
 
     @property
     def support(self) -> ModelLink | None:
-        """The only spring at the workpiece; None if there is not exactly one."""
+        """The spring that supports the workpiece; None if the workpiece does not have exactly one
+        spring."""
         found = [spring for spring in self.springs if self.workpiece in spring.between]
         return found[0] if len(found) == 1 else None
 
@@ -121,7 +125,7 @@ class ModelFile:
         return next(adc for adc in self.adcs if adc.channel == 0)
 
     def body(self, name: str | None) -> ModelBody | None:
-        """The body with a name; None if there is no such body."""
+        """The body with the name `name`; None if the model has no such body."""
         return next((body for body in self.bodies if body.name == name), None)
 
 
@@ -153,10 +157,11 @@ def _of_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
 
 @dataclass(frozen=True)
 class TableEdit:
-    """New values for one table of a model file.
+    """New values for one element of a model file. If the file does not have the element, the
+    element is added.
 
-    kind: name of the array of tables, such as "spring"; key: name of the element, or channel of
-    the ADC. An element that the file does not have is added at the end of the array.
+    kind: name of the array of tables, such as "spring"; key: name of the element, or channel of an
+    ADC; values: {key of the table: new value}.
     """
 
     kind: str
@@ -165,8 +170,10 @@ class TableEdit:
 
 
 def document(model: str | Path) -> tomlkit.TOMLDocument:
-    """A model file as a document that can be changed and written to any folder, because its path of
-    parameters is absolute. tomlkit.dumps gives the text, with the comments of the file."""
+    """A model file as a document that can be changed and that keeps the comments of the file.
+
+    tomlkit.dumps gives the text of the document. The text is valid in any folder, because the path
+    of the parameters file is absolute."""
     path = linear.find_model(model)
     found = tomlkit.parse(path.read_text(encoding="utf-8-sig"))
     if parameters := found.get("parameters_file"):
@@ -175,7 +182,7 @@ def document(model: str | Path) -> tomlkit.TOMLDocument:
 
 
 def edited(model: str | Path, edits: Iterable[TableEdit]) -> str:
-    """The text of a model file after edits; see document() for its paths."""
+    """The text of a model file after `edits`. The text is valid in any folder."""
     found = document(model)
     for edit in edits:
         tables = found.setdefault(edit.kind, tomlkit.aot())

@@ -20,22 +20,23 @@ from forceaxis.linear.bank import BankKeys
 if TYPE_CHECKING:
     from forceaxis.linear.stability import Loop
 
-APPROACH_M_PER_S = 0.02  # at most
+APPROACH_M_PER_S = 0.02  # largest approach speed of a new axis
 MOMENTUM_SHARE = 0.1  # share of the sensor's full scale, for the peak force at the first contact
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
-FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1  # L / R of motors
-DAC_CODES = 2048  # from 0 V to full scale
+FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1  # usual range of L / R of a motor
+DAC_CODES = 2048  # DAC codes from 0 V to the full scale of the command
 # the first gains are this share of the linear limit, because contact loss makes a loop unstable
 # earlier
 FIRST_GAIN_SHARE = 1 / 6
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
-HELD = "held.toml"  # the contact with a bank
+HELD = "held.toml"  # experiment of a contact with the designed bank
 
 
 @dataclass
 class AxisConstants:
-    """Constants derived from the data sheet."""
+    """Constants of the model that follow from the data sheet, in SI units and with the names of the
+    model's parameters."""
 
     v: SheetValues
     r_trans: float
@@ -57,8 +58,8 @@ class AxisConstants:
 
 
 def derive(v: SheetValues) -> AxisConstants:
-    """The gains of the amplifier and the constants of the model. Raises InputError if no values
-    satisfy the data sheet."""
+    """The gains of the amplifier and the other constants of the model for a data sheet. Raises
+    InputError if no gain gives the bandwidths of the data sheet."""
     r, mass, full_V = v.radius_m, v.total_mass_kg, v.command_full_scale_v
     speed = v.full_scale_speed_m_per_s
     current = min(v.motor_peak_current_a, v.amplifier_current_limit_a)
@@ -134,57 +135,60 @@ def stuck(v: SheetValues, first: "First") -> list[str]:
 
 
 def within(name: str, value: float) -> float:
-    """A value of a firmware object, limited to the object's range."""
+    """The value of a firmware object, limited to the range of the object."""
     known = objects.BY_NAME[name]
     return min(max(value, known.min * known.scale), known.max * known.scale)
 
 
 @dataclass
 class First:
-    """The first gains and the expected performance with them."""
+    """The first gains of a new axis and what the axis does with them. Gains are in DAC codes per
+    count, the set-point is in force counts at 8 bits."""
 
     limit: float
     gain: float
     setpoint: float
     held: float  # share of the set-point at which the force settles without integral action
-    reach_s: float
-    contact_s: float
+    contact_s: float  # duration of contact.toml
     position_limit: float
     position_gain: float
     distance_m: float
     speed_m_per_s: float
     acceleration_m_per_s2: float
-    step_s: float
-    pushes_N: float  # force of the approach at its start: from the command and the weight
-    # multiple of the declared dry friction that this force overcomes; None: less than 1
+    step_s: float  # duration of step.toml
+    pushes_N: float  # force of the axis at the start of the approach, from command and weight
+    # multiple of the declared dry friction that pushes_N overcomes; None: less than 1
     friction_most: float | None
     raised: bool  # True if the set-point was raised to overcome the friction
 
 
 def approach_m_per_s(axis: AxisConstants) -> float:
-    """Approach speed whose momentum causes the share MOMENTUM_SHARE of the sensor's full scale as
-    spring force, v sqrt(k m), at most APPROACH_M_PER_S."""
+    """Approach speed in m/s, at most APPROACH_M_PER_S. With this speed v, the peak force of the
+    first contact, v sqrt(k m), is the share MOMENTUM_SHARE of the full scale of the sensor."""
     v, stiffness = axis.v, axis.v.sensor_stiffness_n_per_m
     force = MOMENTUM_SHARE * v.sensor_full_scale_n
     return min(APPROACH_M_PER_S, force / math.sqrt(stiffness * axis.mass))
 
 
 def highest_gain(loop: "Loop", volts_per_code: float) -> float:
-    """The limit of a loop in DAC codes per unit of its signal, at most 256, the limit of the
-    firmware."""
+    """Highest stable gain of a loop in DAC codes per unit of its signal. The result is at most 256,
+    because the firmware stores no larger gain."""
     gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
 
 def first_gain(limit: float) -> float:
-    """The first gain for a limit of highest_gain(), at least the smallest gain of the firmware."""
+    """The first gain of a loop, as the share FIRST_GAIN_SHARE of the highest stable gain `limit`,
+    and at least the smallest gain that the firmware stores."""
     return max(1, math.floor(limit * FIRST_GAIN_SHARE * 256)) / 256
 
 
 def first_gains(axis: AxisConstants, model: Path) -> First:
-    """First gains as a share of the linear limits. The set-point is a quarter of the sensor range
-    or of the peak force, whichever is smaller; it is larger if the approach has to overcome the
-    weight and twice the dry friction."""
+    """First gains of a new axis, as a share of the linear limits of its loops.
+
+    The force set-point is a quarter of the sensor range or of the peak force of the drive,
+    whichever is smaller. The set-point is larger if the approach has to overcome the weight and
+    twice the dry friction."""
     from forceaxis import linear
     from forceaxis.linear import loops
 
@@ -233,10 +237,10 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     rate = force.decay(gain * volts)
     free_speed = min(gain * setpoint, DAC_CODES) * code
     reach = v.approach_mm / 1e3 / free_speed
-    # With lower gains and set-points the axis approaches more slowly; a tenth of the speed is
-    # permitted if the approach does not take too long.
+    # A user may run the file with lower gains and set-points, with which the approach is slower.
+    # The duration permits a tenth of the speed, unless the approach then takes too long.
     room = min(10 * reach, 1.3 * reach + 3)
-    pushes = free_speed / speed_per_N + weight  # N, standing
+    pushes = free_speed / speed_per_N + weight  # N, at standstill
     most = friction_most(dry, pushes)
     if most is not None:
         slowest = (pushes - most * dry) * speed_per_N
@@ -251,15 +255,16 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     settle = 10 / max(position.decay(position_gain * volts), 0.5)
     step = math.ceil(2 * (distance / speed + speed / acceleration + settle + 0.5)) / 2
     return First(
-        limit, gain, setpoint, held, reach, contact, position_limit, position_gain, distance,
+        limit, gain, setpoint, held, contact, position_limit, position_gain, distance,
         speed, acceleration, min(step, 600.0), pushes, most, setpoint > usual,
     )  # fmt: skip
 
 
 def friction_most(dry_N: float, pushes_N: float) -> float | None:
-    """Multiple of the declared dry friction that an approach with a given force overcomes: 2, or
-    half-way between 1 and the largest multiple if that is less. None if it does not overcome the
-    declared friction."""
+    """Multiple of the declared dry friction that an approach with the force `pushes_N` overcomes.
+
+    The multiple is 2, or the mean of 1 and the largest multiple if this mean is less than 2. None:
+    the force does not overcome the declared friction."""
     if pushes_N <= dry_N:
         return None
     return 2.0 if 2 * dry_N < pushes_N else (1 + pushes_N / dry_N) / 2
@@ -272,7 +277,8 @@ def render(
     sources: Mapping[str, str],
     first: First | None = None,
 ) -> str:
-    """The text of one of FILES; the text of the model needs no first gains."""
+    """The text of one of the files of a new axis. name: one of FILES; first: None for the model,
+    whose text does not contain gains."""
     environment = jinja2.Environment(
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -317,19 +323,17 @@ def render(
 
 @dataclass(frozen=True)
 class BankForAxis:
-    """The bank of a new axis: set of plants and modes, structure, worst bandwidth fS in Hz, that of
-    P at the same margins, gain of P in codes per 8-bit count, its static error as a share, the
-    limiting bound, the speed of the approach. None: P keeps the margins at no gain."""
+    """The bank that was designed for a new axis, and the P law at the same margins."""
 
-    over: list[str]
-    modes: list[dict[str, str]]
+    over: list[str]  # tolerances of the set, NAME=PERCENT%
+    modes: list[dict[str, str]]  # {element: state} of each mode of the set
     structure: str
     bank: BankKeys
-    fS_Hz: float
-    p_fS_Hz: float | None
-    p_force_gain: float
-    p_static_error: float | None
-    limited_by: str
+    fS_Hz: float  # bandwidth over the set
+    p_fS_Hz: float | None  # bandwidth of P over the set; None: P keeps the margins at no gain
+    p_force_gain: float  # DAC codes per 8-bit count
+    p_static_error: float | None  # share of the set-point
+    limited_by: str  # sentence about the bound that limits the bandwidth
     approach_m_per_s: float
 
     @property
@@ -340,31 +344,28 @@ class BankForAxis:
 
 @dataclass(frozen=True)
 class NoBank:
-    """The new axis gets no bank; the field gives the reason."""
+    """A new axis has no bank, for the reason `refused`."""
 
     refused: str
 
 
 @dataclass(frozen=True)
 class NewAxis:
-    """The content of `forceaxis new --json`: files, masses in kg, gains in codes per 8-bit count
-    with the linear limit, set-point in counts and N, share of the set-point at which the force of
-    contact.toml settles, the bank, names of the values that are defaults, doubts about the data
-    sheet."""
+    """The content of `forceaxis new --json`."""
 
     folder: str
     files: list[str]
-    total_mass_kg: float
-    force_limit_gain: float
-    force_gain: float
-    force_setpoint: float
+    total_mass_kg: float  # moving mass and reflected rotor
+    force_limit_gain: float  # highest stable force_gain of the linear loop
+    force_gain: float  # DAC codes per 8-bit count
+    force_setpoint: float  # 8-bit counts
     setpoint_N: float
-    held_share: float
-    held_with: str  # end of a line: what the share includes or excludes
-    position_gain: float
-    design: BankForAxis | NoBank | None  # None: not asked for
-    defaults: list[str]
-    doubts: list[str]
+    held_share: float  # share of the set-point at which the force of contact.toml settles
+    held_with: str  # end of a sentence: what held_share includes or excludes
+    position_gain: float  # DAC codes per encoder count
+    design: BankForAxis | NoBank | None  # None: the user did not ask for a bank
+    defaults: list[str]  # names of the data-sheet values that are defaults
+    doubts: list[str]  # sentences about values that are possible but unlikely
     marked: int  # number of model values that are defaults
 
 
@@ -375,9 +376,11 @@ def write(
     force: bool = False,
     design: Callable[[Path], tuple[str | None, BankForAxis | NoBank]] | None = None,
 ) -> NewAxis:
-    """Writes model and experiments to `folder`, all files or none; returns what was written.
+    """Writes the model and the experiments of a new axis to `folder`. Either all files are written
+    or none.
 
-    design: own_axis.design, or None for an axis without a bank.
+    values, sources: as data_sheet.collect() returns them. design: own_axis.design, or None for an
+    axis without a bank.
     """
     folder = Path(folder)
     title = folder.name
@@ -400,7 +403,7 @@ def write(
     with paths.replacing(folder, *written) as files:
         for file, text in zip(files, written.values(), strict=True):
             file.write_text(text, encoding="utf-8")
-        if HELD not in written:  # of the model before
+        if HELD not in written:  # a file of this name belongs to the replaced model
             (folder / HELD).unlink(missing_ok=True)
     return NewAxis(
         folder=paths.display(folder),
@@ -421,14 +424,15 @@ def write(
 
 
 def held_with(v: SheetValues) -> str:
-    """End of a line: what the settled share of the set-point includes or excludes."""
+    """The end of a sentence about the force at which contact.toml settles: whether the force
+    includes the weight, and whether dry friction may change the force."""
     text = "" if v.inclination_deg is None else ", the weight's part included"
-    return text + (", give or take the dry friction" if v.guide_coulomb_n else "")
+    return text + (", plus or minus the dry friction" if v.guide_coulomb_n else "")
 
 
 def refuse_existing(folder: Path, force: bool) -> None:
-    """Raises InputError if files would be replaced without --force, or files that `new` does not
-    write."""
+    """Raises InputError if `folder` is a file, or if the folder contains files of an axis and the
+    user did not permit to replace them (`force`)."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
     there = [name for name in (*FILES, HELD) if (folder / name).exists()]

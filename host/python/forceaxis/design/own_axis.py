@@ -1,5 +1,5 @@
-"""The last step of `forceaxis new`: a bank for the new axis, and an experiment of a contact with
-it."""
+"""The last step of `forceaxis new`: designs a bank for the new axis and writes an experiment in
+which the axis makes contact with this bank."""
 
 import itertools
 import os
@@ -16,7 +16,7 @@ from forceaxis.design.changes import Design
 from forceaxis.design.grid import Goal
 from forceaxis.design.new import CONTACT, MODEL, BankForAxis, NoBank
 from forceaxis.design.reduced import ShortSearch
-from forceaxis.design.simulate import PEAK_MAX, SPEEDS, ContactBench, Plant
+from forceaxis.design.simulate import PEAK_MAX, SPEED_SHARES, ContactBench, Plant
 from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
@@ -27,12 +27,13 @@ RANDOM_FRICTIONS, SEED = 3, 1988  # number and seed of members with random frict
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
-    """(text of HELD or None, the bank) for the axis in `folder`, as `forceaxis new` wrote it.
+    """(text of the experiment HELD, the bank) for the new axis in `folder`; the text is None if
+    there is no bank.
 
-    The set: stiffness and mass of the workpiece, +-30 %, in every linear range of the amplifier.
-    The function simulates combinations of approach speed, action at a contact loss and gain, in
-    this order and each from the largest value. It chooses the first combination with which first
-    contacts and impacts settle.
+    The bank is designed for a tolerance of 30 % of the stiffness and mass of the workpiece, in
+    every linear range of the amplifier. The function then simulates combinations of approach speed,
+    action at a contact loss and gain, and chooses the first combination with which first contacts
+    and impacts settle. Each quantity starts at its largest value.
     """
     try:
         with Design(folder / CONTACT) as plant:
@@ -42,7 +43,8 @@ def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
 
 
 def _approach(folder: Path, count_per_s: int) -> Path:
-    """contact.toml with a speed of the approach of mode of operation 4."""
+    """The path of a copy of contact.toml in which mode of operation 4 approaches with a given speed
+    in encoder counts per second."""
     contact = experiment_file.document(folder / CONTACT)
     contact.setdefault("firmware", {}).update(approach_velocity_max=count_per_s)
     path = folder / "approach.toml"
@@ -83,7 +85,8 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
 
 @dataclass(frozen=True)
 class SettledContact:
-    """A bank whose contacts settle, the text of HELD, the speed of the approach."""
+    """A bank with which simulated contacts settle; text: of the experiment HELD; the approach speed
+    in m/s."""
 
     bank: Bank
     text: str
@@ -91,15 +94,18 @@ class SettledContact:
 
 
 def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledContact:
-    """The first combination whose contacts settle."""
+    """The first combination of approach speed, action at a contact loss and gain with which
+    simulated contacts settle. Raises InputError if there is none."""
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    # the first combination that loses contact more often than in the first try
+    # first combination whose contacts settle but are lost more than LOSSES_MAX[0] times
     spare: SettledContact | None = None
-    # With friction, the default at a contact loss, a cap of 0, is tried last: see
-    # simulate.losses().
-    for stands, gain, share in itertools.product((False, True)[: 1 + rubs], GAIN_SHARES, SPEEDS):
+    # With friction, the default at a contact loss, a cap of 0 DAC codes, is tried last, because the
+    # axis may then stay at standstill.
+    for stands, gain, share in itertools.product(
+        (False, True)[: 1 + rubs], GAIN_SHARES, SPEED_SHARES
+    ):
         bank = replace(designed, force_gain=gain * designed.force_gain).quantised()
         speed = share * fastest
         with Design(_approach(folder, max(1, round(speed * scale)))) as slower:

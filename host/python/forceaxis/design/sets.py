@@ -15,8 +15,9 @@ WORKPIECE_TOLERANCE = "30%"
 
 
 def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[str, ...]:
-    """Default of --over for the workpiece, +-30 %: its mass and the stiffness of its support. If
-    the workpiece is the ground: the stiffness of the contact. Empty without a contact."""
+    """Default tolerances of a set of plants as texts NAME=PERCENT%: 30 % of the mass of the
+    workpiece and of the stiffness of its support. If the workpiece is the ground, the tolerance is
+    that of the stiffness of the contact. Empty for a model without a contact."""
     known, tables = linear.facts(model, overrides).parameters, model_file.read(model)
     if tables.contact is None:
         return ()
@@ -32,9 +33,9 @@ def workpiece(model: str | Path, overrides: Overrides | None = None) -> tuple[st
 def slopes(
     model: str | Path, overrides: Overrides | None = None, fixed: States | None = None
 ) -> tuple[dict[str, str], ...]:
-    """Modes of a PlantSet: every linear range of the amplifier and of other elements, frictions
-    stuck and sliding, but no limits of the current, at which an axis is not meant to work. fixed:
-    states that all modes have."""
+    """Modes of a set of plants as {element: state}: every linear range of the amplifier and of
+    other elements, with frictions stuck and sliding. Modes in which the current is limited are
+    left out, because an axis does not work in them. fixed: states that all modes have."""
     return tuple(
         modes
         for modes in margins.modes_all(model, overrides, fixed=fixed)
@@ -49,8 +50,9 @@ def plant_set(
     modes: tuple[dict[str, str], ...] | None = None,
     fixed: States | None = None,
 ) -> PlantSet:
-    """The PlantSet of a model. over: texts as --over, None: `workpiece`; modes: None: `slopes`,
-    with the states of `fixed`."""
+    """The set of plants of a model. over: tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH,
+    None: those of `workpiece`; modes: {element: state} of each mode, None: those of `slopes`;
+    fixed: states that all modes of `slopes` have."""
     overrides = dict(overrides or {})
     over = workpiece(model, overrides) if over is None else over
     modes = slopes(model, overrides, fixed) if modes is None else modes

@@ -1,14 +1,15 @@
 """Simulates contacts with the firmware, for effects that the linear analysis does not contain.
 
-A Bench is a model with an ADC of the chosen resolution and with the axis in mode 4. Its cases are
-first contacts at three set-points, one of them at half the approach speed, and impacts at the two
-lower set-points. Each case runs with every latency, on the nominal plant and on random members of a
-set.
+A ContactBench is a model with an ADC of the chosen resolution and with the axis in mode of
+operation 4. Its cases are first contacts at three set-points, one of them at half the approach
+speed, and impacts at the two lower set-points. Each case runs with every latency, on the nominal
+plant and on random members of a set.
 
-A [verdict] evaluates each case. A first contact has to keep its force within ERROR_MAX, its peak
-below PEAK_MAX set-points, and the contact may be lost LOSSES_MAX times at most. If the impact alone
-exceeds these values for any law (see measure_impacts), its values are added to the limits. After an
-impact, the force has to settle and to stay at the set-point.
+The table [verdict] of each case has limits. In a first contact the force error is at most
+ERROR_MAX, the peak force is at most PEAK_MAX set-points, and the contact is lost at most LOSSES_MAX
+times. The impact of the first contact alone may exceed these limits with every control law; then
+the limits are larger (see measure_impacts). After an additional impact, the force has to settle and
+to stay at the set-point.
 """
 
 import math
@@ -44,43 +45,45 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.results import to_json
 
-Job = tuple[str, list[str]]  # (experiment, overrides)
+Job = tuple[str, list[str]]  # a run: (experiment, texts NAME=VALUE)
 Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
 
 # Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
-OF_STALL = 0.25  # largest set-point as a share of the drive's largest force
-RAMP_S = 0.2  # rise time of the largest set-point
+STALL_FORCE_SHARE = 0.25  # largest set-point as a share of the drive's largest force
+RAMP_S = 0.2  # rise time of the largest force set-point
 STRIKE_S = 0.5 / 150  # impulse of an impact, N s per newton of the largest set-point
-APPROACH_M_PER_S = 0.02
-WINDOW_S = 0.5
+APPROACH_M_PER_S = 0.02  # largest approach speed, unless an experiment gives a speed
+WINDOW_S = 0.5  # window of the verdict
 SETTLE_S = (1.5, 10.0)  # shortest and longest time from first contact to window
-RIPPLE_COUNT = 3.0  # 8-bit counts, peak to peak
-LEAST_COUNT = 4  # twice the default contact_force
-# Settings of an experiment that are also used in the cases.
+RIPPLE_COUNT = 3.0  # largest force ripple in 8-bit counts, peak to peak
+LEAST_COUNT = 4  # smallest set-point in 8-bit counts: twice the default contact_force
+# Firmware settings that the cases take from the experiment of the design.
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
-STRIKES = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)  # factors of the impulse of a case
-DWELLS_MS = (300, 100, 600)
+# factors of the impulse of a case for a series of impacts
+STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
+DWELLS_MS = (300, 100, 600)  # values of contact_loss_dwell that are tried
 FRICTION_SHARES = (
     0.5,
     1.0,
 )  # shares of the largest friction against which the approach may have to move
-BACKOFF, BACKOFFS = 0.9, 20
+BACKOFF, BACKOFFS = 0.9, 20  # factor and largest number of the reductions of a gain
 # permitted force error as a share of the set-point, for a law with integral action; at least
 # HALF_COUNT
 ERROR_MAX = 0.02
 HALF_COUNT = 0.6  # 8-bit counts: error of the measured force at rest
-PEAK_MAX = 1.3  # set-points
-LOSSES_MAX = 1
-SPEEDS = (1.0, 0.5, 0.25, 0.1)  # shares of the approach speed that are tried
-SATURATED_MAX_S = 0.02
-WEAK = 0.25  # gain as a share of the designed gain; such a weak law has no effect on an impact
+PEAK_MAX = 1.3  # largest peak force in set-points
+LOSSES_MAX = 1  # permitted contact losses of a first contact
+SPEED_SHARES = (1.0, 0.5, 0.25, 0.1)  # shares of the approach speed that are tried
+SATURATED_MAX_S = 0.02  # longest permitted saturation of the DAC code
+# share of the designed gain at which the control law has no effect on an impact
+WEAK_GAIN_SHARE = 0.25
 
 
 class ContactBench:
-    """A model with an ADC of `bits` that makes first contacts. own: an experiment that is an
-    additional case; firmware: settings that replace those of the experiment in KEPT; forces_N:
-    set-points in N, empty: chosen by the ranges of sensor and drive."""
+    """A model with an ADC of `bits` bits, with which contacts are simulated. own: an experiment of
+    the user that is an additional case; firmware: settings that replace those of the experiment;
+    forces_N: force set-points in N, empty: chosen by the ranges of sensor and drive."""
 
     def __init__(
         self, design: Design, bits: int, own: Path | None = None,
@@ -88,7 +91,7 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        # losses of a first contact, in addition to those of the impact
+        # permitted contact losses of a first contact, in addition to those of the impact alone
         self.losses_max = LOSSES_MAX
         # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
@@ -115,7 +118,7 @@ class ContactBench:
         self.frictions = friction.ranges(self._run_model, self.overrides)
 
     def at(self, share: float) -> "ContactBench":
-        """A bench whose approach has `share` of the speed of this bench."""
+        """A bench with the same cases at `share` of the approach speed of this bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
         self._files = {}  # the files of this bench have the same names as those of the other bench
@@ -125,13 +128,14 @@ class ContactBench:
         )  # fmt: skip
 
     def wait_for(self, bank: Bank) -> None:
-        """Lengthens the cases if the integral action is slow; to be called before the first
-        case."""
+        """Lengthens the simulated time of the cases if the integral action of a bank is slow. The
+        call has no effect on files that were already written."""
         if bank.integral_rad_per_s:
             low, high = SETTLE_S
             self.settle_s = min(max(low, round(6 / bank.integral_rad_per_s, 1)), high)
 
     def _check(self) -> None:
+        """Raises InputError if the model lacks a force sensor, a contact or an encoder."""
         signal = self.facts.required_reading.signal
         if self.facts.signals.get(signal) != "N":
             raise InputError(
@@ -149,7 +153,8 @@ class ContactBench:
             )
 
     def _settings(self, bits: int) -> dict[str, float | str]:
-        """Firmware settings that all cases share, without set-point, speed and bank."""
+        """Firmware settings that are equal in all cases, without set-point, approach speed and
+        bank."""
         zero = self.change.firmware.get("force_zero_code")
         if zero is None:
             zero = int(self.design.value(self.design.tables.force_adc.zero_code) or 0)
@@ -157,7 +162,7 @@ class ContactBench:
         if "position_gain" not in kept:
             kept["position_gain"] = self._position_gain()
         counts = min(256 - zero / 2 ** (bits - 8), 255.0)
-        top = min(SETPOINTS[-1] * counts * self.count_N, OF_STALL * self._stall_N())
+        top = min(SETPOINTS[-1] * counts * self.count_N, STALL_FORCE_SHARE * self._stall_N())
         self.setpoints_N = [
             max(round(s / SETPOINTS[-1] * top / self.count_N), LEAST_COUNT) * self.count_N
             for s in SETPOINTS
@@ -195,7 +200,8 @@ class ContactBench:
             )  # fmt: skip
 
     def _position_gain(self) -> float:
-        """A sixth of the linear limit out of contact, as in `forceaxis new`."""
+        """Position gain in DAC codes per count: a sixth of the highest stable gain out of contact,
+        as in `forceaxis new`."""
         loop = loops.force_loop(self.model, overrides=self.overrides, output="encoder", free=True)
         return first_gain(highest_gain(loop, self.facts.volts_per_code))
 
@@ -209,7 +215,8 @@ class ContactBench:
         return float(supply_V / R * drive["k_torque"] / r_trans)
 
     def _speed(self) -> float:
-        """Approach speed in m/s: the given one, otherwise 20 mm/s or the default of the object."""
+        """Approach speed in m/s: the speed of the user or of the experiment; without one 20 mm/s or
+        the default of approach_velocity_max, whichever is smaller."""
         scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
         name = "approach_velocity_max"
@@ -230,7 +237,8 @@ class ContactBench:
 
     @property
     def shown(self) -> ContactCase:
-        """The first contact in the figure: at full speed and the middle force."""
+        """The first contact that the figure shows: at full approach speed and the middle
+        set-point."""
         return self.cases[len(self.setpoints_N[:-1]) // 2]
 
     @property
@@ -242,9 +250,10 @@ class ContactBench:
         self, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1,
         cases: Sequence[ContactCase] = (),
     ) -> None:  # fmt: skip
-        """Simulates the impact of each case with a small gain, and records its contact losses and
-        its peak. cases: first contacts that replace those of the bench."""
-        weak = replace(bank, force_gain=WEAK * bank.force_gain).quantised()
+        """Simulates the impact of each first contact with a small gain, and stores the contact
+        losses and the peak force, which enlarge the limits of the verdicts. cases: first contacts
+        that replace those of the bench."""
+        weak = replace(bank, force_gain=WEAK_GAIN_SHARE * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}
         plants: list[Plant] = [{}, *friction.members(self.frictions)]
@@ -256,16 +265,16 @@ class ContactBench:
             losses, peak_N = self.impacts.get(case, (0, 0.0))
             losses = max(losses, one.metrics.contact_losses_run)
             self.impacts[case] = (losses, max(peak_N, one.metrics.peak_force_N))
-        self._files = {}  # the limits are others
+        self._files = {}  # files that were written before have other limits
 
     def losses_permitted(self, case: ContactCase) -> int | None:
-        """Contact losses that the verdict of a case permits; None: any number."""
+        """Number of contact losses that the verdict of a case permits; None: any number."""
         if case.strike_N_s:
             return None
         return self.impacts.get(case, (0, 0.0))[0] + self.losses_max
 
     def limits(self, case: ContactCase, bank: Bank) -> dict[str, float]:
-        """The limits in [verdict] of a case."""
+        """The limits of a case as keys of the table [verdict]."""
         found: dict[str, float] = {}
         if bank.integral_rad_per_s:
             error_N = max(ERROR_MAX * case.setpoint_N, HALF_COUNT * self.count_N)
@@ -281,28 +290,29 @@ class ContactBench:
         }
 
     def extreme(self) -> list[ContactCase]:
-        """The case with the largest set-point, and the impact at the largest force."""
+        """The two cases in which the plant visits most modes: the first contact with the largest
+        set-point, and the impact at the largest force."""
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
     def struck(self) -> tuple[str, float]:
-        """(body, sign) of an impact: the workpiece, or the body that presses if the workpiece is
-        the ground."""
+        """(body, sign of the impulse) of an impact. The body is the workpiece, or the body that
+        presses if the workpiece is the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
     def gap_m(self) -> float:
-        """Distance of the two bodies of the contact at the start."""
-        places = {body.name: self._place(body.position) for body in self.design.tables.bodies}
+        """Distance of the two bodies of the contact at the start of a run, in m."""
+        places = {body.name: self._position_m(body.position) for body in self.design.tables.bodies}
         near, far = self.facts.contacts[0].between
         return max(0.0, places.get(far, 0.0) - places.get(near, 0.0))
 
-    def _place(self, given: Given | None) -> float:
+    def _position_m(self, given: Given | None) -> float:
         if isinstance(given, str) and given.startswith("-"):
-            return -self._place(given[1:])
+            return -self._position_m(given[1:])
         return self.design.value(given) or 0.0
 
     def touch_s(self, case: ContactCase) -> float:
-        """Time in s at which the axis is in contact at the latest, with a margin of a fifth."""
+        """Latest time of the first contact of a case in s, with a margin of a fifth."""
         return 0.1 + 1.2 * self.gap_m() / case.speed_m_per_s
 
     def text(
@@ -371,19 +381,19 @@ class ContactBench:
         return tomlkit.dumps(text)
 
     def loads(self, case: ContactCase) -> dict[str, float | str]:
-        """Firmware settings of a case."""
+        """Firmware settings that differ between the cases: set-point and approach speed."""
         return {
             "target_force": round(1000 * case.setpoint_N / self.rated_N),
             "approach_velocity_max": self.approach_count_per_s(case),
         }
 
     def approach_count_per_s(self, case: ContactCase) -> int:
-        """Speed of the approach in encoder counts per second."""
+        """Approach speed of a case in encoder counts per second."""
         scale = abs(self.facts.required_encoder.scale)
         return max(1, round(case.speed_m_per_s * scale))
 
     def file(self, case: ContactCase, bank: Bank) -> Path:
-        """Path of the experiment of a case."""
+        """Path of the experiment file of a case with a bank."""
         if (case, bank) not in self._files:
             name = f"case_{len(self._files)}.toml"
             self._files[case, bank] = self.design.file(name, self.text(case, bank))
@@ -393,7 +403,8 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, member: Plant, latency: int,
         loss: Mapping[str, int] | None = None,
     ) -> Job:  # fmt: skip
-        """The run of a case on a plant. loss: {"contact_loss_cap": code, ...}."""
+        """The run of a case on a plant with a latency in ticks. loss: values of the firmware
+        objects for the time after a contact loss."""
         firmware = {"latency_ticks": latency} | dict(loss or {})
         texts = linear.override_texts(member)
         return str(self.file(case, bank)), [
@@ -403,7 +414,7 @@ class ContactBench:
     def own_job(
         self, own: Path, bank: Bank, latency: int, loss: Mapping[str, int] | None = None
     ) -> Job:
-        """The run of the user's own experiment with the bank."""
+        """The run of the user's own experiment with a bank and a latency in ticks."""
         key = (own, bank, *(loss or {}).values())
         if key not in self._files:
             text = self.with_bank(own, bank, loss or {})
@@ -411,8 +422,9 @@ class ContactBench:
         return str(self._files[key]), [f"firmware.latency_ticks={latency}"]
 
     def press_speed_code(self, speed_m_per_s: float, share: float = 1.0) -> int:
-        """The DAC code that moves the axis out of contact at a speed, against `share` of the
-        largest friction. With a smaller code, friction may keep the axis at standstill."""
+        """The DAC code with which the axis moves out of contact at a speed, against the share
+        `share` of the largest friction. With a smaller code, friction may keep the axis at
+        standstill."""
         body = self.facts.required_drive.body
         ends = [f"{end}.force" for one in self.frictions for end in one.between if end != "ground"]
         inputs = ("drive.command", *dict.fromkeys(ends))
@@ -432,8 +444,9 @@ class ContactBench:
 def run(
     jobs: Sequence[Job], threads: int, experiments: _core.Experiments | None = None
 ) -> list[ContactRun]:
-    """Runs the jobs in their order. experiments: `_core.Experiments`, which stores files that were
-    read, for calls with the same files. Raises SimulationError for the first run that fails."""
+    """Simulates runs and returns their results in the order of `jobs`. experiments: a store of
+    files that were read, for repeated calls with the same files. Raises SimulationError for the
+    first run that fails."""
     shared = experiments or _core.Experiments()
     outcomes = _core.run_many(jobs, threads, None, True, None, shared)
     for outcome in outcomes:
@@ -446,8 +459,8 @@ def simulate(
     bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
     loss: Mapping[str, int] | None = None, threads: int = 1, law: str = "design",
 ) -> list[SimulatedContact]:  # fmt: skip
-    """Simulates all cases of a bench with a bank on each plant of `members` and with each latency;
-    the user's own experiment on the nominal plant only."""
+    """Simulates all cases of a bench with a bank, on each plant of `members` and with each latency.
+    The user's own experiment is simulated on the nominal plant only."""
     keys: list[tuple[ContactCase | NamedCase, Plant, int]] = []
     jobs, most = [], []
     for case in bench.cases:
@@ -471,8 +484,8 @@ def simulate(
 def choose_loss(
     bench: ContactBench, bank: Bank, latencies: Sequence[int] = (0, 1), threads: int = 1
 ) -> ContactLoss:
-    """The cap and the dwell after a contact loss with which the law tolerates the largest impacts
-    of the series STRIKES."""
+    """The limits after a contact loss (cap in DAC codes, dwell in ms) with which the control law
+    tolerates the largest impacts of a series."""
     slow = (bench.press_speed_code(bench.cases[0].speed_m_per_s / 4, s) for s in FRICTION_SHARES)
     caps = dict.fromkeys((0, *slow, 2048))
     plants = friction.members(bench.frictions) or [{}]
@@ -481,7 +494,7 @@ def choose_loss(
     keys = [
         (choice, case, latency, plant, share)
         for choice in choices for case in struck for latency in latencies for plant in plants
-        for share in STRIKES
+        for share in STRIKE_FACTORS
     ]  # fmt: skip
     jobs = [
         bench.job(
@@ -492,10 +505,10 @@ def choose_loss(
     ]  # fmt: skip
     stable = [one.verdict == "stable" for one in run(jobs, threads)]
     tolerated: dict[tuple[int, int], list[float]] = {choice: [] for choice in choices}
-    for i in range(0, len(keys), len(STRIKES)):
-        ladder = [*stable[i : i + len(STRIKES)], False]
+    for i in range(0, len(keys), len(STRIKE_FACTORS)):
+        ladder = [*stable[i : i + len(STRIKE_FACTORS)], False]
         survived = ladder.index(False)
-        tolerated[keys[i][0]].append(STRIKES[survived - 1] if survived else 0.0)
+        tolerated[keys[i][0]].append(STRIKE_FACTORS[survived - 1] if survived else 0.0)
     able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
     # Of equal results, the first is chosen.
     best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
@@ -505,15 +518,15 @@ def choose_loss(
         contact_loss_dwell=best[1],
         strike_N_s=min(tolerated[best]) * strike,
         strike_default_N_s=min(tolerated[choices[0]]) * strike,
-        strike_hardest_N_s=STRIKES[-1] * strike,
+        strike_hardest_N_s=STRIKE_FACTORS[-1] * strike,
     )
 
 
 def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], ...]:
-    """Firmware objects for a contact loss, in the order in which they are simulated: first the
-    default, then a motion towards the workpiece at approach speed. With friction the default, a cap
-    of 0, comes last, because an axis that only touches the workpiece stays at standstill with it.
-    """
+    """Values of the firmware objects for the time after a contact loss, in the order in which they
+    are simulated: first the default, then a motion towards the workpiece at approach speed. With
+    friction the default, a cap of 0 DAC codes, comes last, because an axis that has lost the
+    contact may then stay at standstill."""
     on = {"contact_loss_cap": bench.press_speed_code(speed_m_per_s)}
     slow = [
         {"contact_loss_cap": bench.press_speed_code(speed_m_per_s / 4, share)}
@@ -524,8 +537,8 @@ def losses(bench: ContactBench, speed_m_per_s: float) -> tuple[dict[str, int], .
 
 @dataclass(frozen=True)
 class SafeDesign:
-    """A bank with which every simulated contact is stable: the bank, the limits after a contact
-    loss, the contacts, and the larger gains that were rejected."""
+    """A bank with which every simulated contact is stable. loss: limits after a contact loss;
+    cuts: the larger gains that were rejected."""
 
     bank: Bank
     loss: ContactLoss
@@ -537,11 +550,11 @@ def safe(
     bench: ContactBench, bank: Bank, members: Sequence[Plant], latencies: Sequence[int] = (0, 1),
     threads: int = 1, progress: Callable[[str], None] | None = None, least: float = 0.0,
 ) -> SafeDesign:  # fmt: skip
-    """The bank with its gain reduced until every case is stable.
+    """The bank with the largest gain at which every simulated contact is stable.
 
-    least: share of the gain below which only the full gain is tried. Each gain is tried with all of
-    losses(). Raises InputError if no gain of BACKOFFS steps makes every case stable, or if the
-    approach never reaches contact, so that a lower gain cannot help.
+    The gain is reduced in steps of a tenth, and each gain is tried with all of losses(). least:
+    smallest share of the first gain that is tried. Raises InputError if no gain makes every case
+    stable, or if the approach does not reach the workpiece, so that a lower gain does not help.
     """
     bench.measure_impacts(bank, latencies, threads)
     cuts: list[GainCut] = []
@@ -566,7 +579,8 @@ def safe(
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
-        if unstable(chosen):  # unstable on a member whose impacts choose_loss() does not simulate
+        # choose_loss() does not simulate all members, so a contact may be unstable on another one.
+        if unstable(chosen):
             loss = replace(
                 loss,
                 contact_loss_cap=first.get("contact_loss_cap", 0),
@@ -577,23 +591,23 @@ def safe(
         return SafeDesign(tried, loss, chosen, cuts)
     last, share = cuts[-1], tried.force_gain / bank.force_gain
     raise InputError(
-        f"simulation: expected contact that settles, {last.case} does not even at "
-        f"{last.force_gain:.3g}, {share:.2g} of the designed gain ({last.why}); a smaller set, a "
-        "softer pad, a slower approach or other forces"
+        f"simulation: expected a contact that settles, but {last.case} does not settle even at the "
+        f"gain {last.force_gain:.3g}, {share:.2g} of the designed gain ({last.why}); use a smaller "
+        "set, a softer pad, a slower approach or other forces"
     )
 
 
 def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> None:
-    """Raises InputError if the approach does not reach the workpiece; no gain of the force law
-    changes this."""
+    """Raises InputError if the approach does not reach the workpiece, because no gain of the force
+    law changes this. bad: contacts that are not stable."""
     never = [row for row in bad if row.verdict == "never_in_contact" and row.fault == "none"]
     if not never:
         return
     gain = float(bench.settings["position_gain"])
     raise InputError(
-        f"simulation: expected the approach to reach the part, {never[0].case} never touches it "
-        f"({1e3 * bench.gap_m():.3g} mm away); the force law has no part in this: the position "
-        f"gain {gain:.4g} is too small against what holds the axis back (a flexure, gravity, dry "
-        "friction), or the approach too slow; raise [firmware] position_gain or the "
-        "speed of the approach, or start nearer to the part"
+        f"simulation: expected an approach that reaches the workpiece, but {never[0].case} never "
+        f"touches it ({1e3 * bench.gap_m():.3g} mm away); this does not depend on the force law: "
+        f"the position gain {gain:.4g} is too small against a flexure, gravity or dry friction, or "
+        "the approach is too slow; raise [firmware] position_gain or the approach speed, or start "
+        "nearer to the workpiece"
     )
