@@ -77,7 +77,7 @@ def test_a_strike_that_nothing_survives_is_drawn():
     last = figure.axes[-1]
     assert last.get_yscale() == "linear" and last.get_ylim()[0] < 0
     assert [list(line.get_ydata()) for line in last.lines[:2]] == [[0, 0], [0, 0]]
-    assert [text.get_text() for text in last.texts] == ["no strike of the ladder is survived"]
+    assert [text.get_text() for text in last.texts] == ["no simulated impact is tolerated"]
     plt.close(figure)
 
 

@@ -298,7 +298,7 @@ def test_a_part_that_rings_is_approached_slower(found, monkeypatch, order, tmp_p
     assert not re.search(r">[0-9.]+e[+][0-9]+<", page_text)
     # 5 mm at 3.75 mm/s in place of 7.5.
     assert done.slowed.longer_s == pytest.approx(5 / 3.75 - 5 / 7.5)
-    assert "approach     3.75 mm/s, as at 7.5 mm/s a touch-down loses contact " in text
+    assert "approach     3.75 mm/s, because at 7.5 mm/s a first contact is lost " in text
     scale = abs(linear.facts(tmp_path / "soft/model.toml").required_encoder.scale)
     objects = tomllib.loads((out / "bank.toml").read_text())["firmware"]
     assert objects["approach_velocity_max"] == round(3.75e-3 * scale)

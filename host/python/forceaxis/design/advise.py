@@ -1,28 +1,31 @@
 """Design advice: what limits the bandwidth of a force loop, and the benefit of each change.
 
-For the explicit force law (p) around a model, its present design and one change at a time:
+The advice compares the present design with designs that have one change. The law is the explicit
+force law (p). The figures are:
 
-* critical gain, V/N and DAC codes per 8-bit count: `loops.Loop.limit`.
-* loop gain: critical gain times the loop's gain at 0 Hz, without unit. The steady-state error at
-  the limit is 1 / (1 + loop gain) of the step.
-* loop gain at the present crossover: the same at the frequency that the present design crosses
-  over at. A softer sensor, pad or workpiece raises the critical gain because it lowers the gain of
-  the plant (5.1.3). At 0 Hz that does not show in these models, where a voltage stalls the drive at
-  a force however soft the contact is; here it does.
-* crossover: the lowest frequency at which |L| is 1 with the gain at the critical gain over
-  GAIN_MARGIN, what a designer would set. It stands for the closed loop's bandwidth, and rows are
-  ranked by it. None if that gain leaves |L| below 1 at 0 Hz.
+* critical gain in V/N, and in DAC codes per 8-bit count: `loops.Loop.limit`.
+* loop gain: critical gain times the gain of the plant at 0 Hz, without unit. At the critical gain,
+  the static error is 1 / (1 + loop gain) of the set-point.
+* loop gain at the present crossover: the same product at the crossover frequency of the present
+  design. A softer sensor, pad or workpiece raises the critical gain because it lowers the gain of
+  the plant (5.1.3). The gain of the plant at 0 Hz does not show this, because in these models the
+  static force of the drive at a voltage does not depend on the stiffness of the contact.
+* crossover: the lowest frequency at which the loop gain |L| is 1, at the critical gain divided by
+  GAIN_MARGIN. This frequency approximates the bandwidth of the closed loop, and the rows are ranked
+  by it. It is None if |L| is below 1 at 0 Hz.
 
-The limiting mode is the one whose poles cross: the branch of the root locus that is on the
-boundary at the critical gain, followed back to gain 0. If that branch starts at the rigid body or
-the drive, it is the lowest noncolocated mode below LAG times the crossing, whose lag turns it
-(6.1.3); if there is none, the lag of drive and sampling alone limits.
+The limiting mode is the mode of vibration whose poles reach the stability boundary. The branch of
+the root locus that is on the boundary at the critical gain is followed back to gain 0, where it
+begins at the poles of a mode. If the branch begins at a pole of the rigid body or of the drive, the
+limiting mode is the lowest noncolocated mode below LAG times the critical frequency, because its
+phase lag limits the gain (6.1.3). If there is no such mode, the lag of drive and sampling limits.
 
-What is linear here is simulated by `simulated_limit`: firmware, quantisation, loss of contact.
+`simulated_limit` simulates what the linear analysis does not contain: the firmware, quantisation
+and contact loss.
 
-Over a set of plants the rows are ranked by the bandwidth fS that the worst member has with the
-largest gain at the margins of `search.Goal`, P's or that of a row's own law. A bank designed for
-the set (`reduced`) is a row there.
+Over a set of plants, the rows are ranked by the bandwidth fS of the worst member, with the largest
+gain that keeps the margins of `grid.Goal`. One row is then a bank that was designed for the set
+(`reduced`).
 """
 
 import math
@@ -63,7 +66,7 @@ HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
 
 
 class NotAsked(Enum):
-    """Stands for a value that was not requested; JSON has no key for it."""
+    """Type of the value NOT_ASKED, for a figure that was not requested. JSON has no key for it."""
 
     NOT_ASKED = "not asked"
 
@@ -73,11 +76,11 @@ NOT_ASKED = NotAsked.NOT_ASKED
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of a loop at its critical gain, defined in the docstring of the module.
+    """Figures of a loop at its critical gain; the docstring of the module defines them.
 
-    Gains in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain None:
-    the loop is stable at every gain, or at every gain up to known_to, above which rounding decides.
-    The other figures are then None, or those of known_to.
+    Gains are in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain is
+    None if the loop is stable at every gain (known_to is None), or at every gain up to known_to,
+    above which rounding errors hide a limit. The other figures are then None, or those at known_to.
     """
 
     critical_gain: float | None
@@ -91,28 +94,28 @@ class Performance:
 
 @dataclass(frozen=True, kw_only=True)
 class FiguresOverSet(WorstFigures):
-    """Worst figures over a set of plants at the margins, and the gain in codes per count."""
+    """Worst figures over a set of plants with the largest gain that keeps the margins.
+    firmware_gain: this gain in DAC codes per 8-bit count."""
 
     firmware_gain: float
 
 
 @dataclass(frozen=True)
 class SimulatedLimit:
-    """The largest firmware gain with a stable verdict (None: no run is stable), the next simulated
-    gain, which is not stable (None: all larger gains are stable), its ratio to the linear limit,
-    the number of runs, and the force ripple in 8-bit counts at a smaller gain."""
+    """The largest gain of the firmware at which simulated contacts are stable, in DAC codes per
+    8-bit count."""
 
-    stable_gain: float | None
-    unstable_gain: float | None
-    of_limit: float | None
-    runs: int
-    ripple_count: float | None
+    stable_gain: float | None  # None: no simulated run is stable
+    unstable_gain: float | None  # next simulated gain; None: all larger gains are stable
+    of_limit: float | None  # stable_gain as a share of the linear limit
+    runs: int  # number of simulated runs
+    ripple_count: float | None  # force ripple in 8-bit counts, at a smaller gain
 
 
 @dataclass(frozen=True)
 class Ratios:
-    """Ratio of each figure with a change to the figure without it; None if one of the two does not
-    exist."""
+    """Ratio of each figure of a changed design to the figure of the present design; None if one of
+    the two figures does not exist."""
 
     critical_gain: float | None
     loop_gain: float | None
@@ -122,7 +125,8 @@ class Ratios:
 
 @dataclass(frozen=True, kw_only=True)
 class PresentDesign(Performance):
-    """The present design; over: None if no gain keeps all members stable."""
+    """The figures of the present design. over: worst figures over a set of plants, None if no gain
+    keeps the margins; simulated: limit that simulated runs have found."""
 
     over: FiguresOverSet | NotAsked | None = json_field(default=NOT_ASKED, omit_none=True)
     simulated: SimulatedLimit | NotAsked = json_field(default=NOT_ASKED, omit_none=True)
@@ -130,8 +134,9 @@ class PresentDesign(Performance):
 
 @dataclass(frozen=True, kw_only=True)
 class AdviceRow(Performance):
-    """One change of the design: name, kind, section of the thesis, whether the firmware supports
-    it, and its factors. simulated: None if a run is not possible or was not requested."""
+    """The figures of the design with one change. change: name of the change; thesis: section of the
+    thesis that proposes the change; in_firmware: whether the firmware supports it; simulated: None
+    if a run is not possible or was not requested."""
 
     change: str
     kind: str
@@ -144,9 +149,9 @@ class AdviceRow(Performance):
 
 @dataclass(frozen=True)
 class LimitingMode:
-    """The mode of vibration that limits the gain: the element with most of its elastic energy, the
-    body with its largest motion, undamped frequency, label, shape {body: amplitude}, and text about
-    its effect."""
+    """The mode of vibration that limits the gain. element: spring or contact with most of the
+    elastic energy; body: body with the largest motion; frequency_hz: without damping; shape:
+    {body: amplitude}; how: text about the effect of the mode."""
 
     name: str
     element: str | None
@@ -161,7 +166,8 @@ class LimitingMode:
 
 @dataclass(frozen=True)
 class NoLimitingMode:
-    """No mode of vibration limits the gain; how: text about the limiting effect."""
+    """Stands for the limiting mode if no mode of vibration limits the gain. how: text about the
+    effect that limits."""
 
     how: str
     name: str = "none"
@@ -169,7 +175,8 @@ class NoLimitingMode:
 
 @dataclass(frozen=True)
 class NextCrossing:
-    """The gain and the frequency at which the next pole becomes unstable above the limit."""
+    """The next gain above the critical gain at which a further pole becomes unstable, and the
+    frequency of this pole."""
 
     gain: float
     frequency_hz: float | None
@@ -177,8 +184,9 @@ class NextCrossing:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """The content of `forceaxis advise --json`; unit: of gains; reference_hz: frequency of
-    loop_gain_at; present_gain: force_gain of the experiment; over, modes: the set of plants."""
+    """The content of `forceaxis advise --json`. unit: of the gains; reference_hz: crossover of the
+    present design, the frequency of loop_gain_at; present_gain: force_gain of the experiment; over,
+    modes: tolerances and modes of the set of plants."""
 
     model: str
     experiment: str | None
@@ -201,16 +209,17 @@ class Advice:
 
 @dataclass(frozen=True)
 class AdviceOrder:
-    """The options of `advise`, a field for each option of the verb.
+    """What `advise` shall analyse; each field is an option of the verb.
 
-    timing: one of loops.TIMINGS, None: that of the experiment's firmware, else zoh. runs: what is
-    simulated with the firmware: "none", "present" (the present design and the finer ADC, which
-    linear analysis does not see) or "all" that the firmware can run. over: texts NAME=PERCENT% or
-    NAME=LOW..HIGH, the set; empty: none; modes: "visited", "all" or "nominal", of the set; states:
-    {element: state} of all plants.
+    text: model or experiment. timing: one of loops.TIMINGS, None: that of the experiment, otherwise
+    zoh. factor: by which a parameter is multiplied and divided. runs: what is simulated with the
+    firmware: "none", "present" (the present design, and the finer ADC, whose effect the linear
+    analysis does not contain) or "all" rows that the firmware can run. over: tolerances of the set
+    as texts NAME=PERCENT% or NAME=LOW..HIGH, empty: no set; modes of the set: "visited", "all" or
+    "nominal"; states: {element: state} of all plants.
     """
 
-    text: str | Path  # MODEL or EXPERIMENT
+    text: str | Path
     overrides: Mapping[str, float | str] | None = None
     timing: str | None = None
     factor: float = FACTOR
@@ -222,8 +231,8 @@ class AdviceOrder:
 
 
 def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
-    """The figures of a loop at its critical gain; loop_gain_at is the loop gain at reference_hz, by
-    default the loop's own crossover frequency."""
+    """The figures of a loop at its critical gain. reference_hz: frequency of the figure
+    loop_gain_at, None: the crossover frequency of the loop itself."""
     limit = loop.limit()
     zero = abs(loop.open.at(0.0 if loop.dt is None else 1.0))
     found = Performance(
@@ -248,7 +257,7 @@ def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
 
 
 def ratios(new: Performance, old: Performance) -> Ratios:
-    """Ratio of each figure with a change to the figure without it."""
+    """The ratio of each figure of a changed design to the figure of the present design."""
 
     def factor(one: float | None, other: float | None) -> float | None:
         return one / other if one and other else None
@@ -262,7 +271,8 @@ def ratios(new: Performance, old: Performance) -> Ratios:
 
 
 def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str | None:
-    """The element with most of the elastic energy of a mode, or None."""
+    """The name of the spring or contact with most of the elastic energy of a mode of vibration;
+    None for a model without such elements. shape: {body: amplitude} of the mode."""
     signals = linear.facts(model, overrides).signals
     elements = [n.removesuffix(".deflection") for n in signals if n.endswith(".deflection")]
     if not elements:
@@ -279,8 +289,8 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
 
 
 def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode | None:
-    """The mode that limits the gain, by the definition in the docstring of the module; None if
-    nothing limits it."""
+    """The mode of vibration that limits the gain of a loop, as the docstring of the module defines
+    it; None if the loop is stable at every gain."""
     limit = loop.limit()
     if not limit.gain or limit.frequency_hz is None:
         return None
@@ -318,8 +328,8 @@ def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode |
 
 
 def next_crossing(loop: Loop) -> NextCrossing | None:
-    """The next pole that becomes unstable above the limit, or None. Its gain would be the limit if
-    the first pole were removed."""
+    """The next pole that becomes unstable above the critical gain, or None. Without the first
+    unstable pole, the gain of the next pole would be the critical gain."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
     return NextCrossing(above[0].gain, above[0].frequency_hz) if above else None
@@ -327,8 +337,8 @@ def next_crossing(loop: Loop) -> NextCrossing | None:
 
 @np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
 def branch_start(loop: Loop, limit: Limit) -> complex:
-    """The open-loop pole in 1/s at which the branch begins that is on the stability boundary at the
-    limit."""
+    """The open-loop pole in 1/s at which a branch of the root locus begins. This branch is the one
+    that is on the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError("gain: expected a loop with a critical gain, it is stable at every gain")
     gains = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 40) * limit.gain])
@@ -340,9 +350,9 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
 def rank(
     figures: Performance, in_firmware: bool, over: FiguresOverSet | NotAsked | None = NOT_ASKED
 ) -> tuple[float, float]:
-    """Sorting key: over a set by bandwidth. Without a set, changes without a limit come first, then
-    by crossover frequency, then by loop gain. A change that the firmware does not support comes
-    last."""
+    """Sorting key of a row. With a set of plants, the rows are sorted by bandwidth. Without a set,
+    changes without a critical gain come first; the others are sorted by crossover frequency, then
+    by loop gain. Changes that the firmware does not support come last."""
     if not in_firmware:
         return (math.inf, 0.0)
     if not isinstance(over, NotAsked):
@@ -374,7 +384,7 @@ class _Over:
     def problem(
         self, change: Change = NO_CHANGE, goal: Goal | None = None, random: int = reduced.RANDOM
     ) -> ShortSearch:
-        """The search for the plant set of a change."""
+        """A search of control laws for the set of plants with a change of the design."""
         model = str(self.design.changed_model(change))
         overrides = self.design.overrides | dict(change.overrides)
         ranges = ranges_of(model, self.over, overrides)
@@ -382,7 +392,8 @@ class _Over:
         return ShortSearch(plants, goal or self.goal, random)
 
     def figures(self, change: Change = NO_CHANGE) -> FiguresOverSet | None:
-        """The worst figures of a change at the margins; None if no gain keeps them."""
+        """The worst figures over the set with a change of the design, at the margins; None if no
+        gain keeps the margins."""
         spec = change.spec or LoopSpec(timing=self.design.timing)
         bits = change.firmware.get("adc_bits", self.goal.adc_bits)
         goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
@@ -395,8 +406,8 @@ class _Over:
         return FiguresOverSet(**vars(found.worst), firmware_gain=found.bank.force_gain)
 
     def designed(self) -> list[Change]:
-        """Changes from the present law to the bank designed over the set, with the present ADC and
-        with one of more bits."""
+        """Changes from the present law to a bank that is designed for the set, one with the present
+        ADC and one with an ADC of more bits."""
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
@@ -410,7 +421,8 @@ class _Over:
 
 
 def advise(order: AdviceOrder) -> Advice:
-    """The present design and the effect of each change. Raises InputError."""
+    """The advice for a model or an experiment: the figures of the present design and of each
+    change. Raises InputError."""
     if not (math.isfinite(order.factor) and order.factor > 1):
         raise ParameterError("factor", f"expected a number above 1, got {order.factor:g}")
     with Design(order.text, order.overrides, order.timing, order.states) as design:
@@ -450,7 +462,7 @@ Rows = list[tuple[AdviceRow, Change]]
 def _simulated(
     design: Design, present: PresentDesign, rows: Rows, order: AdviceOrder
 ) -> tuple[PresentDesign, Rows]:
-    """(present design, rows) with the limits that runs with the firmware have found."""
+    """(present design, rows) with the limits that simulated runs with the firmware have found."""
     own = simulated_limit(design, NO_CHANGE, present, order.threads)
     quiet = (own.stable_gain or 0) / GAIN_MARGIN
     done: Rows = []
@@ -464,7 +476,8 @@ def _simulated(
 
 
 def _rows(design: Design, base: Performance, factor: float, group: _Over | None) -> Rows:
-    """Each change with its figures, in order of rank."""
+    """The rows of the advice with their changes, sorted by rank. group: figures over the set of
+    plants, None without a set."""
     made = changes(design, base.frequency_hz, factor)
     if group:
         made = [c for c in made if c.kind != "amplifier"] + group.designed()
@@ -492,13 +505,14 @@ def simulated_limit(
     design: Design, change: Change, linear_figures: Performance,
     threads: int | None = None, quiet_gain: float | None = None,
 ) -> SimulatedLimit:  # fmt: skip
-    """Largest firmware gain up to which all runs have a stable verdict.
+    """The largest gain of the firmware up to which all simulated runs have a stable verdict.
 
-    Of a row of gains up to 1.3 times the linear limit, the smallest stable one and the next that is
-    not (smaller ones are ignored: so slow an approach does not settle in time); two finer rows
-    between narrow it to a percent. Contact and limit cycle exist side by side below the linear
-    limit, so the result is valid for the approach of the experiment. The ripple is that at
-    quiet_gain, or at half the stable gain.
+    The function simulates a series of gains up to 1.3 times the linear limit. It looks for the
+    smallest stable gain and for the next gain that is not stable; two finer series between them
+    give the result with an error of one per cent. Gains below the smallest stable one are ignored,
+    because the approach is then so slow that the force does not settle in time. Below the linear
+    limit, contact and limit cycle may both exist, so the result is valid only for the approach of
+    the experiment. The force ripple is that at quiet_gain, or at half the stable gain.
     """
     limit = linear_figures.firmware_gain
     top = min(1.3 * limit if limit else HIGHEST_GAIN, HIGHEST_GAIN)

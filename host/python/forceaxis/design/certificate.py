@@ -1,7 +1,7 @@
-"""The exact worst figures of a law over a set of plants, and the bound that limits its gain.
+"""Exact worst figures of a control law over a set of plants, and the bound that limits its gain.
 
-The search evaluates a law on a grid and on a sample of the set. Here the gain is lowered until the
-exact figures of the worst members (`linear.over`) keep the margins.
+The search evaluates a law on a grid of frequencies and on a sample of the set. The functions of
+this module lower the gain until the exact figures of the worst members keep the margins.
 """
 
 import math
@@ -17,12 +17,13 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
-ATTEMPTS = 12
-# the grid seldom contains the worst member, so the first gain is slightly lower
+ATTEMPTS = 12  # largest number of gains for which the exact figures are computed
+# first gain as a share of the gain of the grid, because the grid seldom has the worst member
 FIRST_GAIN_FACTOR = 0.995
 REACHED_SHARE = 0.97  # share of a bound from which the bound counts as reached
-MODE_FACTOR = 1.35  # frequencies within this factor of a mode belong to the mode
+MODE_FACTOR = 1.35  # a frequency within this factor of the frequency of a mode belongs to it
 
+# {name of a bound in GainLimit: text}
 CONSTRAINTS = {
     "ms": "peak of |S|",
     "mt": "peak of |T|",
@@ -62,7 +63,7 @@ class WorstFigures:
 
     @property
     def largest_ms(self) -> float:
-        """The larger of the peaks of |S| that exist; 0 without any."""
+        """The larger of Ms and Ms_late; 0 if none of the two exists."""
         return max((ms for ms in (self.Ms, self.Ms_late) if ms is not None), default=0.0)
 
 
@@ -75,7 +76,7 @@ class PFigures(WorstFigures):
 
 @dataclass(frozen=True)
 class NoPFigures:
-    """The P law keeps the margins at no gain."""
+    """Figures of the P law if it keeps the margins at no gain: there are none."""
 
     force_gain: float = 0.0
 
@@ -89,12 +90,13 @@ P = PFigures | NoPFigures
 
 
 def p_figures(worst: WorstFigures, bank: Bank) -> PFigures:
-    """The figures of the P law `bank`."""
+    """The worst figures of the P law together with the gain of `bank`."""
     return PFigures(**vars(worst), force_gain=bank.force_gain)
 
 
 def lowered(bank: Bank, factor: float) -> Bank:
-    """The bank with a gain that the firmware can store, at most `factor` times its present gain."""
+    """A bank with the largest gain that the firmware can store and that is at most `factor` times
+    the gain of `bank`."""
     return replace(bank, force_gain=math.floor(bank.force_gain * factor / GAIN_STEP) * GAIN_STEP)
 
 
@@ -144,8 +146,8 @@ def _most(values: Sequence[float | None]) -> float | None:
 def exact(
     plants: PlantSet, grids: Sequence[Grid], bank: Bank, goal: Goal
 ) -> tuple[Bank, WorstFigures | None]:
-    """(bank, figures) after the gain has been lowered until the exact worst figures of the set keep
-    the margins. The gain is 0 and the figures are None if no gain keeps them."""
+    """(bank, worst figures) with a gain at which the exact worst figures of the set keep the
+    margins. If no gain keeps the margins, the gain is 0 and the figures are None."""
     bank = lowered(bank, FIRST_GAIN_FACTOR)
     for attempt in range(ATTEMPTS):
         if not bank.force_gain:
@@ -154,14 +156,14 @@ def exact(
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grids, bank)
-        # a peak may decrease little with the gain, so each attempt lowers the gain more
+        # Each attempt lowers the gain more, because a peak may decrease little with the gain.
         bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return replace(bank, force_gain=0.0), None
 
 
 def _factor(worst: over.Worst, goal: Goal, timing: str) -> float:
-    """The factor by which the gain has to be multiplied to keep the margins; 1 if the margins are
-    kept."""
+    """Factor by which the gain has to be multiplied so that the loop keeps the margins with a
+    timing; 1 if the loop already keeps the margins."""
     if not worst.stable:
         return 0.8
     factor = 1.0
@@ -201,7 +203,7 @@ def _float(value: float | None) -> float | None:
 
 
 def _static_error(grid: Grid, bank: Bank) -> float:
-    """Largest static error, as a share of the set-point."""
+    """Largest static error of a bank over the members of a grid, as a share of the set-point."""
     if bank.integral_rad_per_s:
         return 0.0
     return float(np.abs(1 / (1 + bank.force_gain * grid.plant[:, 0])).max())
@@ -209,7 +211,7 @@ def _static_error(grid: Grid, bank: Bank) -> float:
 
 def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -> str:
     """A sentence about the bound that limits the gain of a bank. steep: gain of the law at high
-    frequency for force_gain 1; finer: text of Goal.hf_cure()."""
+    frequency for a force_gain of 1; finer: text of Goal.hf_cure() about the remedy."""
     law = bank.response(grid.z)
     free = replace(bounds, hf_gain=math.inf)
     limit = grid.largest_gain(law, steep, free)
@@ -220,10 +222,10 @@ def sentence(grid: Grid, bank: Bank, steep: float, bounds: Bounds, finer: str) -
     member, timing, hz = limit.place
     mode = _mode_near(grid.open_loops[member], hz)
     where = f"at {hz:.1f} Hz" + (f", over the plant's mode at {mode:.1f} Hz," if mode else "")
-    late = ", one tick late" if DELAYS[grid.timings[timing]] else ""
+    late = ", with one tick of latency," if DELAYS[grid.timings[timing]] else ""
     text = f"The {CONSTRAINTS[limit.name]} {where} {_with(grid.members[member])}{late} is the limit"
     cure = "more damping of that mode" if mode else "a looser margin"
-    text += f": {cure} or a narrower set would move it"
+    text += f": {cure} or a narrower set permits more gain"
     return text + (f"; so is {high}: {finer}." if reached else ".")
 
 

@@ -2,10 +2,10 @@
 element.
 
 A softer pad, sensor or workpiece permits a higher gain but lowers the loop gain, and the axis moves
-farther for its force. For each stiffness, the result contains the bandwidth over the set for P and
-for a bank that is designed for it (`reduced`), at the same margins; the static error of P; the
-travel from first contact to the set-point; the largest impact that either law tolerates with the
-firmware.
+farther until it reaches its force. For each stiffness, the result has the bandwidth over the set of
+plants for the P law and for a bank that is designed for this stiffness (`reduced`), at the same
+margins. It also has the static error of P, the travel from first contact to the set-point, and the
+largest impact that each of the two laws tolerates in a simulation with the firmware.
 """
 
 import os
@@ -33,16 +33,18 @@ from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.results import json_field
 
-SPAN = (1 / 20, 4.0)  # relative to the stiffness of the model
-POINTS_MAX = 40
-STRIKES = np.geomspace(0.25, 64.0, 9)  # factors of the impact in the cases of simulate
-SLOW_HZ = 0.01  # frequency that counts as static, also for an axis that integrates
+SPAN = (1 / 20, 4.0)  # range of the stiffness as multiples of the stiffness in the model
+POINTS_MAX = 40  # largest number of stiffnesses
+# factors of the impulse in the cases of simulate
+STRIKE_FACTORS = np.geomspace(0.25, 64.0, 9)
+STATIC_HZ = 0.01  # frequency of the static response, above 0 for an axis that integrates
 
 
 @dataclass(frozen=True)
 class CompliancePoint:
-    """The figures at one stiffness in N/m; None if no gain keeps the margins. Fields with p_ belong
-    to the P law, the others to the bank that was designed for the stiffness."""
+    """The figures at one stiffness in N/m; None if no gain keeps the margins. Fields whose names
+    begin with p_ belong to the P law, the others to the bank that was designed for the
+    stiffness."""
 
     stiffness: float
     p_fS_Hz: float | None
@@ -50,12 +52,12 @@ class CompliancePoint:
     p_static_error: float | None  # share of the set-point
     static_error: float | None
     motion_m: float  # travel of the drive from first contact to the set-point
-    # largest impact that is stable; 0: the smallest is already unstable
+    # largest stable impact; 0: the smallest simulated impact is unstable
     p_strike_N_s: float | None
     strike_N_s: float | None
     p_bank: BankKeys | None
     bank: BankKeys | None
-    refused: str | None = json_field(omit_none=True)  # why no law exists
+    refused: str | None = json_field(omit_none=True)  # reason why no law keeps the margins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +80,8 @@ class Compliance:
 
 @dataclass(frozen=True)
 class ComplianceOrder:
-    """The options of `compliance`, a field for each option of the verb."""
+    """What `compliance` shall compute: model, element, stiffnesses and set of plants. Each field is
+    an option of the verb."""
 
     text: str  # MODEL or EXPERIMENT
     element: str | None = None  # a parameter in N/m; None: the stiffness of the contact
@@ -92,7 +95,8 @@ class ComplianceOrder:
 
 
 def element_of(model: str | Path, overrides: Overrides) -> str:
-    """The parameter that is the stiffness of the contact. Raises InputError if no parameter is."""
+    """The name of the parameter that is the stiffness of the contact. Raises InputError if the
+    model file has a number instead."""
     contact = model_file.read(model).contact
     name = contact.stiffness if contact else None
     if not isinstance(name, str) or name not in linear.facts(model, overrides).parameters:
@@ -104,7 +108,7 @@ def element_of(model: str | Path, overrides: Overrides) -> str:
 
 
 def compliance(order: ComplianceOrder) -> Compliance:
-    """The figures at each stiffness. Raises InputError."""
+    """The figures of the P law and of a designed bank at each stiffness. Raises InputError."""
     element, span, points, states = order.element, order.span, order.points, order.states
     with Design(order.text, order.overrides, states=states) as design:
         design.require_force_sensor()
@@ -155,7 +159,7 @@ def _point(order: ComplianceOrder, element: str, value: float, setpoint: float) 
         bits = order.bits or design.facts.required_reading.bits
         try:
             problem = ShortSearch(plants, Goal(adc_bits=bits), random=0)
-        except InputError as error:  # a member is unstable at every gain
+        except InputError as error:  # a plant of the set is unstable at every gain
             nothing = None, None, None, None
             return CompliancePoint(value, *nothing, motion_m, *nothing, refused=str(error))
         p, found = problem.worst(Bank(1.0)), problem.designed()
@@ -186,13 +190,13 @@ def motion(design: Design) -> float:
         )
         for output in (f"{body}.position", "reading")
     )
-    travel, force = (abs(plant.response(SLOW_HZ)) for plant in plants)
+    travel, force = (abs(plant.response(STATIC_HZ)) for plant in plants)
     return float(travel / force)
 
 
 def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float:
-    """The largest impact in N s up to which all impacts of a series are stable; 0 if the first is
-    unstable."""
+    """The largest impulse in N s up to which all impacts of a series are stable with a bank; 0 if
+    the smallest impact is unstable."""
     bench = ContactBench(design, bits)
     bench.wait_for(bank)
     case, strikes = _strikes(bench)
@@ -208,9 +212,9 @@ def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float
 
 
 def _strikes(bench: ContactBench) -> tuple[ContactCase, list[float]]:
-    """(a case at the middle set-point, its impacts in N s)."""
+    """(case with an impact at the middle set-point, series of its impulses in N s)."""
     case = next(c for c in bench.cases if c.strike_N_s and c.setpoint_N == bench.setpoints_N[1])
-    return case, [float(s) * case.strike_N_s for s in STRIKES]
+    return case, [float(s) * case.strike_N_s for s in STRIKE_FACTORS]
 
 
 Column = Callable[[CompliancePoint], float | None]
@@ -218,7 +222,7 @@ Curve = tuple[str, Column, str]  # name, values, colour
 
 
 def figure(result: Compliance) -> Figure:
-    """Figure of bandwidth, error, motion and tolerated impacts over the stiffness."""
+    """The figure with bandwidth, static error, travel and tolerated impact over the stiffness."""
     rows = result.rows
     k = [r.stiffness for r in rows]
     drawn, axes = plt.subplots(3, 1, sharex=True, figsize=(5.8, 6.2))
@@ -232,14 +236,14 @@ def figure(result: Compliance) -> Figure:
         ("error of P, %; motion, mm",
          ("error of P", lambda r: scaled(r.p_static_error, 100.0), GOT),
          ("motion", lambda r: scaled(r.motion_m, 1e3), WANTED)),
-        ("strike survived, N s", ("P", lambda r: r.p_strike_N_s, GOT),
+        ("tolerated impact, N s", ("P", lambda r: r.p_strike_N_s, GOT),
          ("bank", lambda r: r.strike_N_s, INK)),
     )  # fmt: skip
     strikes = [value for r in rows for value in (r.p_strike_N_s, r.strike_N_s)]
     for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        struck = ax is axes[-1]  # 0 is a result too: the smallest impact is already unstable
+        struck = ax is axes[-1]  # here 0 is a result: the smallest impact is unstable
         if not struck:
             ax.set_yscale("log")
         for name, column, colour in curves:
@@ -253,7 +257,7 @@ def figure(result: Compliance) -> Figure:
         elif not any(strikes):
             ax.set_ylim(-0.05, 1)
             known = any(value is not None for value in strikes)
-            text = "no strike of the ladder is survived" if known else "no gain at the margins"
+            text = "no simulated impact is tolerated" if known else "no gain at the margins"
             ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=FAINT, fontsize=8)
         else:
             ax.set_ylim(bottom=0)

@@ -1,7 +1,8 @@
 """Response of a linear contact to a force set-point that rises as a ramp.
 
-An integral action slower than the loop settles slowly, and a faster one overshoots; the bandwidth
-shows neither. The set-point is a periodic trapezoid, so that the response is a sum of harmonics.
+With an integral action that is slower than the loop, the force settles slowly; with a faster one,
+the force overshoots. The bandwidth does not show these two effects. The set-point is a periodic
+trapezoid, so that the response is a sum of harmonics.
 """
 
 from collections.abc import Sequence
@@ -12,17 +13,18 @@ from forceaxis.design.grid import Response
 from forceaxis.linear.bank import TICK_S
 from forceaxis.linear.stability import Loop
 
-PERIOD_RAMPS = 30.0
-HARMONICS = 256
-POINTS = 2048
-OVERSHOOT_MAX = 0.055  # of the set-point
-# Lower band of the force as (ramp times after the start, share of the set-point). At first the
-# vibration after the impact adds to the force.
+PERIOD_RAMPS = 30.0  # period of the trapezoid in ramp times
+HARMONICS = 256  # number of harmonics of the set-point
+POINTS = 2048  # number of points in time of one period
+OVERSHOOT_MAX = 0.055  # largest overshoot as a share of the set-point
+# Largest undershoot, as (ramp times after the start, share of the set-point): from the first time
+# on, and from the second time on. At first, the vibration after the impact adds to the force.
 SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))
 
 
 class Ramp:
-    """A set-point ramp. loops: around the plants, law p; delays: ticks; ramp_s: rise time in s."""
+    """A set-point ramp and the plants that respond to it. loops: force loops with the law p around
+    the plants; delays: latencies in ticks; ramp_s: rise time in s."""
 
     def __init__(self, loops: Sequence[Loop], delays: Sequence[int], ramp_s: float) -> None:
         period = PERIOD_RAMPS * ramp_s
@@ -46,9 +48,9 @@ class Ramp:
         self._short = np.where(held < SHORT_MAX[1][0], SHORT_MAX[0][1], SHORT_MAX[1][1])
 
     def excess(self, law: Response) -> float:
-        """Largest distance of the response from its band about the set-point, as a share of the
-        set-point; 0 within the band. law: frequency response of the law including its gain, at z.
-        """
+        """Largest distance of the force from its permitted band about the set-point, as a share of
+        the set-point; 0 if the force stays within the band. law: frequency response of the control
+        law including its gain, at the points z."""
         worst = 0.0
         for lag in self._lag:
             L = self.plant * law * lag

@@ -1,4 +1,4 @@
-"""Order and result of `design`: DesignOrder, DesignOutcome, DesignResult."""
+"""Order and result of `forceaxis design`, and the tables of its simulated contacts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,28 +19,29 @@ from forceaxis.words import counted
 
 LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}  # values of latency_ticks
 TIMINGS = ("zoh", "zoh+1")  # timing in loops.TIMINGS with the latency 0 and 1
-MEMBERS = 12  # random plants for simulated contacts, besides the nominal plant
+MEMBERS = 12  # number of random plants on which contacts are simulated
 
 
 @dataclass(frozen=True)
 class DesignOrder:
-    """The options of `design`, a field for each option of the verb."""
+    """What `design` shall design: model, set of plants, margins and simulated contacts. Each field
+    is an option of the verb."""
 
     text: str  # MODEL or EXPERIMENT
-    over: tuple[str, ...] = ()
-    overrides: Mapping[str, float | str] = field(default_factory=dict)
+    over: tuple[str, ...] = ()  # tolerances, NAME=PERCENT% or NAME=LOW..HIGH
+    overrides: Mapping[str, float | str] = field(default_factory=dict)  # {parameter: value}
     together: tuple[dict[str, float], ...] = ({},)  # as PlantSet has them
     modes: str = "visited"
     states: dict[str, str] = field(default_factory=dict)  # {element: state} of all members
-    ms: float = 2.0
-    ms_late: float = 2.2
-    gain_margin: float = 2.3
+    ms: float = 2.0  # largest permitted Ms
+    ms_late: float = 2.2  # largest permitted Ms with one tick of latency
+    gain_margin: float = 2.3  # smallest permitted gain margin, as a factor
     adc_bits: int | None = None  # None: that of the model
-    latency: str = "both"
+    latency: str = "both"  # a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None here and below: as in grid.Goal
     hf_gain: float | None = None
-    ramp_s: float | None = None
-    # settings in addition to those of the experiment
+    ramp_s: float | None = None  # rise time of the set-point that the force has to follow
+    # values of firmware objects in addition to those of the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
     # set-points of first contacts; empty: chosen by the ranges of sensor and drive
     forces_N: tuple[float, ...] = ()
@@ -65,12 +66,13 @@ class DesignOrder:
 
 @dataclass(frozen=True)
 class ContactLoss:
-    """The chosen limits after a loss of contact, and the impacts that the law tolerates with them.
+    """The chosen limits after a contact loss, and the impacts that the control law tolerates with
+    these limits.
 
-    contact_loss_cap: DAC codes; contact_loss_dwell: ms. Impulses in N s: strike_N_s: up to this
-    impulse every impact is stable at both lower set-points; strike_default_N_s: the same with the
-    firmware's default limits; strike_hardest_N_s: the largest simulated impulse. 0: the smallest
-    impact is already unstable.
+    contact_loss_cap: DAC codes; contact_loss_dwell: ms. The impulses are in N s. strike_N_s: every
+    impact up to this impulse is stable at both lower set-points; strike_default_N_s: the same
+    impulse with the default limits of the firmware; strike_hardest_N_s: largest simulated impulse.
+    An impulse of 0 means that the smallest simulated impact is unstable.
     """
 
     contact_loss_cap: int
@@ -81,7 +83,7 @@ class ContactLoss:
 
     @property
     def objects(self) -> dict[str, int]:
-        """The values of the firmware objects."""
+        """The limits as {firmware object: value}."""
         return {
             "contact_loss_cap": self.contact_loss_cap,
             "contact_loss_dwell": self.contact_loss_dwell,
@@ -89,19 +91,20 @@ class ContactLoss:
 
     @property
     def text(self) -> str:
-        """A sentence about the impacts, with ">=" if the largest simulated impact is stable."""
+        """A sentence about the impacts that the law tolerates, with ">=" if the largest simulated
+        impact is stable."""
         own, default = (
             (">= " if impulse == self.strike_hardest_N_s else "") + f"{impulse:.3g}"
             for impulse in (self.strike_N_s, self.strike_default_N_s)
         )
-        return f"strikes of {own} N s are survived, {default} with the firmware's defaults"
+        return f"tolerates impacts of {own} N s, {default} with the firmware's defaults"
 
 
 @dataclass(frozen=True)
 class SlowedApproach:
-    """An approach that was made slower because contact was lost: speeds in m/s, largest number of
-    contact losses of a simulated first contact at each speed, the longer time to the first contact
-    in s."""
+    """The reduction of the approach speed because contacts were lost. losses_before, losses:
+    largest number of contact losses of a simulated first contact at the original and at the reduced
+    speed; longer_s: how much later the first contact is."""
 
     from_m_per_s: float
     to_m_per_s: float
@@ -111,23 +114,25 @@ class SlowedApproach:
 
     @property
     def text(self) -> str:
-        """One line for a terminal or a page."""
+        """A sentence about the slower approach for a terminal or a page."""
         before = "contacts do not settle"
         if self.losses_before is not None:
-            before = f"a touch-down loses contact {counted(self.losses_before, 'time')}"
+            before = f"a first contact is lost {counted(self.losses_before, 'time')}"
         return (
-            f"{1e3 * self.to_m_per_s:.3g} mm/s, as at {1e3 * self.from_m_per_s:.3g} mm/s {before}; "
-            f"now {counted(self.losses, 'time')} at most, and the touch comes "
+            f"{1e3 * self.to_m_per_s:.3g} mm/s, because at {1e3 * self.from_m_per_s:.3g} mm/s "
+            f"{before}; now {counted(self.losses, 'time')} at most, and the first contact is "
             f"{self.longer_s:.3g} s later"
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class DesignResult:
-    """The content of `forceaxis design --json`, and the design in the folder of `tune`.
+    """The content of `forceaxis design --json`, which `tune` also stores.
 
-    over: {parameter: (nominal, low, high)} in SI; together: values that change together; modes:
-    {element: state}; friction_N: {parameter: (low, high)} of the simulated contacts.
+    over: {parameter: (nominal, low, high)} in SI units; together: {parameter: SI value} that change
+    together; modes: {element: state} of each mode; friction_N: {parameter: (low, high)} of the
+    simulated contacts; gain_reductions: number of reductions by a tenth; passed_over: {structure:
+    reason why it was not chosen}.
     """
 
     model: str
@@ -156,7 +161,7 @@ class DesignResult:
 
 @dataclass
 class DesignOutcome:
-    """A force law for a set of plants during search, simulation and writing."""
+    """The state of a design while the law is searched, simulated and written to files."""
 
     order: DesignOrder
     plants: PlantSet
@@ -191,16 +196,18 @@ class DesignOutcome:
 
     @property
     def p_bank(self) -> Bank:
-        """The P law at the same margins; its gain is 0 if P keeps the margins at no gain."""
+        """The P law at the margins of the design. Its gain is 0 if P keeps the margins at no
+        gain."""
         return Bank(self.p.force_gain)
 
     @property
     def loss_objects(self) -> dict[str, int]:
-        """The firmware objects for a loss of contact; empty without a simulation."""
+        """The limits after a contact loss as {firmware object: value}; empty without a
+        simulation."""
         return self.loss.objects if self.loss else {}
 
     def result(self) -> DesignResult:
-        """The design as JSON has it."""
+        """The design in the form of `forceaxis design --json`."""
         shown = self.working if self.working.text else None
         return DesignResult(
             model=paths.display(Path(self.plants.model)),
@@ -231,7 +238,7 @@ class DesignOutcome:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number for a table; "-" for None."""
+    """A number as text for a table; "-" for None."""
     return "-" if value is None else words.plain(value, digits)
 
 
@@ -242,9 +249,11 @@ CASE_HEAD = [
 
 
 def cases(contacts: Sequence[SimulatedContact]) -> list[list[str]]:
-    """Rows of text for a table with the columns of CASE_HEAD, one for each case and law: number of
-    stable contacts, figures of the nominal plant at the first latency, and over all contacts the
-    most losses, the largest peak and the longest saturation."""
+    """Rows of a table with the columns of CASE_HEAD, one row for each case and law.
+
+    A row has the number of stable contacts and the figures of the nominal plant at the first
+    latency. Contact losses, worst peak force and saturation are the largest values of all
+    contacts."""
     grouped: dict[tuple[str, str], list[SimulatedContact]] = {
         (one.case, law): [] for one in contacts for law in ("design", "p")
     }

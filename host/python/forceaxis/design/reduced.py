@@ -1,6 +1,7 @@
-"""Short search of a law, for maps and tables of many plants: an integral and one section, a few
-starts, and P for comparison. The bandwidth is some per cent below that of `search`; a plant set
-takes about a second."""
+"""Short search of a control law, for maps and tables of many plants.
+
+The law has integral action and one second-order section, and the search begins at a few starts. The
+bandwidth is some per cent below that of `search`, and a set of plants takes about a second."""
 
 import math
 from collections.abc import Iterable
@@ -16,22 +17,23 @@ from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
 RANDOM = 40  # random choices of values on which the result is checked, besides the corners
-INTEGRALS = np.geomspace(0.1, 100, 31)  # rad/s, for PI
-LEAST_HZ = 0.05
-# factor of a bound for limited_by, and the increase of bandwidth that counts
-WIDER, NOTICED = 1.3, 1.02
-# smallest integral rate as a share of PI's rate; with a slower one a static error disappears too
-# slowly
+PI_RATES_RAD_PER_S = np.geomspace(0.1, 100, 31)  # integral rates of the PI laws
+PI_BANDWIDTH_MIN_HZ = 0.05  # bandwidth that a PI law is assumed to have at least
+# factor by which limited_by() changes a bound, and the ratio of bandwidths that is an effect
+BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
+# smallest integral rate as a share of the bandwidth of PI, because with a smaller rate a static
+# error disappears too slowly
 INTEGRAL_MIN = 0.15
-EVALUATIONS = 200  # of each start
-RESTARTS = 2
-ZEROS = 3  # largest number of antiresonances at which the search begins
-BEGIN = 4.0  # multiple of PI's bandwidth: lowest start of the section
+EVALUATIONS = 200  # number of laws that a simplex evaluates
+RESTARTS = 2  # number of further simplexes that begin at the best law
+ZEROS_MAX = 3  # largest number of antiresonances at which the search begins
+# lowest frequency of the section as a multiple of the bandwidth of PI
+SECTION_START_FACTOR = 4.0
 
 
 @dataclass(frozen=True)
 class ShortDesign:
-    """A bank and its worst figures over a set; worst is None if no gain keeps the margins."""
+    """A bank and its worst figures over a set of plants; None if no gain keeps the margins."""
 
     bank: Bank
     worst: WorstFigures | None
@@ -44,7 +46,8 @@ class ShortDesign:
 
 @dataclass(frozen=True)
 class ShapedDesign(ShortDesign):
-    """A bank that a search has found; numbers: logarithms as in `structures`."""
+    """A bank that a search has found. numbers: logarithms from which `structures` makes the
+    bank."""
 
     numbers: Samples
 
@@ -61,8 +64,8 @@ class ShortSearch:
         search.check_plants(self.inner)
 
     def worst(self, shape: Bank) -> ShortDesign:
-        """The largest gain with which the shape of a bank keeps the margins, and the figures with
-        it; the bank's own gain is ignored."""
+        """A bank with the largest gain that keeps the margins, and its worst figures. shape: bank
+        that gives integral rate and sections; its gain is ignored."""
         unit = replace(shape, force_gain=1.0).quantised()
         law = unit.response(self.grid.z)
         steep = max(unit.hf_gain(), float(np.abs(law[:, -1]).max()))
@@ -77,11 +80,11 @@ class ShortSearch:
     def designed(self) -> ShapedDesign:
         """The best bank that the search finds."""
         fS, rate = max(
-            (self.inner.evaluate(np.array([math.log(w)]))[0], w) for w in INTEGRALS
+            (self.inner.evaluate(np.array([math.log(w)]))[0], w) for w in PI_RATES_RAD_PER_S
         )  # of PI
-        fS = max(fS, LEAST_HZ)
+        fS = max(fS, PI_BANDWIDTH_MIN_HZ)
         self.inner.follow_ramp(self.plants, self.goal, fS)
-        self._limits = limits = structures.bounds(NAME, BEGIN * fS)
+        self._limits = limits = structures.bounds(NAME, SECTION_START_FACTOR * fS)
         limits[0, 0] = max(limits[0, 0], math.log(INTEGRAL_MIN * 2 * math.pi * fS))
         limits[:, 1] = limits.max(axis=1)
         starts = self._starts(fS, rate)
@@ -95,7 +98,8 @@ class ShortSearch:
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 
     def best_of(self, candidates: Iterable[Samples]) -> ShapedDesign:
-        """The best bank among the numbers of other designs for this set."""
+        """The best bank for this set among those that other searches have found. candidates:
+        logarithms as in ShapedDesign."""
         numbers = max(candidates, key=lambda n: self.inner.evaluate(n)[0])
         return self._shaped(structures.bank(numbers, 1.0), numbers)
 
@@ -104,28 +108,30 @@ class ShortSearch:
         return certificate.on_grid(self.grid, bank)
 
     def exact(self, bank: Bank) -> tuple[Bank, WorstFigures | None]:
-        """(bank, figures) with the gain at which the exact worst figures of the set keep the
-        margins. The gain is some per cent below that of the grid; the computation takes seconds
-        instead of milliseconds."""
+        """(bank, worst figures) with the gain at which the exact worst figures of the set keep the
+        margins. This gain is some per cent below that of the grid, and the computation takes
+        seconds instead of milliseconds."""
         return certificate.exact(self.plants, [self.grid], bank, self.goal)
 
     def limited_by(self, found: ShapedDesign) -> str:
-        """A sentence about the bound whose increase raises the bandwidth most."""
+        """A sentence about the bound that limits the bandwidth of a design. This is the bound whose
+        change raises the bandwidth most."""
         own = self.inner.bounds
         wider = {
             "hf": replace(own, hf_gain=2 * own.hf_gain),
-            "ms": replace(own, ms=tuple(WIDER * ms for ms in own.ms)),
-            "gm": replace(own, gain_margin=own.gain_margin / WIDER),
+            "ms": replace(own, ms=tuple(BOUND_FACTOR * ms for ms in own.ms)),
+            "gm": replace(own, gain_margin=own.gain_margin / BOUND_FACTOR),
         }
         reached = {}
         for name, self.inner.bounds in wider.items():
             reached[name] = self.inner.evaluate(self._polished(found.numbers))[0]
         self.inner.bounds = own
         name = max(reached, key=reached.__getitem__)
-        if reached[name] < NOTICED * self.inner.evaluate(found.numbers)[0]:
+        if reached[name] < BANDWIDTH_RATIO_MIN * self.inner.evaluate(found.numbers)[0]:
             return (
-                "No margin limits alone: the plant's resonance and lag, and a contact that is to "
-                "settle without overshoot; a stiffer drive or more damping would move it."
+                "No single margin limits the bandwidth: the limit is the plant's resonance and "
+                "lag, and a contact that has to settle without overshoot; a stiffer drive or more "
+                "damping raises it."
             )
         if name == "hf":
             return (
@@ -140,9 +146,10 @@ class ShortSearch:
         return certificate.sentence(self.grid, found.bank, 1.0, only, self.goal.hf_cure())
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
-        """Start values: zeros on antiresonances with a pole above, a lead, a lag, and PI with its
-        best rate."""
-        zeros = search.antiresonances(self.grid)[:ZEROS]
+        """Starts of the search as logarithms: zeros at antiresonances with a pole above, a lead, a
+        lag, and the best PI law. fS: bandwidth of this PI law in Hz; rate: its integral rate in
+        rad/s."""
+        zeros = search.antiresonances(self.grid)[:ZEROS_MAX]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]
         starts = [(3 * fS, *shape) for shape in shapes] + [(rate, 8 * fS, 0.8, 8 * fS, 0.8)]

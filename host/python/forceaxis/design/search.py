@@ -1,10 +1,10 @@
 """Searches the force law with the largest bandwidth over a set of plants at given margins.
 
-The search varies the shape of each structure and maximises the frequency up to which |S| of the
-worst member stays below -3 dB. It uses differential evolution on a thin grid, then a simplex on the
-grid of its result; the gain follows from the shape (`grid`). The corners of a set are not always
-its worst members. Random members are therefore checked, and those that the law makes unstable join
-the set.
+The search varies the zeros, poles and integral rate of each structure of the law, and maximises the
+frequency up to which |S| of the worst member stays below -3 dB. It uses differential evolution on a
+thin grid of frequencies, then a simplex on the full grid. The gain is the largest one that keeps
+the margins (`grid`). The corners of a set are not always its worst members. The search therefore
+checks random members, and adds those on which the law violates the margins.
 """
 
 import math
@@ -26,31 +26,33 @@ from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 
 LARGER_STRUCTURE_MIN = 1.1  # ratio of bandwidths from which the larger structure is chosen
-RANDOM = 1000  # random choices of values on which the result is checked
-PROBE = 60  # random choices of values in the rounds of the search
-ROUNDS = 4
-# largest number of corners in the first set; other corners join if the law violates the margins on
-# them
+RANDOM = 1000  # number of random choices of values on which the result is checked
+PROBE_RANDOM = 60  # number of random choices of values in the rounds of the search
+ROUNDS_MAX = 4  # largest number of rounds in which members are added
+# Largest number of corners in the first set. Other corners are added if the law violates the
+# margins on them.
 CORNERS_MAX = 8
 SEED = 1988
 RAMP_PERIODS = 0.2  # rise time in periods of the bandwidth of a PI law
-RAMP_MIN_S = 0.1
-# The bandwidth is evaluated at this share of the gain, so that it does not depend on a curve that
-# only just reaches -3 dB.
+RAMP_MIN_S = 0.1  # shortest rise time
+# The bandwidth is evaluated at this share of the largest gain, so that the bandwidth does not jump
+# if |S| of a member only just reaches -3 dB.
 GAIN_SHARE = 0.97
-GENERATIONS = 90  # with half as many, a search often ends in a local optimum, even with restarts
-RESTARTS = (1, 2, 2)  # number of searches with no, one and two sections
-# Range of the initial zeros and poles in bandwidths of a PI law; each restart has its own range,
-# and the best result is chosen. The ramp excludes laws that oscillate after a first contact.
-BEGINS = (1.5, 0.5)
+# Number of generations of the differential evolution. With half of this number, a search often ends
+# in a local optimum, even with restarts.
+GENERATIONS = 90
+RESTARTS = (1, 2, 2)  # number of searches for a law with no, one and two sections
+# Lowest frequency of zeros and poles in bandwidths of a PI law, for each restart. The best result is
+# chosen; the ramp excludes laws that oscillate after a first contact.
+LOWEST_FACTORS = (1.5, 0.5)
 # largest static error of a law without integral action, as a share of the set-point
 STATIC_ERROR_MAX = 0.01
 
 
 @dataclass(frozen=True)
 class StructureDesign:
-    """The best law of one structure; worst: its figures over the set, None if no gain keeps the
-    margins."""
+    """The best control law of one structure. worst: worst figures over the set of plants, None if
+    no gain keeps the margins."""
 
     name: str
     bank: BankFigures
@@ -70,9 +72,11 @@ class StructureDesign:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """bank: quantised; worst, p: figures over the set, of the bank and of P at the same margins;
-    structures: in order of size; limited_by: one sentence; chosen: name of a structure;
-    instead(name): the result with another structure, None if no gain keeps the margins with it."""
+    """Result of a search: the bank as the firmware stores it, and its worst figures over the set.
+
+    p: figures of the P law at the same margins; structures: from the smallest to the largest;
+    limited_by: a sentence; chosen: name of a structure; instead(name): the result with another
+    structure, None if no gain keeps the margins with this structure."""
 
     bank: Bank
     worst: WorstFigures
@@ -84,8 +88,9 @@ class SearchResult:
 
 
 class SearchProblem:
-    """A set of members on a grid, the bounds of a goal, and the bandwidth of a law within these
-    bounds."""
+    """Evaluates control laws over the members of a set of plants: largest gain within the bounds
+    of a goal, and bandwidth with this gain. numbers: logarithms of a structure, as `structures`
+    defines them."""
 
     def __init__(
         self, plants: PlantSet, members: list[Member], goal: Goal, ramp: Ramp | None,
@@ -96,8 +101,8 @@ class SearchProblem:
         self.ramp = ramp
 
     def law(self, numbers: Samples) -> tuple[Response, float] | None:
-        """(response, gain at high frequency) of a law for the gain 1; None if the firmware cannot
-        store its coefficients."""
+        """(frequency response, gain at high frequency) of a control law with the gain 1; None if the
+        firmware cannot store the coefficients of the law."""
         bank = structures.bank(numbers, 1.0)
         if not structures.is_legal(bank.sections):
             return None
@@ -105,7 +110,8 @@ class SearchProblem:
         return law, max(bank.hf_gain(), _noise(law, numbers, self.grid))
 
     def evaluate(self, numbers: Samples) -> tuple[float, float]:
-        """(bandwidth in Hz, reduced if the force does not follow the ramp; largest gain)."""
+        """(bandwidth in Hz, largest gain) of a control law. The bandwidth is reduced if the force
+        does not follow the ramp."""
         found = self.law(numbers)
         if found is None:
             return 0.0, 0.0
@@ -153,7 +159,7 @@ class SearchProblem:
 
 
 def _noise(law: Response, numbers: Samples, grid: Grid) -> float:
-    """Largest gain of the law without its integral action."""
+    """Largest magnitude of a control law over the frequency, without its integral action."""
     if not len(numbers):
         return 1.0
     return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())
@@ -163,8 +169,8 @@ def _starts(
     name: str, limits: Samples, plants_zeros: list[float], best: Samples, rng: np.random.Generator,
     count: int,
 ) -> Samples:  # fmt: skip
-    """The first population: zeros on the plant's antiresonances with a pole above, the result of
-    the smaller structure with a neutral section, and random numbers of the whole range."""
+    """The first population of a search: zeros at antiresonances of the plant with a pole above,
+    the law of the next smaller structure with a section that has no effect, and random numbers."""
     low, high = limits.T
     rows = low + (high - low) * rng.random((count, len(limits)))
     sections = structures.STRUCTURES[name]
@@ -186,11 +192,12 @@ def _search(
     problem: SearchProblem, thin: SearchProblem, name: str, fS: float, zeros: list[float],
     best: Samples,
 ) -> Samples:  # fmt: skip
-    """The numbers of the best law of a structure for `problem`, found on its thin grid. fS:
-    bandwidth of a PI law in Hz; best: numbers of the next smaller structure."""
+    """The numbers of the best law of a structure. thin: the same problem on a thin grid; fS:
+    bandwidth of a PI law in Hz; zeros: antiresonances in Hz; best: numbers of the best law of the
+    next smaller structure."""
     rng = np.random.default_rng(SEED)
     results = []
-    for begin in BEGINS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
+    for begin in LOWEST_FACTORS[: RESTARTS[structures.STRUCTURES[name] or 0]]:
         limits = structures.bounds(name, begin * fS)
         found = optimize.differential_evolution(
             thin.cost(limits),
@@ -212,7 +219,8 @@ def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samp
 
 
 def first_members(plants: PlantSet) -> list[Member]:
-    """The nominal members, then the corners; of many corners a random sample."""
+    """The members with which a search begins: the nominal members and the corners, or a random
+    sample of the corners if there are many."""
     corners, most = plants.corners(), CORNERS_MAX * len(plants.modes)
     if len(corners) > most:
         corners = random.Random(SEED).sample(corners, most)
@@ -226,8 +234,8 @@ def _random(plants: PlantSet, count: int, seed: int) -> list[Member]:
 def search(
     plants: PlantSet, goal: Goal | None = None, progress: Callable[[str], None] | None = None
 ) -> SearchResult:
-    """The best law for a set of plants. Raises InputError, in one line, if no law keeps the
-    margins. progress(text) is called at every step."""
+    """The best control law for a set of plants. Raises InputError if no law keeps the margins.
+    progress(text) is called at every step."""
     goal = goal or Goal()
     say = progress or (lambda text: None)
     _check(goal)
@@ -240,7 +248,9 @@ def search(
     fS = problem.evaluate(own)[0]
     if not fS:
         raise _no_gain()
-    limits = {name: structures.bounds(name, min(BEGINS) * fS) for name in structures.STRUCTURES}
+    limits = {
+        name: structures.bounds(name, min(LOWEST_FACTORS) * fS) for name in structures.STRUCTURES
+    }
     problem.follow_ramp(plants, goal, fS)
     ramp = thin.ramp = problem.ramp
     before = own
@@ -250,9 +260,9 @@ def search(
         best[name] = before = _search(problem, thin, name, fS, zeros, before)
         say(f"{name}: {problem.evaluate(before)[0]:.2f} Hz")
     say("random members")
-    others = plants.nominal() + plants.corners() + _random(plants, PROBE, SEED)
+    others = plants.nominal() + plants.corners() + _random(plants, PROBE_RANDOM, SEED)
     probe = Grid(plants, others, goal.timings)
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS_MAX):
         found = {name: _violator(problem, probe, numbers) for name, numbers in best.items()}
         joined = {m.label(): m for m in found.values() if m is not None and m not in members}
         if not joined:
@@ -265,7 +275,8 @@ def search(
 
 
 def antiresonances(grid: Grid) -> list[float]:
-    """Frequencies in Hz of the lightly damped zeros of the plants, each once."""
+    """Frequencies in Hz of the lightly damped zeros of the plants of a grid, at most eight.
+    Frequencies that are nearly equal are listed once."""
     found: list[float] = []
     for loop in grid.open_loops:
         zeros = loop.open.zeros_s()
@@ -279,8 +290,8 @@ def antiresonances(grid: Grid) -> list[float]:
 
 
 def _violator(problem: SearchProblem, probe: Grid, numbers: Samples) -> Member | None:
-    """The member of a grid on which the law needs the lowest gain, if the gain of the law is too
-    large for this member; otherwise None."""
+    """The member of a grid that limits the gain of a law most; None if the law keeps the margins on
+    all members of the grid."""
     gain = problem.evaluate(numbers)[1]
     law = structures.response(numbers, probe)
     limit = probe.largest_gain(law, 1e-9, problem.bounds)
@@ -291,7 +302,7 @@ def _check(goal: Goal) -> None:
     for timing in goal.timings:
         if timing not in DELAYS:
             raise InputError(
-                f"timing: expected zoh or zoh+1, a bank's law is designed for a delay of 0 or 1 "
+                "timing: expected zoh or zoh+1, because a bank is designed for a delay of 0 or 1 "
                 f"tick, got {timing}"
             )
     for name in ("ms", "ms_late", "gain_margin"):
@@ -300,12 +311,12 @@ def _check(goal: Goal) -> None:
 
 
 def check_plants(problem: SearchProblem) -> None:
-    """Raise InputError if a member is unstable at every gain."""
+    """Raise InputError if a plant of the set is unstable at every gain."""
     for loop, member in zip(problem.grid.open_loops, problem.grid.members, strict=True):
         if loop.limit().gain == 0:
             raise InputError(
-                f"{loop.model}: {member.label()}: expected a plant that a small gain keeps stable, "
-                f"it is {loop.limit().reason}; add damping or narrow the set"
+                f"{loop.model}: {member.label()}: expected a plant that is stable with a small "
+                f"gain, it is {loop.limit().reason}; add damping or narrow the set"
             )
 
 
@@ -313,7 +324,7 @@ def _result(
     plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
     say: Callable[[str], None],
 ) -> SearchResult:  # fmt: skip
-    """The result from the numbers of each structure's law."""
+    """The result of a search. best: {structure: numbers of its best law}."""
     bounds = problem.bounds
     joined = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(joined.values()) + _random(plants, RANDOM, SEED + 1)
@@ -341,7 +352,7 @@ def _result(
             chosen = row
 
     def taken(name: str) -> SearchResult | None:
-        # Other structures are only compared, so their gain is that of the grid.
+        # The exact gain is computed only for this structure; others have the gain of the grid.
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = certificate.exact(plants, grids, rows[at].bank.bank, goal)
         if not worst or not worst.fS_Hz:
@@ -365,7 +376,7 @@ def _result(
 
 
 def _p_of(rows: list[StructureDesign]) -> P:
-    """The figures of the P law among the structures."""
+    """The figures of the P law from the rows of all structures."""
     for row in rows:
         if row.name == "P" and row.worst:
             return certificate.p_figures(row.worst, row.bank.bank)
@@ -374,13 +385,15 @@ def _p_of(rows: list[StructureDesign]) -> P:
 
 def _no_gain() -> ParameterError:
     return ParameterError(
-        "ms", "expected margins that some law keeps over the set and still follows, no gain from "
-        f"{GAIN_STEP:.4f} codes per 8-bit count on does; narrow `over` or accept smaller margins",
+        "ms", "expected margins that a law keeps over the set while the force follows the "
+        f"set-point, but no gain from {GAIN_STEP:.4f} codes per 8-bit count on does; narrow `over` "
+        "or accept smaller margins",
     )  # fmt: skip
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
-    """Whether a larger structure is chosen in place of a smaller one."""
+    """Whether a larger structure is chosen in place of a smaller one. The reason is either 10 % more
+    bandwidth, or a large static error if the smaller structure is P."""
     before = smaller.worst
     return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
         smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX

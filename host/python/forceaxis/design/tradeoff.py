@@ -1,5 +1,5 @@
-"""Trade-off of the bandwidth against a second figure: designs for a series of margins
-(`pareto`)."""
+"""Trade-off of the bandwidth against a second figure of the loop, by a design for each value of
+this figure."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,10 @@ from forceaxis.results import json_field, to_json
 
 # {name of the second figure: (its values, its meaning)}
 AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
-    "ms": ((1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6), "largest |S|, a tenth more one tick late"),
+    "ms": (
+        (1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6),
+        "largest |S|, a tenth more with one tick of latency",
+    ),
     "hf": ((2, 4, 8, 15, 30, 60, 120), "gain at high frequency, codes per 8-bit count"),
     "gain_margin": ((1.6, 1.9, 2.3, 2.7, 3.2, 4.0), "gain margin"),
 }
@@ -29,8 +32,8 @@ AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class TradeoffRow:
-    """The design for one value of the second figure; the field with the name of that figure
-    contains the value. None: no gain keeps the margins."""
+    """The design for one value of the second figure. Of the fields ms, hf and gain_margin, only the
+    field of the second figure has a value. Other fields are None if no gain keeps the margins."""
 
     bandwidth_Hz: float | None
     p_bandwidth_Hz: float | None
@@ -62,7 +65,8 @@ class Tradeoff:
 
 
 def against_of(text: str) -> str:
-    """ms of "bandwidth,ms"."""
+    """The name of the second figure in a text such as "bandwidth,ms". Raises InputError for another
+    text."""
     names = text.split(",")
     if len(names) != 2 or names[0] != "bandwidth" or names[1] not in AGAINST:
         raise ParameterError(
@@ -74,8 +78,8 @@ def against_of(text: str) -> str:
 def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
-    """Designs of an order for each value of one margin, by the search of `reduced`; the other
-    margins are those of the order. Raises InputError."""
+    """The designs of an order for each value of the figure `against`, by the search of `reduced`.
+    The other margins are those of the order. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:
@@ -90,7 +94,8 @@ def tradeoff(
                 progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
             known.append(problem.designed().numbers)
-        for value in values:  # a design for one value may be the best design for another value
+        # The design for one value may be the best one for another value, too.
+        for value in values:
             _set(problem, goal, against, value)
             rows.append(_row(against, value, problem, problem.best_of(known)))
     return Tradeoff(
@@ -132,7 +137,7 @@ def _row(against: str, value: float, problem: ShortSearch, found: ShapedDesign) 
 
 
 def figure(result: Tradeoff) -> Figure:
-    """The trade-off as a figure."""
+    """The figure of the bandwidth over the second figure, for the designed bank and P."""
     drawn, ax = plt.subplots(figsize=(5.6, 3.4))
     drawing.style(ax)
     for name, curve, colour in (
@@ -148,7 +153,7 @@ def figure(result: Tradeoff) -> Figure:
     ax.set_ylabel("bandwidth fS over the set, Hz")
     drawing.legend(ax)
     name, over = drawing.name_of(result.model), ", ".join(result.over)
-    drawing.finish(drawn, ax, f"{name}: what bandwidth costs, over {over}")
+    drawing.finish(drawn, ax, f"{name}: bandwidth and its price, over {over}")
     return drawn
 
 
