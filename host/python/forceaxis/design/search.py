@@ -42,8 +42,8 @@ GAIN_SHARE = 0.97
 # in a local optimum, even with restarts.
 GENERATIONS = 90
 RESTARTS = (1, 2, 2)  # number of searches for a law with no, one and two sections
-# Lowest frequency of zeros and poles in bandwidths of a PI law, for each restart. The best result is
-# chosen; the ramp excludes laws that oscillate after a first contact.
+# Lowest frequency of zeros and poles in bandwidths of a PI law, for each restart. The best result
+# is chosen, because the ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5)
 # largest static error of a law without integral action, as a share of the set-point
 STATIC_ERROR_MAX = 0.01
@@ -101,8 +101,8 @@ class SearchProblem:
         self.ramp = ramp
 
     def law(self, numbers: Samples) -> tuple[Response, float] | None:
-        """(frequency response, gain at high frequency) of a control law with the gain 1; None if the
-        firmware cannot store the coefficients of the law."""
+        """(frequency response, gain at high frequency) of a control law with the gain 1; None if
+        the firmware cannot store the coefficients of the law."""
         bank = structures.bank(numbers, 1.0)
         if not structures.is_legal(bank.sections):
             return None
@@ -392,8 +392,8 @@ def _no_gain() -> ParameterError:
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
-    """Whether a larger structure is chosen in place of a smaller one. The reason is either 10 % more
-    bandwidth, or a large static error if the smaller structure is P."""
+    """Whether a larger structure is chosen in place of a smaller one. The reason is either 10 %
+    more bandwidth, or a large static error if the smaller structure is P."""
     before = smaller.worst
     return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
         smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX
