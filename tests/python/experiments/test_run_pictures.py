@@ -86,5 +86,5 @@ def test_each_kind_of_curve_has_its_own_name():
 
     loops = [(None, kind) for kind in ("nominal", "members", "late", "members")]
     assert [handle.get_label() for handle in page.keys(loops)] == [
-        "nominal", "nominal, a tick late", "corners and random members",
+        "nominal", "nominal, one tick of latency", "corners and random members",
     ]  # fmt: skip

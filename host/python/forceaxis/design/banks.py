@@ -1,4 +1,4 @@
-"""A bank of the firmware in the form of its JSON."""
+"""A bank of the firmware in the form in which JSON contains it."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,14 +20,14 @@ class BankFigures:
 
     @property
     def bank(self) -> "Bank":
-        """The bank of the firmware."""
+        """The bank with which loops are computed and firmware is set."""
         from forceaxis.linear.bank import Bank
 
         return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)
 
 
 def bank_figures(bank: "Bank") -> BankFigures:
-    """The JSON form of a bank."""
+    """The figures of a bank for JSON."""
     return BankFigures(
         force_gain=bank.force_gain,
         integral_rad_per_s=bank.integral_rad_per_s,

@@ -32,7 +32,7 @@ CONSTRAINTS = {
 }
 
 
-FIGURES = ("fS, Hz", "fT, Hz", "Ms", "Ms, a tick late", "gain margin", "phase margin, degrees")
+FIGURES = ("fS, Hz", "fT, Hz", "Ms", "Ms at latency 1", "gain margin", "phase margin, degrees")
 Row = tuple[float | None, ...]
 
 

@@ -1,11 +1,13 @@
 """Frequency responses of a set of plants on a grid, on which laws are evaluated quickly.
 
-All operations are vectorised over members and frequencies, so a law takes less than a millisecond.
-Each member has its own grid, which is dense about its poles and zeros, because a resonance is
-narrower than the steps of a common grid. The conditions |1 + g L| above a bound and |T| below a
-bound are quadratic in the gain g at each frequency. The largest gain that keeps the margins
-therefore needs no iteration. A loop that is stable at small gains is stable up to this gain,
-because the curve does not pass through -1 at any smaller gain.
+All operations are vectorised over members and frequencies, so the evaluation of a law takes less
+than a millisecond. Each member has its own grid of frequencies, which is dense near its poles and
+zeros, because a resonance is narrower than the steps of a common grid.
+
+The conditions |1 + g L| above a bound and |T| below a bound are quadratic in the gain g at each
+frequency. The largest gain that keeps the margins is therefore computed without iteration. A loop
+that is stable at small gains is stable up to this gain, because the curve of g L does not pass
+through -1 at a smaller gain.
 """
 
 import math
@@ -24,26 +26,27 @@ from forceaxis.linear.stability import Loop
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
-LOWEST_HZ = 0.02
-HALF_RATE_HZ = 0.5 / TICK_S
-SLOW_HZ = 1.0  # below this frequency the grid has fewer points per decade
-PER_DECADE = (60, 270)
-PER_SIDE = 42  # points on each side of a resonance, up to WIDEST half-widths
-THIN = 1 / 3
-WIDEST = 25.0
-DELAYS = {"zoh": 0, "zoh+1": 1}
-HALF_POWER = 0.5
+LOWEST_HZ = 0.02  # lowest frequency of a grid
+HALF_RATE_HZ = 0.5 / TICK_S  # highest frequency of a grid
+SLOW_HZ = 1.0  # below this frequency a grid has fewer points
+POINTS_PER_DECADE = (60, 270)  # below and above SLOW_HZ
+# number of points on each side of a resonance, and the farthest of them in half-widths
+POINTS_PER_SIDE, FARTHEST_HALF_WIDTHS = 42, 25.0
+THIN = 1 / 3  # density of a thin grid
+DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
+HALF_POWER = 0.5  # |S|^2 at -3 dB
 BLOCK_MEMBERS = 16  # members of each Grid that blocks() returns
 # Largest gain at high frequency in codes per 8-bit count. It does not grow with the ADC's
 # resolution, because the noise in N of the measured force does not decrease.
 HF_DEFAULT = 80.0
-HF_SHARE = 0.99  # share of a bound that is used, because the coefficients are rounded
+HF_SHARE = 0.99  # used share of a bound of the gain, because coefficients are rounded
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Bounds of a loop. ms: peak of |S| for each timing; mt: peak of |T|; gain_margin: factor;
-    phase_margin_deg: degrees or None; hf_gain: DAC codes per 8-bit count."""
+    """Bounds that a loop has to keep. ms: largest |S| for each timing; mt: largest |T|, None: no
+    bound; gain_margin: factor; phase_margin_deg: None: no bound; hf_gain: largest gain at high
+    frequency in DAC codes per 8-bit count."""
 
     ms: tuple[float, ...]
     mt: float | None
@@ -54,11 +57,13 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Goal:
-    """Margins that a design has to keep. ms, ms_late: peak of |S| without and with a tick of delay;
-    mt: peak of |T|, None: no bound; gain_margin: factor; phase_margin_deg: None: follows from ms;
-    adc_bits: of the force ADC; hf_gain: largest gain at high frequency in DAC codes per 8-bit
-    count, None: chosen; timings: of loops.TIMINGS; ramp_s: rise time in s of the set-point that the
-    force has to follow, None: chosen."""
+    """Margins that a design has to keep.
+
+    ms, ms_late: largest |S| without and with a tick of delay; mt: largest |T|, None: no bound;
+    gain_margin: factor; phase_margin_deg: None: no bound besides ms; adc_bits: of the force ADC;
+    hf_gain: largest gain at high frequency in DAC codes per 8-bit count, None: HF_DEFAULT; timings:
+    of loops.TIMINGS; ramp_s: rise time in s of the set-point that the force has to follow, None:
+    follows from the bandwidth."""
 
     ms: float = 2.0
     ms_late: float = 2.2
@@ -75,7 +80,7 @@ class Goal:
         return self.ms if timing == "zoh" else self.ms_late
 
     def bounds(self) -> Bounds:
-        """The goal as the bounds of a Grid."""
+        """The margins of the goal as bounds of a loop."""
         most = hf_most(self.adc_bits)
         return Bounds(
             tuple(self.ms_of(timing) for timing in self.timings),
@@ -86,16 +91,17 @@ class Goal:
         )
 
     def hf_cure(self) -> str:
-        """The change of the axis that raises the bound of the gain at high frequency."""
+        """Text about the change of the axis or of the goal that permits a larger gain at high
+        frequency."""
         if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
-            return "an ADC of more bits would let it rise"
+            return "an ADC of more bits permits a larger gain"
         if self.hf_gain:
-            return "a higher bound, which a reading with less noise permits, would let it rise"
-        return "a larger hf_gain of the design lets it rise where the reading is quiet"
+            return "a force measurement with less noise permits a larger bound"
+        return "with little measurement noise, a larger hf_gain of the design is possible"
 
 
 class GridPlace(NamedTuple):
-    """Indices of a member and of a timing of a Grid, and a frequency in Hz."""
+    """A place of a Grid: index of the member, index of the timing, and frequency in Hz."""
 
     member: int
     timing: int
@@ -103,8 +109,8 @@ class GridPlace(NamedTuple):
 
 
 class GainLimit(NamedTuple):
-    """The largest gain that the bounds permit, the bound that limits it ("hf", "ms", "mt", "gm" or
-    "pm") and its place on the grid; place is None for "hf"."""
+    """The largest gain that the bounds permit. name: bound that limits the gain ("hf", "ms", "mt",
+    "gm" or "pm"); place: where the loop reaches this bound, None for "hf"."""
 
     gain: float
     name: str
@@ -115,21 +121,23 @@ Index = tuple[int, int]  # index (member, frequency) in an array of a Grid
 
 
 def hf_most(adc_bits: int) -> float:
-    """The largest gain at high frequency, in codes per 8-bit count, that the firmware permits."""
+    """The largest gain at high frequency that the firmware accepts with an ADC of `adc_bits` bits,
+    in DAC codes per 8-bit count."""
     return HF_CODES_MAX * 2.0 ** (adc_bits - 8)
 
 
 def _frequencies(loop: Loop, density: float) -> Samples:
-    """The grid of a member in Hz, ascending, up to half the tick rate."""
+    """The frequencies of the grid of one plant in Hz, ascending, up to half the tick rate. density:
+    number of points as a share of that of a full grid."""
     ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
     parts = [
         np.geomspace(low, high, round(density * dense * math.log10(high / low)))
-        for low, high, dense in zip(ends[:-1], ends[1:], PER_DECADE, strict=True)
+        for low, high, dense in zip(ends[:-1], ends[1:], POINTS_PER_DECADE, strict=True)
     ]
     roots = np.concatenate([loop.open.poles_s(), loop.open.zeros_s()])
     roots = roots[np.isfinite(roots) & (roots.imag > 0)] / (2 * math.pi)
-    side = round(density * PER_SIDE)
-    around = np.sinh(np.linspace(-1, 1, 2 * side + 1) * math.asinh(2 * WIDEST)) / 2
+    side = round(density * POINTS_PER_SIDE)
+    around = np.sinh(np.linspace(-1, 1, 2 * side + 1) * math.asinh(2 * FARTHEST_HALF_WIDTHS)) / 2
     for root in roots[np.abs(_damping(roots)) < 0.3]:
         width = max(abs(root.real), 1e-5 * root.imag)
         parts.append(root.imag + width * around)
@@ -142,11 +150,12 @@ def _damping(roots: Response) -> Samples:
 
 
 class Grid:
-    """Frequency responses of those members that have a path, in the given order. frequency_hz and
-    plant (m, n): measured force in 8-bit counts per DAC code, without a delay; timings: names of
-    loops.TIMINGS. Figures have a relative error of about 0.001, and of one or two per cent at the
-    density THIN. With the density THIN, a search can find laws whose peaks lie between two points
-    of the grid."""
+    """Frequency responses of the members of a set of plants on a grid.
+
+    Members without a path from the drive command to the measured force are left out. plant (m, n):
+    measured force in 8-bit counts per DAC code at frequency_hz (m, n), for m members without a
+    delay; timings: names of loops.TIMINGS. Figures have a relative error of about 0.001, and of one
+    or two per cent at the density THIN, because a peak may lie between two points of the grid."""
 
     def __init__(
         self, plants: PlantSet, members: Sequence[Member], timings: Sequence[str],
@@ -163,10 +172,10 @@ class Grid:
             except _core.InputError as error:
                 if "expected a path" not in str(error):
                     raise
-                refused = error  # the mode has no loop, so every law is stable in it
+                refused = error  # without a path, every law is stable
                 continue
             if loop.codes_per_gain is None:
-                raise _core.InputError(f"{loop.model}: adc: expected the reading of ADC 0")
+                raise _core.InputError(f"{loop.model}: adc: expected a force sensor at ADC 0")
             self.members.append(member)
             self.open_loops.append(loop)
             grids.append(_frequencies(loop, density))
@@ -191,14 +200,15 @@ class Grid:
         self.log_f = np.log(self.frequency_hz)
 
     def loops(self, law: Response) -> list[tuple[Response, Samples]]:
-        """(L, |L|^2) of each timing, for the gain 1; law (m, n): its response without gain."""
+        """(L, |L|^2) of each timing for the gain 1. law (m, n): frequency response of the control
+        law without its gain."""
         whole = self.plant * law
         squared = whole.real**2 + whole.imag**2
         return [((whole * lag), squared) for lag in self.lag]
 
     def largest_gain(self, law: Response, hf_gain: float, bounds: Bounds) -> GainLimit:
-        """The largest gain g at which all bounds are kept, and the bound that limits it. hf_gain:
-        gain of the law at high frequency for g = 1."""
+        """The largest gain at which the loops of all members keep the bounds, and the bound that
+        limits this gain. hf_gain: gain of the law at high frequency for the gain 1."""
         best = GainLimit(bounds.hf_gain / hf_gain, "hf", None)
         for t, (L, q) in enumerate(self.loops(law)):
             for name, found in self._ends(L, q, bounds, t):
@@ -240,9 +250,9 @@ class Grid:
                 yield "pm", (1 / close[at], at)
 
     def bandwidths(self, law: Response, gain: float) -> tuple[Samples, Samples]:
-        """(fS, first fT) in Hz of each timing and member, (t, m): the first frequencies at which
-        |S| rises to -3 dB and |T| falls through -3 dB; 0 if this is already so at the lowest
-        frequency."""
+        """(fS, first fT) in Hz, each as an array (t, m) over timings and members: the first
+        frequencies at which |S| rises to -3 dB and |T| falls through -3 dB. The frequency is 0 if
+        the magnitude is already beyond -3 dB at the lowest frequency of the grid."""
         first, falls = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q  # |1 + g L|^2
@@ -251,7 +261,8 @@ class Grid:
         return np.array(first), np.array(falls)
 
     def last_falls(self, law: Response, gain: float) -> Samples:
-        """The last frequencies at which |T| falls through -3 dB, in the form of `bandwidths`."""
+        """The last frequencies in Hz at which |T| falls through -3 dB, as an array (t, m) over
+        timings and members."""
         found = []
         for L, q in self.loops(law):
             level = gain**2 * q / (HALF_POWER * (1 + 2 * gain * L.real + gain**2 * q))
@@ -276,7 +287,8 @@ class Grid:
         return np.asarray(np.exp(self.log_f[rows, i] + share * step))
 
     def peaks(self, law: Response, gain: float) -> tuple[Samples, Samples]:
-        """(peak |S|, peak |T|) of each timing and member, (t, m), on the grid."""
+        """(largest |S|, largest |T|) on the grid, each as an array (t, m) over timings and
+        members."""
         s, t = [], []
         for L, q in self.loops(law):
             apart = 1 + 2 * gain * L.real + gain**2 * q
@@ -285,8 +297,8 @@ class Grid:
         return np.array(s), np.array(t)
 
     def margins(self, law: Response, gain: float) -> tuple[float | None, float | None]:
-        """(gain margin, phase margin in degrees), the smallest of all members and timings; None for
-        a margin that no member has."""
+        """(gain margin, phase margin in degrees), each the smallest value of all members and
+        timings. A margin is None if no member has this margin."""
         factor, phase = math.inf, math.inf
         for L, q in self.loops(law):
             value = gain * L
@@ -311,8 +323,8 @@ class Grid:
 
 
 def blocks(plants: PlantSet, members: Sequence[Member], timings: Sequence[str]) -> list[Grid]:
-    """Grids of all members with a few members each, so that the arrays fit the processor's
-    cache."""
+    """All members on several grids, each with a few members, so that the arrays of a grid fit the
+    cache of the processor."""
     found: list[Grid] = []
     refused: _core.InputError | None = None
     for i in range(0, len(members), BLOCK_MEMBERS):
@@ -333,8 +345,8 @@ def _highest(values: Samples) -> Index:
 
 
 def _first_root(ahead: Samples, share_q: Samples, constant: float) -> tuple[float, Index]:
-    """The smallest g > 0 of constant - 2 g ahead + g^2 q' = 0 over all points, as (gain, index). q'
-    is share_q, scaled so that the constant term becomes `constant`."""
+    """(gain, index of the point) of the smallest gain g > 0 that solves the quadratic condition
+    constant - 2 g ahead + g^2 q' = 0 at a point of the grid. share_q: q' times `constant`."""
     root = ahead**2 - share_q
     real = (root >= 0) & (ahead > 0)
     if not real.any():

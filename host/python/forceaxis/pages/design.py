@@ -1,4 +1,4 @@
-"""Writes the page of a design: one HTML file with tables and figures."""
+"""Writes the page of a design: one HTML file with the tables and figures of a force law."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -27,14 +27,15 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
-FAR = 20.0  # |L| beyond the frame
-RANDOM = 4  # number of random plants in the figures, besides nominal plant and corners
+LOOP_GAIN_DRAWN = 20.0  # |L| above which a curve is outside the figure
+RANDOM = 4  # number of random plants in the figures, in addition to nominal plant and corners
 
 Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, key of its style in LOOKS)
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
-    """Loop gains of a bank over the set and its latencies."""
+    """Frequency responses of the open loops with a bank, over the plants of the set and the
+    latencies."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
@@ -53,26 +54,27 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
 LOOKS: dict[str, tuple[dict[str, Any], str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
-             "nominal, a tick late"),
+             "nominal, one tick of latency"),
     "members": ({"color": GOT, "linewidth": 0.5, "alpha": 0.5}, "corners and random members"),
 }  # fmt: skip
 
 
 def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
-    """Handles of the legend for the curves of responses()."""
+    """Entries of the legend of a figure, one for each style of curve that `loops` contains."""
     met = {kind for _, kind in loops}
     return [plt.Line2D([], [], label=name, **look)
             for kind, (look, name) in LOOKS.items() if kind in met]  # fmt: skip
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """[(name, bank)] of the laws in the figures; P only if it keeps the margins at some gain."""
+    """[(name, bank)] of the control laws that the figures compare: the design, and P if P keeps the
+    margins at some gain."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
 
 def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops: Loops) -> Figure:
-    """|S| and |T| of one law over the set, in dB."""
+    """The figure with |S| and |T| of one control law over the set of plants, in dB."""
     figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
     for L, kind in loops:
         for ax, value in zip(axes, (1 / (1 + L), L / (1 + L)), strict=True):
@@ -90,7 +92,7 @@ def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops:
         axes[1],
         handles=[
             *keys(loops),
-            plt.Line2D([], [], color=WANTED, label="largest |S| asked for"),
+            plt.Line2D([], [], color=WANTED, label="largest permitted |S|"),
             plt.Line2D([], [], color=FAINT, linestyle=":", label="-3 dB"),
         ],
         loc="lower left",
@@ -100,7 +102,7 @@ def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops:
 
 
 def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
-    """Loop gains of one law around -1."""
+    """The Nyquist diagram near -1 of one control law over the set of plants."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 4.2))
     turn = np.linspace(0, 2 * np.pi, 200)
     style(ax)
@@ -108,7 +110,7 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
     radius = 1 / outcome.order.ms
     ax.fill(-1 + radius * np.cos(turn), radius * np.sin(turn), color=WANTED, alpha=0.18)
     for L, kind in loops:
-        near = np.where(np.abs(L) < FAR, L, np.nan)
+        near = np.where(np.abs(L) < LOOP_GAIN_DRAWN, L, np.nan)
         ax.plot(near.real, near.imag, **{"zorder": 2} | LOOKS[kind][0])
     legend(ax, handles=keys(loops), loc="upper left")
     ax.plot([-1], [0], marker="+", color=INK, markersize=9, zorder=4)
@@ -122,7 +124,7 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
 
 
 def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> Figure:
-    """Force over time in a case, with P and with the design."""
+    """The figure with the force over time in a simulated contact, with P and with the design."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
     latency = outcome.order.latencies[0]
@@ -148,7 +150,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
 
 
 def shown(value: float | str) -> str:
-    """A value of a member of the set as text."""
+    """The value of a parameter or the state of an element as text."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 
@@ -162,7 +164,8 @@ def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
 
 
 def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
-    """Name, fS, Ms, gain margin, gain and gain at high frequency of each structure."""
+    """Rows of a table with each structure: name, fS, Ms, gain margin, gain and gain at high
+    frequency."""
     rows = []
     for one in outcome.structures:
         figures = (*one.row, one.bank.force_gain, one.bank.hf_gain)
@@ -171,7 +174,8 @@ def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
 
 
 def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
-    """Writes index.html into the folder of a design. run: the experiment that the page names."""
+    """Writes the page index.html of a design into a folder. run: path of the experiment that the
+    page tells the user to run."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     html = template("design").render(
