@@ -33,8 +33,8 @@ from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
 Say = Callable[[str], None]  # shows a text about the progress
-# Writes the page of a design into a folder. The last argument is the path of the experiment that the
-# page tells the user to run.
+# Writes the page of a design into a folder. The last argument is the path of the experiment that
+# the page tells the user to run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
 # returns the design with the structure of the given name; None if no gain keeps the margins
 Instead = Callable[[str], DesignOutcome | None]
