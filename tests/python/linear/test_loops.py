@@ -461,7 +461,9 @@ def test_law_parameters_are_required_and_refused():
             given = {n: v for n, v in PARAMETERS[law].items() if n != missing}
             with pytest.raises(InputError, match=f"{missing}: expected with law"):
                 loops.force_loop("fig4_19", law, **given)
-    with pytest.raises(InputError, match="derivative_s: expected for another law, p has no"):
+    with pytest.raises(
+        InputError, match="derivative_s: expected this parameter only with another law"
+    ):
         loops.force_loop("fig4_19", derivative_s=1.0)
     with pytest.raises(InputError, match="expected a number > 0, got -1"):
         loops.force_loop("fig4_19", "pd", derivative_s=-1.0)
@@ -771,11 +773,14 @@ def test_poles_verb():
         (["limit", "fig4_19", "--set", "m_x=1"], "parameters.m_x: expected one of"),
         (["limit", "fig2_3", "--set", "b_m=1"], "parameters.b_m: expected a parameter that"),
         (["limit", "fig4_19", "--law", "pi"], "--integral-rad-per-s: expected with law pi"),
-        (["limit", "fig4_19", "--lead-pole-hz", "9"], "--lead-pole-hz: expected for another law"),
+        (
+            ["limit", "fig4_19", "--lead-pole-hz", "9"],
+            "--lead-pole-hz: expected this parameter only",
+        ),
         (["limit", "fig4_19", "--gain", "1", "--firmware-gain", "1"], "got both"),
         (["limit", "fig4_19", "--gain", "-1"], "--gain: expected a number from"),
         (["poles", "fig4_19", "--free"], "expected a path from drive.command to"),
-        (["poles", "fig4_19", "--law", "pi"], "--law: expected with --gain"),
+        (["poles", "fig4_19", "--law", "pi"], "--law: expected a law only with --gain"),
         (["poles", "fig4_19", "--input", "arm.force"], "input: expected one of"),
     ],
 )

@@ -118,8 +118,14 @@ def test_beam_has_the_classical_constants():
         ("linearise fig4_19 --output sensor.farce", "output: expected one of"),
         ("linearise fig4_19 --input wall.force", "input: expected one of"),
         ("linearise fig4_19 --set m_x=1", "m_x"),
-        ("step fig4_19 --gain 0.01 --duration-s 0", "--duration-s: expected two ticks"),
-        ("step fig4_19 --gain 1e6 --duration-s 60", "--duration-s: expected a response that stays"),
+        (
+            "step fig4_19 --gain 0.01 --duration-s 0",
+            "--duration-s: expected a duration from two ticks",
+        ),
+        (
+            "step fig4_19 --gain 1e6 --duration-s 60",
+            "--duration-s: expected a response that remains",
+        ),
         ("step nl_friction --gain 0.01 --mode rail=stuck", "expected a path from drive.command"),
         (
             "linearise fig4_19 --output reading --output reading",

@@ -281,7 +281,10 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
     """(curves, result) of a plant: one curve for each combination of `vary` and each output."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
-        raise ParameterError("gain", "expected with `input` drive.command, a loop acts there")
+        raise ParameterError(
+            "gain",
+            "expected a gain only with `input` drive.command, because the loop acts at this input",
+        )
     check_span(view.span_hz, timing)
     linear.once("output", view.outputs)
     curves, rows = [], []

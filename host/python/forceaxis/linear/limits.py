@@ -262,7 +262,9 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
     """The step response of a loop at a gain k. Raises ParameterError for a duration_s below two
     ticks or above 600 s, and if an unstable response exceeds the range of numbers."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
-        raise ParameterError("duration_s", f"expected two ticks to 600 s, got {duration_s:g}")
+        raise ParameterError(
+            "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"
+        )
     stable = loop.stable(gain)
     # The response is computed for twice the duration, because settling requires that the signal
     # stays within 2 % of its final value.
@@ -279,8 +281,8 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
     if not np.isfinite(value).all():
         raise ParameterError(
             "duration_s",
-            f"expected a response that stays finite, it grows out of range within "
-            f"{duration_s:g} s; shorten it or lower the gain",
+            "expected a response that remains finite, but the response becomes too large within "
+            f"{duration_s:g} s; use a shorter duration or a lower gain",
         )
     return StepResponse(stable, *figures, final, time_s, value)
 
@@ -343,10 +345,16 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
-            raise ParameterError("law", "expected with `gain` or `firmware_gain`, which close it")
+            raise ParameterError(
+                "law", "expected a law only with `gain` or `firmware_gain`, which close the loop"
+            )
         return _plant_poles(request, own, input or "drive.command", output or "reading")
     if input is not None:
-        raise ParameterError("input", "expected without a gain; a loop starts at its set-point")
+        raise ParameterError(
+            "input",
+            "expected an input only without a gain, because the input of a closed "
+            "loop is its set-point",
+        )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
     assert gain is not None  # the request or its experiment has a gain

@@ -165,11 +165,15 @@ def _check(spec: LoopSpec) -> None:
     """Raises ParameterError for a field of the specification that contradicts the others."""
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
-        raise ParameterError("law", "expected bank with an experiment that selects one")
+        raise ParameterError("law", "expected law bank only with an experiment that selects a bank")
     if bank is not None and law not in ("bank", *MOTION_LAWS):
-        raise ParameterError("law", f"expected bank or one of motion with a bank, got {law}")
+        raise ParameterError(
+            "law", f"expected law bank or a law of motion for an experiment with a bank, got {law}"
+        )
     if bank is not None and spec.is_continuous:
-        raise ParameterError("timing", "expected zoh or zoh+1 with law bank, it is sampled")
+        raise ParameterError(
+            "timing", "expected zoh or zoh+1 with law bank, because a bank is sampled"
+        )
     if law not in LAWS:
         raise ParameterError("law", f"expected one of {', '.join(LAWS)}, got {law}")
     if spec.timing not in TIMINGS:
@@ -177,7 +181,10 @@ def _check(spec: LoopSpec) -> None:
     inner = () if law in ("damping", "impedance") else (VELOCITY_GAIN,)
     for name, value in spec.parameters.items():
         if name not in (*LAWS[law], *inner):
-            raise ParameterError(name, f"expected for another law, {law} has no use for it")
+            raise ParameterError(
+                name,
+                f"expected this parameter only with another law, because law {law} does not use it",
+            )
         _check_number(name, value)
     for name in LAWS[law]:
         if name not in spec.parameters:
@@ -247,7 +254,8 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
     if unit != "N" or rate not in known.signals:
         raise ParameterError(
             "output",
-            f"expected the force of a spring or contact with law derivative, {signal} is none",
+            "expected the force of a spring or contact as output with law derivative, got "
+            f"{signal}",
         )
     return rate
 

@@ -229,7 +229,7 @@ def _modes_of(
     """The modes of a set, as described in `loop_set`."""
     fixed = dict(request.states)
     if fixed and modes:
-        raise ParameterError("modes", "expected without `states`, which names one of them")
+        raise ParameterError("modes", "expected either `modes` or `states`, got both")
     modes = modes or ("nominal" if fixed else "visited" if own.experiment else "all")
     if modes == "visited" and own.experiment is None:
         raise ParameterError("modes", "visited: expected an experiment; give all, or nominal")
