@@ -22,7 +22,8 @@ from forceaxis.results import json_field
 GAIN_STEP = 1 / 256  # resolution of force_gain and velocity_gain
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
-HF_CODES_MAX = 15  # LAW_BANK_HF_CODES_MAX
+# Largest gain at high frequency that the firmware accepts, in DAC codes per code of the ADC.
+HF_CODES_MAX = 15
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
 

@@ -83,7 +83,7 @@ def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
         x = x - change
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
-    # a programming error: the start values are close to the roots
+    # The start values are close to the roots, so this is an error of the program.
     raise ArithmeticError("a root of the beam did not converge")
 
 
@@ -174,7 +174,7 @@ class Beam:
         """Both roots s of s^2 = square (1 + damping_s s) for each square, as a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
-        far = half + np.where(half < 0, -1, 1) * root  # no cancellation
+        far = half + np.where(half < 0, -1, 1) * root  # without cancellation of digits
         return np.column_stack([-squares / far, far]).ravel()
 
     def actuator(self, s: ArrayLike) -> Matrix:
@@ -203,9 +203,9 @@ class Beam:
         # 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
-        # overflow in the half that is not selected
+        # np.where computes both formulas, and the one that it does not select may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
-            small = e * (np.sinh(z) + np.sin(z)) / 2  # no cancellation near 0
+            small = e * (np.sinh(z) + np.sin(z)) / 2  # keeps its digits near 0
         large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
         bending = np.where(np.abs(z) < 1, small, large)
         factor = s / (4 * stiffness * b**3 * bending)
@@ -286,7 +286,7 @@ class LumpedBeam:
 
     bending_stiffness_Nm2: float  # E I of the elements
     lengths_m: tuple[float, ...]  # of each element, between centres
-    masses_kg: tuple[float, ...]  # one value more than elements; the sliding mass is the first
+    masses_kg: tuple[float, ...]  # the sliding mass, then one mass for each element
     inertias_kgm2: tuple[float, ...]  # of all but the sliding mass
     tip_offset_m: float = 0.0
 
@@ -323,7 +323,7 @@ class LumpedBeam:
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        # the matrix includes the angle of the sliding mass
+        # This matrix includes the angle of the sliding mass, which is removed at the end.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
         # Stiffness of a massless element for (x, angle length) at both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
@@ -387,7 +387,7 @@ class TwoLinkArm:
     d1: float = 0.0
     d2: float = 0.0
     angle1_rad: float = 0.0
-    angle2_rad: float = 0.0  # between the links, 0: stretched
+    angle2_rad: float = 0.0  # of link 2 relative to link 1; 0: stretched arm
 
     def __post_init__(self) -> None:
         for name in ("l1", "l2", "m1", "m2", "I1", "I2"):

@@ -83,11 +83,11 @@ def marks(roots: Matrix, fastest: float) -> Matrix:
     """Frequencies of the plane in rad/s, > 0: values beside and between `roots`, which are
     frequencies too. fastest: largest magnitude of a pole, 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    # no frequency between two equal roots
+    # Two equal roots count as one, because there is no frequency between them.
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]
     if not len(found):
         found = np.array([fastest or 1.0])
     middle = np.sqrt(found[:-1] * found[1:])
-    # frequencies beside a root at which rounding hides the response
+    # At a root rounding errors hide the response, so frequencies beside the root are added.
     around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
     return np.unique(np.concatenate([middle, *around]))

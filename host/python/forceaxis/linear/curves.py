@@ -230,7 +230,7 @@ def unit_of(model: str | Path, input: str, output: str, settings: Overrides | No
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal
-    # the signal is an ADC or the encoder, both in counts
+    # A signal without an entry is an ADC or the encoder, whose unit is the count.
     above = facts.signals.get(output, "count")
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"
@@ -298,7 +298,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             limit = None
-            if view.input == "drive.command":  # the input on which a force loop would act
+            if view.input == "drive.command":  # the input of a force loop
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
                 limit = limits.limit_result(loop, request.gain_of(loop))

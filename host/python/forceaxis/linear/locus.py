@@ -70,7 +70,7 @@ class Locus:
     gains: Numbers
     branches: Roots
     ends: Array  # open-loop poles and zeros
-    crossings: list[Crossing]  # every gain at which a pole is on the boundary
+    crossings: list[Crossing]  # every gain with a pole on the stability boundary
     limit: Limit
     unit: str  # of the gain
     codes: float | None  # DAC codes per 8-bit count of a gain of 1
@@ -124,7 +124,7 @@ def locus(
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
-    # The largest gain inside the figure is that of a branch at its edge, 1 / |L|.
+    # A branch reaches the edge of the figure at the gain 1 / |L|, which limits the gains to draw.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(
@@ -139,7 +139,7 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # smaller gain steps where a branch moves far
+    for _ in range(6):  # smaller steps of the gain where a pole moves far
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))

@@ -38,9 +38,10 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Smaller residues, as a share of their sum, are caused by rounding.
+# Smallest residue of a mode, as a share of the sum of all, that rounding errors do not cause.
 NO_RESIDUE = 1e-9
-# Smaller frequencies, as a share of the highest, are rigid-body modes with rounding errors.
+# A mode with a smaller frequency, as a share of the highest, is a rigid-body mode whose frequency
+# differs from 0 by rounding errors.
 NO_STIFFNESS = 1e-6
 # Poles below this magnitude count as equally slow when poles are assigned to modes.
 SLOW_RAD_PER_S = 0.06
@@ -241,7 +242,7 @@ def modes(
     if input == "drive.command":
         input = "drive.force"  # the force that a command causes
     if output in ("reading", "adc0") and facts.reading:
-        output = facts.required_reading.signal  # before any filter
+        output = facts.required_reading.signal  # the signal at the input of the ADC's filter
     if output is None:
         output = default_output(facts, [] if pressed else contacts)
     output = as_positions(output)

@@ -33,7 +33,7 @@ from forceaxis.linear.working import States
 
 T = TypeVar("T")
 Entry = tuple[Member, str, T]  # member, timing, and the analysis of its loop
-Mode = tuple[tuple[str, str], ...]  # (element, state) in alphabetical order
+Mode = tuple[tuple[str, str], ...]  # (element, state) of each element, in alphabetical order
 
 HALF_POWER = math.sqrt(0.5)
 RANDOM_MEMBERS = 24  # random plants that are analysed in addition to the nominal plant and corners
@@ -60,9 +60,9 @@ class Figures:
     fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: |S| is above -3 dB at frequency 0
     fT_Hz: float | None = None  # None: |T| stays above -3 dB; 0: |T| is never above -3 dB
     Ms: float | None = None  # largest |S|, up to half the tick rate
-    # gain factor up to the next crossing; None: there is none up to known_to
+    # Gain factor up to the next crossing of the stability boundary; None: none up to known_to.
     gain_margin: float | None = None
-    # the value with the smallest magnitude; None: |L| is 1 at no frequency
+    # The phase margin with the smallest magnitude; None: |L| is 1 at no frequency.
     phase_margin_deg: float | None = None
     sag: bool = False  # |T| is below -3 dB somewhere below fS
     # gain factor above which rounding hides crossings; None: there is no such factor
@@ -159,7 +159,7 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        # the minimiser determines w only to half of the digits
+        # The minimiser gives only half of the digits of w; the zero of the slope gives all of them.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):

@@ -17,8 +17,8 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 from forceaxis.words import plain, suggestion
 
-RANGES_MAX = 8  # 256 corners
-Range = tuple[float, float, float]  # nominal, low, high
+RANGES_MAX = 8  # parameters with a range; their set has 256 corners
+Range = tuple[float, float, float]  # nominal, low and high value of a parameter in SI units
 
 
 @dataclass(frozen=True)

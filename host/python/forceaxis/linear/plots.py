@@ -104,7 +104,7 @@ def bode(
     plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # at least a decade, so that a constant curve appears constant
+        if high < 10 * low:  # an axis of at least a decade shows a constant curve as constant
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         plain_ticks(axes[0, 0].yaxis)
@@ -333,7 +333,7 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
         0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
         color=WANTED if limit.gain is None else GOT,
     )  # fmt: skip
-    taken: list[tuple[float, float]] = []  # (height, half of it)
+    taken: list[tuple[float, float]] = []  # centre and half the height of each label, Hz
     own = one.limit.frequency_hz or 0.0
     inside = [
         (c.frequency_hz, c)

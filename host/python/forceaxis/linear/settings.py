@@ -17,8 +17,8 @@ Firmware = Mapping[str, float]  # {object: initial value in an experiment}
 
 MODES_OF_OPERATION = objects.BY_NAME["modes_of_operation"]
 NATIVE_MODES = objects.BY_NAME["mode"].enum
-NATIVE_FORCE = 3  # of object mode
-# Values of modes_of_operation that control the force.
+NATIVE_FORCE = 3  # value of the object `mode` for the force law
+# {value of modes_of_operation that controls the force: control law}
 FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
 
 

@@ -27,7 +27,7 @@ from forceaxis.words import plain
 # smaller share than this. The gain of these matrices is then known a thousand times more
 # accurately.
 GAIN_CHANGE_MAX = 1e-7
-GAIN_MAX = 1e15  # of a loop
+GAIN_MAX = 1e15  # largest gain k of a loop that is analysed
 
 
 def known_text(known_to: float, unit: str) -> str:
@@ -57,7 +57,7 @@ class Limit:
     crossings: list[Crossing]
     stable_ranges: list[tuple[float, float | None]]  # (from, to), to None: no upper end
     reason: str
-    # gain above which rounding hides crossings; None: there is no such gain
+    # Gain above which rounding errors hide crossings; None: there is no such gain.
     known_to: float | None = None
 
     @property
@@ -324,7 +324,7 @@ class Loop:
         crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                continue  # the phase changes at a pole, and there is no gain
+                continue  # the phase changes at a pole, but no gain gives a crossing there
             G, slope, rounding = self._known(w)
             value = G.real
             if abs(G.imag) < 1e-12 * w * abs(slope.imag):  # w is known only to double precision
@@ -470,7 +470,8 @@ class Loop:
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
-        # Zeros of 1 - k^2 G(s) G(-s): poles of this product with its output as feedback.
+        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s). These zeros are the poles of a system that
+        # feeds the product k^2 G(s) G(-s) back to its input.
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [
@@ -513,7 +514,7 @@ class Loop:
         time_s = np.arange(math.floor(duration_s / period_s) + 1) * period_s
         A, B, C, D = (getattr(closed, name).astype(float) for name in "ABCD")
         x, y = np.zeros(len(A)), np.empty(len(time_s))
-        # an unstable response may exceed the range of numbers
+        # The response of an unstable loop may exceed the range of double precision.
         with np.errstate(over="ignore", invalid="ignore"):
             for i in range(len(time_s)):
                 y[i] = C[0] @ x + D[0, 0]

@@ -113,7 +113,7 @@ class System:
             if not row.any():
                 break
             value, size = (row @ B).item(), (bound @ abs(B)).item()
-            # a smaller value is caused by rounding, because structural zeros are exact
+            # A smaller value is a rounding error of a value that is 0 by the structure.
             if abs(value) > 1e-11 * size:
                 return degree, value
             row, bound = row @ A, bound @ abs(A)
@@ -137,7 +137,7 @@ class System:
         if not degree:
             result: Matrix = _core.eigenvalues(A - B @ C / value)
             return result
-        # The lower derivatives of the output, each without its components along the previous ones.
+        # Rows that give the lower derivatives of the output, made orthogonal to each other.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
             row = rows[-1:] @ A

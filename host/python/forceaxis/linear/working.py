@@ -25,11 +25,11 @@ from forceaxis.results import json_field
 STUCK, SLIDING = "stuck", "forward"
 FLANKS = (".low", ".high")
 OPEN, CLOSED = "apart", "pressed"
-DAC_CODES = 2048  # from 0 V to full scale
-SLOW_PER_S = 0.06  # rate in 1/s that counts as static, also for an axis that integrates
+DAC_CODES = 2048  # DAC codes from 0 V to full scale
+SLOW_PER_S = 0.06  # frequency in rad/s at which the response counts as static
 
 States = Mapping[str, str]  # {element: state}
-Stamp = tuple[int, int]  # of a file: time of the last change in ns; size in bytes
+Stamp = tuple[int, int]  # time of the last change of a file in ns, size of the file in bytes
 Used = tuple[tuple[str, float | str], ...]  # (parameter, value)
 
 
