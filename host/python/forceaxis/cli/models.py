@@ -446,12 +446,12 @@ def _overlay(
             )
     span_hz = context.params["from_hz"], context.params["to_hz"]
     overrides = linear.overrides(context.params["overrides"])
-    found, points, result = overlay.overlay(model, measured, overrides, span_hz)
+    found, result = overlay.overlay(model, measured, overrides, span_hz)
     if out:
         from forceaxis import drawing
         from forceaxis.identify import plots
 
-        drawing.save(plots.overlay(found, points, result), out)
+        drawing.save(plots.overlay(found, result.measured, result), out)
     present(result, as_json, text_models.describe_measured, out)
 
 

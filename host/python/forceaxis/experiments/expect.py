@@ -20,8 +20,8 @@ from forceaxis.experiments.run_result import RunResult
 from forceaxis.experiments.verdicts import NOT_STABLE, VERDICTS
 from forceaxis.toml import TomlValue
 
-TEXTS = ("verdict", "fault", "trace_hash")
-OF_HELD_FORCE = ("held_force_N", "held_force_error_percent")
+TEXT_KEYS = ("verdict", "fault", "trace_hash")
+HELD_FORCE_KEYS = ("held_force_N", "held_force_error_percent")
 
 
 @dataclass(frozen=True)
@@ -194,12 +194,12 @@ FORMAT = (
         ),
     ),
 )
-KEYS, OF_NUMBER = ([key.key for key in table.keys] for table in FORMAT)
+KEYS, NUMBER_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
 # Texts of results that are not numbers: the signal does not settle, or there is no step.
-NOTHING = {"settle_s": "never", "overshoot": "undefined"}
+TEXT_RESULTS = {"settle_s": "never", "overshoot": "undefined"}
 # Keys that say how `signal` is evaluated; the other keys are compared with the run.
-HOW = ("signal", "from_s", "final_s", "band")
+EVALUATION_KEYS = ("signal", "from_s", "final_s", "band")
 LARGEST_NUMBER = 1e18
 
 
@@ -357,14 +357,14 @@ class Reader:
     def wanted(self, key: str, value: TomlValue) -> Expected:
         """The expectation for a number: a Number, or the text for a missing number."""
         low = -LARGEST_NUMBER if key in ("final_value", "held_force_N") else 0.0
-        if isinstance(value, str) and key in NOTHING:
-            if value != NOTHING[key]:
-                self.fail(key, f'expected a number or "{NOTHING[key]}", got "{value}"')
+        if isinstance(value, str) and key in TEXT_RESULTS:
+            if value != TEXT_RESULTS[key]:
+                self.fail(key, f'expected a number or "{TEXT_RESULTS[key]}", got "{value}"')
             return value
         if not isinstance(value, dict):
             expected = self.number(key, value, low)
             return Number.around(expected, TOLERANCES[key])
-        toml.expect_keys(value, OF_NUMBER, lambda name, text: self.fail(f"{key}.{name}", text))
+        toml.expect_keys(value, NUMBER_KEYS, lambda name, text: self.fail(f"{key}.{name}", text))
         given = NumberTable(**{n: self.number(f"{key}.{n}", v) for n, v in value.items()})
         if given.min is not None or given.max is not None:
             return self.limits(key, given, low)
@@ -415,7 +415,9 @@ def read(file: str | Path, table: ExpectTable, has_verdict: bool) -> Expectation
     final_s = table.get("final_s")
     return Expectation(
         wanted={
-            k: v if k in TEXTS else reader.wanted(k, v) for k, v in table.items() if k not in HOW
+            k: v if k in TEXT_KEYS else reader.wanted(k, v)
+            for k, v in table.items()
+            if k not in EVALUATION_KEYS
         },
         signal=table.get("signal"),
         from_s=reader.number("from_s", table.get("from_s", 0), 0.0),
@@ -457,7 +459,7 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
             "peak_force_N", "expected a model with a contact, got one without; remove the key"
         )
     held = result.metrics.held_force
-    if asked := [key for key in OF_HELD_FORCE if key in expect.wanted and not held]:
+    if asked := [key for key in HELD_FORCE_KEYS if key in expect.wanted and not held]:
         reader.fail(min(asked), "expected an experiment that controls a force; remove the key")
     first = math.ceil(expect.from_s * rate - 1e-9)
     values = done.columns[signal][first:].astype(float)

@@ -18,7 +18,7 @@ from forceaxis.experiments.expect import (
 )
 
 # Keys that an update adds to an empty table [expect].
-FILLED = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", "trace_hash")
+FILLED_KEYS = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle_s", "trace_hash")
 
 
 def bare(checks: Sequence[ExpectationCheck]) -> bool:
@@ -27,11 +27,12 @@ def bare(checks: Sequence[ExpectationCheck]) -> bool:
 
 
 def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[ExpectationCheck]) -> str:
-    """The text of an experiment with the missing keys of FILLED added below the line [expect]."""
+    """The text of an experiment with the missing keys of FILLED_KEYS added below the line
+    [expect]."""
     there = [check.key for check in checks]
     lines = [
         f"{key} = {json.dumps(written(values[key], TOLERANCES.get(key)))}\n"
-        for key in FILLED
+        for key in FILLED_KEYS
         if values[key] is not None and key not in there
     ]
     return re.sub(

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from forceaxis import linear
 from forceaxis.identify.setup import CODES
+from forceaxis.linear.equations import Numbers
+from forceaxis.results import json_field
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -16,17 +18,6 @@ Complexes = NDArray[np.complex128]
 CONFIDENCE = 0.95  # probability of all confidence intervals and bands
 COHERENT = 0.9  # coherence above which a point counts as coherent
 FLAT_SPREAD = 0.1  # largest relative spread of the amplitudes in an octave that count as constant
-
-
-@dataclass(frozen=True)
-class Points:
-    """Magnitude and phase of a measured response for a figure, (n,) each."""
-
-    label: str
-    frequency_hz: Reals
-    magnitude: Reals  #: in the unit of the response
-    phase_deg: Reals  #: within 180 degrees of the phase of the model
-    radius: Reals  #: distance that contains the true response with a probability of 95 %
 
 
 @dataclass(frozen=True)
@@ -39,6 +30,21 @@ class Comparison:
     statistic: float  # chi-square with 2 degrees of freedom for each point
     p_value: float  # probability of a statistic at least as large if the model is correct
     fits: bool  # whether p_value is at least 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredCurve:
+    """A measured response of one folder and its comparison with the model: magnitude, phase,
+    `radius` of the 95 % band (unit of the magnitude) and coherence at frequency_hz, (n,) each. The
+    phase is within 180 degrees of the phase of the model."""
+
+    folder: str
+    frequency_hz: Numbers
+    magnitude: Numbers
+    phase_deg: Numbers
+    radius: Numbers
+    coherence: Numbers
+    comparison: Comparison = json_field(inline=True)
 
 
 @dataclass(frozen=True)

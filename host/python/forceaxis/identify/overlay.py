@@ -10,25 +10,9 @@ import numpy as np
 from forceaxis import linear
 from forceaxis.errors import ParameterError
 from forceaxis.identify.fit import read_response
-from forceaxis.identify.measurement import Comparison, Measurement, Points, sampled
+from forceaxis.identify.measurement import MeasuredCurve, Measurement, sampled
 from forceaxis.linear import curves
 from forceaxis.linear.curves import BodeCurve, PlantBode
-from forceaxis.linear.equations import Numbers
-from forceaxis.results import json_field
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeasuredCurve:
-    """A measured response of one folder and its comparison with the model: magnitude, phase,
-    `radius` of the 95 % band (unit of the magnitude) and coherence at frequency_hz."""
-
-    folder: str
-    frequency_hz: Numbers
-    magnitude: Numbers
-    phase_deg: Numbers
-    radius: Numbers
-    coherence: Numbers
-    comparison: Comparison = json_field(inline=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +27,8 @@ def overlay(
     folders: Sequence[Path | str],
     overrides: linear.Overrides | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
-) -> tuple[list[curves.Curve], list[Points], MeasuredBode]:
-    """(curves of the model, Points of each folder, result) of responses between the same signals.
+) -> tuple[list[curves.Curve], MeasuredBode]:
+    """(curves of the model, result) of measured responses between the same signals.
 
     model: a path or stem. folders: as written by `forceaxis measure --out`. overrides: {parameter:
     value}. span_hz: range of the curves, limited by the sampling. Responses in different states of
@@ -58,20 +42,15 @@ def overlay(
         raise ParameterError(
             "measured", f"expected responses between the same signals, got {found}"
         )
-    stems = {Path(folder).name for folder, _ in measured}
     known: list[curves.Curve] = []
-    points: list[Points] = []
     rows: list[MeasuredCurve] = []
     for folder, one in measured:
         curve = _model_curve(one, span_hz)
         if not any(_same(curve, other) for other in known):
             known.append(curve)
-        predicted = one.predict()
         turn = np.interp(np.log(one.frequency_hz), np.log(curve.frequency_hz), curve.phase_deg)
         degrees = np.degrees(np.angle(one.response))
-        label = Path(folder).name if len(stems) == len(measured) else folder
         phase = degrees + 360 * np.round((turn - degrees) / 360)
-        points.append(Points(label, one.frequency_hz, np.abs(one.response), phase, one.radius()))
         rows.append(
             MeasuredCurve(
                 folder=folder,
@@ -80,12 +59,11 @@ def overlay(
                 phase_deg=phase,
                 radius=one.radius(),
                 coherence=one.coherence,
-                comparison=one.compare(predicted),
+                comparison=one.compare(),
             )
         )
     return (
         known,
-        points,
         MeasuredBode(
             model=str(model),
             of="measured",

@@ -4,7 +4,7 @@ fit."""
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,7 +22,7 @@ from forceaxis.drawing import (
     plain_ticks,
     style,
 )  # fmt: skip
-from forceaxis.identify.measurement import Complexes, Measurement, Points
+from forceaxis.identify.measurement import Complexes, MeasuredCurve, Measurement
 from forceaxis.linear import plots
 from forceaxis.linear.curves import Curve, PlantBode
 
@@ -113,24 +113,26 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     return figure
 
 
-def overlay(curves: Sequence[Curve], points: Sequence[Points], result: PlantBode) -> Figure:
-    """Figure of measured responses, with their 95 % band, over the curves of the model."""
+def overlay(
+    curves: Sequence[Curve], measured: Sequence[MeasuredCurve], result: PlantBode
+) -> Figure:
+    """Figure of measured responses, with their 95 % bands, over the curves of the model."""
     output = result.curves[0].output
     title = f"{name_of(result.model)}: {result.input} to {output}, measured and as modelled"
     figure: Figure = plots.bode([replace(c, label="model") for c in curves], title, output)
     size, phase, right = figure.axes
     right.remove()
-    for i, p in enumerate(points, len(curves)):
-        look: dict[str, Any] = {
-            "color": COLORS[i % 6],
-            "fmt": ".",
-            "markersize": 3.5,
-            "elinewidth": 0.6,
-        }
-        bars = np.minimum(p.radius, 0.9 * p.magnitude), p.radius
-        size.errorbar(p.frequency_hz, p.magnitude, yerr=bars, label=p.label, **look)
-        spread = np.degrees(np.arcsin(np.minimum(p.radius / p.magnitude, 1)))
-        phase.errorbar(p.frequency_hz, p.phase_deg, yerr=spread, **look)
+    names = [Path(one.folder).name for one in measured]
+    for i, (one, name) in enumerate(zip(measured, names, strict=True), len(curves)):
+        magnitude, radius = np.asarray(one.magnitude), np.asarray(one.radius)
+        label = name if len(set(names)) == len(names) else one.folder
+        spread = np.degrees(np.arcsin(np.minimum(radius / magnitude, 1)))
+        for ax, values, bars in (
+            (size, magnitude, (np.minimum(radius, 0.9 * magnitude), radius)),
+            (phase, one.phase_deg, spread),
+        ):
+            ax.errorbar(one.frequency_hz, values, yerr=bars, label=label, fmt=".", markersize=3.5,
+                        elinewidth=0.6, color=COLORS[i % 6])  # fmt: skip
     legend(size, loc="best")
     decibels(size, curves[0].unit)
     return figure
