@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from forceaxis.identify.result import MeasurementSummary
 
 
-def band(context: click.Context, option: click.Parameter, text: str | None) -> list[float] | None:
+def band(
+    context: click.Context, option: click.Parameter, text: str | None
+) -> tuple[float, float] | None:
     """Return the two frequencies in Hz of a text "LOW:HIGH". Raises InputError for other texts."""
     if text is None:
         return None
@@ -39,7 +41,7 @@ def band(context: click.Context, option: click.Parameter, text: str | None) -> l
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
         raise InputError(f"--band: {text}: expected LOW:HIGH, two frequencies in Hz") from None
-    return [low, high]
+    return low, high
 
 
 def newtons(context: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...]:

@@ -104,8 +104,6 @@ def tune(
     if only is not None and only not in tuning.STEPS:
         raise click.UsageError(f"--only: expected one of {', '.join(tuning.STEPS)}, got {only}")
     given = {name: value for name, value in options.items() if value is not None}
-    if "band_hz" in given:
-        given["band_hz"] = tuple(given["band_hz"])
     order = TuningOrder(**given)
     with live_options.owned(connection) as axis:
         steps = tuning.Tuning(
