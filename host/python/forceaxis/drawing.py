@@ -49,9 +49,9 @@ AREA = {
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
-LARGEST = 400_000  # bytes of an SVG in a page; a figure with more becomes a PNG
+SVG_BYTES_MAX = 400_000  # bytes of an SVG in a page; a figure with more becomes a PNG
 # Characters that would end an attribute, begin a fragment or begin an escape in a data URI.
-ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
+URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
 def style(ax: Axes) -> None:
@@ -132,8 +132,8 @@ def uri(figure: Figure) -> str:
     # Coordinates in the SVG are rounded to a hundredth of a point; written numbers are not
     # rounded.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
-    if len(svg) <= LARGEST:
-        return "data:image/svg+xml," + svg.translate(ESCAPES)
+    if len(svg) <= SVG_BYTES_MAX:
+        return "data:image/svg+xml," + svg.translate(URI_ESCAPES)
     figure.savefig(image, format="png", dpi=DPI, transparent=True)
     return "data:image/png;base64," + base64.b64encode(image.getvalue()).decode()
 

@@ -444,7 +444,7 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
     before = axis.record(RetractObjects)
     own, counts = before.trajectory_velocity, before.contact_force
     per_s = max(1.0, min(ratio * float(most), own))
-    is_reversed = bool(before.polarity & bounds.REVERSED)
+    is_reversed = bool(before.polarity & bounds.REVERSED_POSITIONS)
     sign = 1 if (before.force < 0) != is_reversed else -1
     place = round(before.position_actual + sign * way)
     if target:

@@ -20,8 +20,9 @@ from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME
 
 INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or the output
-RELATIVE = 1 << 6  # bit of the controlword: a target position is relative to the present position
-REVERSED = 0x80  # bit of polarity that reverses the direction of positions
+# bit of the controlword: a target position is relative to the present position
+RELATIVE_TARGET = 1 << 6
+REVERSED_POSITIONS = 0x80  # bit of polarity that reverses the direction of positions
 NO_LIMIT = 2**31 - 1  # a position limit of this magnitude means no limit
 DAC_CODE_MAX = 2047
 
@@ -235,7 +236,7 @@ def _uncertified(
 def _position(planned: PlannedValues) -> Iterator[Bound]:
     """Bounds of a target in user units of the axis."""
     limits = planned.record(PositionLimits)
-    if limits.controlword & RELATIVE:
+    if limits.controlword & RELATIVE_TARGET:
         return
     more = "ask for a place inside, or move the limit"
     yield Bound(_end(limits.position_limit_min), math.inf, _object("position_limit_min"), more)
@@ -247,7 +248,7 @@ def _position(planned: PlannedValues) -> Iterator[Bound]:
     ratio = quantity.user_per_count(planned.axis)
     if ratio is None or user is None:
         return
-    per_count = -ratio if (limits.polarity or 0) & REVERSED else ratio
+    per_count = -ratio if (limits.polarity or 0) & REVERSED_POSITIONS else ratio
     named = [(name, user + per_count * (_end(count) - here), count)
              for name, count in (("position_min", low), ("position_max", high))]  # fmt: skip
     for (name, place, count), low_end in zip(sorted(named, key=lambda n: n[1]), (True, False),

@@ -25,29 +25,29 @@ from forceaxis.bus.keeper import HeartbeatKeeper
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME
 
-OPERATIONAL, START = 5, 1
+NMT_OPERATIONAL, NMT_START = 5, 1
 OWN_NODE = 126  # 127 is a gateway's
-LISTEN_S = 0.5
+RIVAL_LISTEN_S = 0.5
 REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
-TEXTS = range(0x1008, 0x100B)
+TEXT_INDICES = range(0x1008, 0x100B)
 # command specifiers of the server's answers (CiA 301, 7.2.4.3)
-UPLOADED, DOWNLOADED, ABORTED = 2, 3, 4
+UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
 # abort codes of a disturbed transfer: toggle bit, time-out, command specifier, block
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # longest time to close a bus without traffic; the default of python-canopen is 1 s
 NOTIFIER_S = 0.05
 HEARTBEAT_MS = 1000  # consumer heartbeat time of the axis; heartbeats are sent ten times as often
-CONSUMERS = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
+HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
 # Bounds of a transfer, so that a node that sends segments without end does not block a verb: names
 # are short, and the firmware's recorder has 30 KiB.
 MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
-READS = 2
-TOO_LONG = 0x06070012  # SDO abort: the length of the object is too high
-FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
+READ_TRIES = 2
+ABORT_TOO_LONG = 0x06070012  # SDO abort: the length of the object is too high
+STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
 # {reason: its SDO abort code}.
-ABORTS = {
+REASON_OF_ABORT = {
     0x06020000: -1, 0x06090011: -1, 0x06010002: -2, 0x06010001: -3, 0x06090030: -4,
     0x06090031: -4, 0x06090032: -4, 0x08000020: -4, 0x08000021: -7, 0x08000022: -5,
     0x08000024: -6, 0x06040041: -9, 0x06040043: -9, 0x06060000: -10,
@@ -152,14 +152,14 @@ class CanLink(RecorderLink):
         if self._expected is not None:
             command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
             kind, *expected = self._expected
-            if about != expected or command >> 5 not in (kind, ABORTED):
+            if about != expected or command >> 5 not in (kind, ABORT_ANSWER):
                 return
         self._sdo.on_response(can_id, data, timestamp)
 
     @contextlib.contextmanager
     def _asking(self, what: str, about: tuple[int, int, int] | None = None) -> Iterator[None]:
-        """Context of an access `about`, (UPLOADED or DOWNLOADED, index, sub-index), or of a longer
-        transfer."""
+        """Context of an access `about`, (UPLOAD_ANSWER or DOWNLOAD_ANSWER, index, sub-index), or of
+        a longer transfer."""
         silent, aborted = self._errors
         with self._lock:
             self._expected = about
@@ -171,7 +171,7 @@ class CanLink(RecorderLink):
                         f"{self.where}: {what} was interrupted, {error}; is another client, or a "
                         "gateway, at this node? then connect through the gateway"
                     ) from None
-                text = REASONS.get(ABORTS.get(error.code, 0), f"{error}")
+                text = REASONS.get(REASON_OF_ABORT.get(error.code, 0), f"{error}")
                 raise Refused(f"{what}: {text}", error.code) from None
             except (silent, OSError, self._can.CanError) as error:
                 raise NoAnswer(
@@ -185,7 +185,7 @@ class CanLink(RecorderLink):
             known = BY_NAME[name]
             data = self._upload(name, known.index, known.sub)
             try:
-                (found[name],) = struct.unpack(FORMATS[known.type], data)
+                (found[name],) = struct.unpack(STRUCT_FORMATS[known.type], data)
             except struct.error:
                 raise NoAnswer(
                     f"{self.where}: expected {name} as {known.type}, got {len(data)} bytes: "
@@ -194,15 +194,17 @@ class CanLink(RecorderLink):
         return found
 
     def text(self, index: int) -> str:
-        """A text of TEXTS, such as the name of the device, 1008h."""
+        """A text of TEXT_INDICES, such as the name of the device, 1008h."""
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
     def _upload(self, name: str, index: int, sub: int) -> bytes:
         """The bytes of an object; the request is repeated if a frame may have been lost."""
-        for remaining in range(READS, 0, -1):
+        for remaining in range(READ_TRIES, 0, -1):
             try:
                 with (
-                    self._asking(name, None if index in TEXTS else (UPLOADED, index, sub)),
+                    self._asking(
+                        name, None if index in TEXT_INDICES else (UPLOAD_ANSWER, index, sub)
+                    ),
                     self._sdo.open(index, sub, "rb", buffering=0) as stream,
                 ):
                     return self._whole(stream, name, MOST_BYTES)
@@ -218,7 +220,7 @@ class CanLink(RecorderLink):
         while piece := stream.read(7):
             data += piece
             if len(data) > most:
-                self._sdo.abort(TOO_LONG)
+                self._sdo.abort(ABORT_TOO_LONG)
                 raise NoAnswer(f"{self.where}: expected {name} of at most {most} bytes, got more")
         return bytes(data)
 
@@ -234,15 +236,15 @@ class CanLink(RecorderLink):
 
     def _download(self, name: str, raw: int) -> None:
         known = BY_NAME[name]
-        with self._asking(name, (DOWNLOADED, known.index, known.sub)):
-            self._sdo.download(known.index, known.sub, struct.pack(FORMATS[known.type], raw))
+        with self._asking(name, (DOWNLOAD_ANSWER, known.index, known.sub)):
+            self._sdo.download(known.index, known.sub, struct.pack(STRUCT_FORMATS[known.type], raw))
 
     def acquire(self) -> None:
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
         # a node that missed a heartbeat is in the state pre-operational
         with self._asking("NMT start"):
-            self._network.send_message(0, [START, self._id])
+            self._network.send_message(0, [NMT_START, self._id])
         place, raw = self._entry()
         # the entry is from a killed program of this kind
         if place is not None and raw == self._ours:
@@ -261,14 +263,14 @@ class CanLink(RecorderLink):
     def _entry(self) -> tuple[str | None, int]:
         """(object, raw value) of the entry of 1016h with our id, otherwise of a free entry,
         otherwise None."""
-        entries = self.read(CONSUMERS).items()
+        entries = self.read(HEARTBEAT_ENTRIES).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]
         return next(iter([*own, *free]), (None, 0))
 
     def _expect_alone(self) -> None:
         """Raises Refused if another node sends heartbeats with our id."""
-        if self._rival.wait(LISTEN_S):
+        if self._rival.wait(RIVAL_LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
                 "another id as own_node"
@@ -297,8 +299,8 @@ class CanLink(RecorderLink):
         self._beaten_until = math.inf
         # started first, because the axis monitors the heartbeat from its first message on
         self._keeper = HeartbeatKeeper(
-            self._interface, HEARTBEAT_ID + self._own, bytes([OPERATIONAL]), HEARTBEAT_MS / 10_000,
-            self._send_beat,
+            self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
+            HEARTBEAT_MS / 10_000, self._send_beat,
         )  # fmt: skip
 
     def _be_unwatched(self) -> None:
@@ -313,7 +315,7 @@ class CanLink(RecorderLink):
             self._sdo.open(RECORDER_DATA, 0, "rb", buffering=0, block_transfer=True) as stream,
         ):
             data = self._whole(stream, "the recording", MOST_RECORDED_BYTES)
-        row = np.dtype([(f"{i}", FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
+        row = np.dtype([(f"{i}", STRUCT_FORMATS[BY_NAME[n].type]) for i, n in enumerate(signals)])
         rows = np.frombuffer(data[: len(data) // row.itemsize * row.itemsize], row)
         return np.stack([rows[f"{i}"].astype(np.int64) for i in range(len(signals))], axis=1)
 

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
-    NAME,
-    SOFTWARE,
+    DEVICE_NAME_INDEX,
+    VERSION_INDEX,
     Link,
     NoAnswer,
     Recording,
@@ -19,16 +19,16 @@ from forceaxis.bus.keeper import GatewayKeeper
 from forceaxis.objects import BY_NAME
 
 READY_S = 10.0
-STOPPED_S = 2.0  # longest time until the gateway's polling detects the end of a recording
+RECORDING_END_MAX_S = 2.0  # longest time until the gateway's polling detects the end of a recording
 RETRY_PERIOD_S = 0.1  # period in which a refused command is sent again
 # Phrases of the refusals of the gateway (host/gateway/commands.cpp).
-NOT_YET = "not set up yet"
-RECORDER_BUSY = "another recording is in progress"
+NOT_SET_UP_TEXT = "not set up yet"
+RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
 DEVICE = "forceaxis"  # 1008h of that product
-AT_ONCE = 64  # largest number of objects in one command
+OBJECTS_PER_COMMAND = 64  # largest number of objects in one command
 # objects that each gateway sets itself
-MANAGED = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
+MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 
 class GatewayLink(Link):
@@ -52,21 +52,25 @@ class GatewayLink(Link):
         self._armed = 0  # number of the LCM command that started the recording
 
     def manages(self, name: str) -> bool:
-        return name.startswith(MANAGED)
+        return name.startswith(MANAGED_PREFIXES)
 
     def read(self, names: Iterable[str]) -> dict[str, int]:
         found: dict[str, int] = {}
         names = list(names)
-        for i in range(0, len(names), AT_ONCE):
-            found |= self.client.read_raw(names[i : i + AT_ONCE])
+        for i in range(0, len(names), OBJECTS_PER_COMMAND):
+            found |= self.client.read_raw(names[i : i + OBJECTS_PER_COMMAND])
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
     def text(self, index: int) -> str | None:
         """A text from the numbers of 1018h, because LCM does not carry texts."""
         found = self.client.read_raw([PRODUCT, REVISION])
-        if index == NAME:
+        if index == DEVICE_NAME_INDEX:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
-        return f"{found[REVISION] >> 16}.{found[REVISION] & 0xFFFF}" if index == SOFTWARE else None
+        return (
+            f"{found[REVISION] >> 16}.{found[REVISION] & 0xFFFF}"
+            if index == VERSION_INDEX
+            else None
+        )
 
     def write(self, values: Mapping[str, int]) -> None:
         with self.unfed(values):
@@ -83,7 +87,7 @@ class GatewayLink(Link):
                     break
             # the axis is operational, but this gateway has not detected it yet
             except Refused as refusal:
-                if NOT_YET not in str(refusal) or time.monotonic() > end:
+                if NOT_SET_UP_TEXT not in str(refusal) or time.monotonic() > end:
                     raise
                 time.sleep(RETRY_PERIOD_S)
             if time.monotonic() > end:
@@ -100,14 +104,14 @@ class GatewayLink(Link):
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         wanted = {"decimation": 1, "pretrigger": 0, "trigger_edge": 0, **settings}
         samples = wanted.pop("length", 0)
-        end = time.monotonic() + STOPPED_S
+        end = time.monotonic() + RECORDING_END_MAX_S
         while True:
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
             # the recorder still has the recording of another client that has ended
             except Refused as refusal:
-                if RECORDER_BUSY not in str(refusal) or time.monotonic() > end:
+                if RECORDER_BUSY_TEXT not in str(refusal) or time.monotonic() > end:
                     raise
             self.client.write_raw({"recorder_arm": 0})
             time.sleep(RETRY_PERIOD_S)

@@ -29,9 +29,10 @@ __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
 POLL_PERIOD_S = 0.02  # period in which a value is read again until it has changed
 COMMAND_SOURCES = BY_NAME["command_source"].enum  # names of the owners, by their raw value
-SCALE_WITHIN = 0.1  # relative difference from a sensor's force_scale that a calibration may have
+# relative difference from the force_scale of the sensor that a calibration may have
+FORCE_SCALE_TOLERANCE = 0.1
 # CANopen indices of texts: name of the device, version of its firmware
-NAME, SOFTWARE = 0x1008, 0x100A
+DEVICE_NAME_INDEX, VERSION_INDEX = 0x1008, 0x100A
 
 
 # {FW_ERROR_ code of the firmware: text}.

@@ -7,16 +7,24 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
-from forceaxis.axis.link import COMMAND_SOURCES, NAME, SOFTWARE, Link, NoAnswer, Refused
+from forceaxis.axis.link import (
+    COMMAND_SOURCES,
+    DEVICE_NAME_INDEX,
+    VERSION_INDEX,
+    Link,
+    NoAnswer,
+    Refused,
+)
 from forceaxis.bus.keeper import WatchdogKeeper
 from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME
 
-TCP = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
-SERIAL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
-BAUD = 115_200  # baud rate, the default of the firmware; 8 data bits, even parity
+TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
+SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
+BAUD_RATE = 115_200  # baud rate, the default of the firmware; 8 data bits, even parity
 PARITIES = "EN"
-IDENTITY = {NAME: 4, SOFTWARE: 2}  # {CANopen index: object of function 43 / 14}
+# {CANopen index: object of function 43 / 14}
+IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
 EXCEPTIONS = {
     2: "there is no such register",
     3: "outside its range or at odds with another object",
@@ -29,7 +37,7 @@ EXCEPTIONS = {
 
 def client(url: str, timeout_s: float = 1.0) -> Any:
     """A connected pymodbus client, which has no types here. Raises InputError, NoAnswer."""
-    tcp, serial = TCP.fullmatch(url), SERIAL.fullmatch(url)
+    tcp, serial = TCP_URL.fullmatch(url), SERIAL_URL.fullmatch(url)
     if tcp is None and serial is None:
         raise ParameterError(
             "modbus",
@@ -47,7 +55,7 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
         port = int(tcp[2] or 502)
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
-        baud = int(serial[2] or BAUD)
+        baud = int(serial[2] or BAUD_RATE)
         # A pseudo-terminal has no parity and cannot be opened with parity.
         made = [
             ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
@@ -94,14 +102,16 @@ class ModbusLink(Link):
 
     def text(self, index: int) -> str | None:
         """A text from the device identification, function 43 / 14."""
-        if index not in IDENTITY:
+        if index not in IDENTIFICATION_OBJECTS:
             return None
         ask = self.client.read_device_information
         try:
-            found = self._ask("its identification", ask, read_code=4, object_id=IDENTITY[index])
+            found = self._ask(
+                "its identification", ask, read_code=4, object_id=IDENTIFICATION_OBJECTS[index]
+            )
         except Refused:
             return None
-        text: str = found.information[IDENTITY[index]].decode(errors="replace")
+        text: str = found.information[IDENTIFICATION_OBJECTS[index]].decode(errors="replace")
         return text
 
     def _expect_registers(self, names: Iterable[str]) -> None:

@@ -45,10 +45,10 @@ MEASURED = {
 }
 PARAMETERS = tuple(o for o in objects.OBJECTS if o.stored and o.name not in IDENTITY)
 BY_NAME = {o.name: o for o in PARAMETERS}
-FORMAT = 1
-NODE = re.compile(r"\$NODEID\+0x([0-9a-fA-F]{1,8})")
+FILE_FORMAT = 1
+COB_ID_PATTERN = re.compile(r"\$NODEID\+0x([0-9a-fA-F]{1,8})")
 COB_ID, COB_FLAGS = 0x7FF, 0xC0000000
-HEXADECIMAL = ("bank_crc", "certificate_hash", "certificate_parts")
+HEXADECIMAL_NAMES = ("bank_crc", "certificate_hash", "certificate_parts")
 
 
 def _arrays() -> dict[str, tuple[AxisObject, ...]]:
@@ -67,7 +67,7 @@ def _arrays() -> dict[str, tuple[AxisObject, ...]]:
 
 
 ARRAYS = _arrays()
-STEM = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
+ARRAY_OF = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
             return f'"{name}"'
     if known.node_id and (raw ^ default(known, node_id)) & ~COB_FLAGS == 0:
         return f'"$NODEID+{raw - node_id:#x}"'
-    stem = STEM.get(known.name, known.name)
+    stem = ARRAY_OF.get(known.name, known.name)
     if known.type == "u32" and known.unit == "1" and (
-        known.part == "canopen" or stem in HEXADECIMAL
+        known.part == "canopen" or stem in HEXADECIMAL_NAMES
     ):  # fmt: skip
         return f"{raw:#x}"
     return repr(engineering(known, raw))
@@ -161,7 +161,7 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
             group = "measured" if first.name in MEASURED else first.part
             groups.setdefault(group, []).append(_line(name, elements, raw, node_id))
             named.append((name, first))
-    lines = [f"# Parameters of {about.axis}", "", "[about]", f"format = {FORMAT}"]
+    lines = [f"# Parameters of {about.axis}", "", "[about]", f"format = {FILE_FORMAT}"]
     lines += [f"{k} = {toml.value_text(v)}" for k, v in asdict(about).items() if v is not None]
     lines.append('others = "defaults"  # of what is not named below')
     if without:
@@ -178,7 +178,7 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
 
 def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
     """(name, objects) of each line of a file: an array or a single object."""
-    for name, elements in itertools.groupby(PARAMETERS, lambda o: STEM.get(o.name) or o.name):
+    for name, elements in itertools.groupby(PARAMETERS, lambda o: ARRAY_OF.get(o.name) or o.name):
         yield name, tuple(elements)
 
 
@@ -218,10 +218,10 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
         raise InputError(
             f"{path}: expected a table [objects], as `forceaxis axis params dump` writes it"
         )
-    if about.get("format", FORMAT) != FORMAT:
+    if about.get("format", FILE_FORMAT) != FILE_FORMAT:
         raise InputError(
-            f"{path}: about.format: expected {FORMAT}; use a newer version of forceaxis for this "
-            "file"
+            f"{path}: about.format: expected {FILE_FORMAT}; use a newer version of forceaxis "
+            "for this file"
         )
     others, without = about.get("others"), about.get("without", [])
     if others not in (None, "defaults"):
@@ -279,7 +279,7 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
     left_out = {*header.without, *skip, *values}
     defaults = [
         o.name for o in PARAMETERS
-        if header.has_defaults and not {o.name, STEM.get(o.name)} & left_out
+        if header.has_defaults and not {o.name, ARRAY_OF.get(o.name)} & left_out
     ]  # fmt: skip
     measured = {name: raw for name, raw in values.items() if name in MEASURED}
     parameters = {name: raw for name, raw in values.items() if name not in MEASURED}
@@ -301,7 +301,7 @@ def table_hash() -> str:
 
 def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
     """Raw value of an entry of a file. Raises InputError."""
-    if isinstance(value, str) and (match := NODE.fullmatch(value)):
+    if isinstance(value, str) and (match := COB_ID_PATTERN.fullmatch(value)):
         if not known.node_id:
             raise InputError(
                 f"{known.name}: expected a number; only an object for a COB-ID can depend on the "

@@ -13,18 +13,18 @@ from pathlib import Path
 
 from forceaxis.axis import parameter_file
 from forceaxis.axis.drive import Drive
-from forceaxis.axis.link import NAME, POLL_PERIOD_S, SOFTWARE, NoAnswer, Refused
+from forceaxis.axis.link import DEVICE_NAME_INDEX, POLL_PERIOD_S, VERSION_INDEX, NoAnswer, Refused
 from forceaxis.axis.parameter_file import MEASURED, PARAMETERS, About, engineering
 from forceaxis.bus import state_names
 from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.results import json_field
 
-INVALID = 1 << 31  # bit of a COB-ID: its PDO is disabled and may be changed
-PDOS, ENTRIES = 4, 8
+INVALID_COB_ID = 1 << 31  # bit of a COB-ID: its PDO is disabled and may be changed
+PDO_COUNT, ENTRIES_PER_PDO = 4, 8
 # objects that are written after all others, in this order
-LAST = ("_mapped_", "_cob_id", "force_bank")
-RANKS = 1 + len(LAST)
+WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")
+WRITE_RANKS = 1 + len(WRITTEN_LAST)
 STORE_MAX_S = 10.0  # time limit; erasing a sector of flash takes up to a second
 
 
@@ -111,9 +111,9 @@ def about(axis: Drive) -> About:
     serial = axis.link.read_one("serial_number") if has_serial else None
     return About(
         object_table=parameter_file.table_hash(),
-        firmware=axis.link.text(SOFTWARE),
+        firmware=axis.link.text(VERSION_INDEX),
         axis=axis.link.where,
-        name=axis.link.text(NAME),
+        name=axis.link.text(DEVICE_NAME_INDEX),
         serial_number=None if serial is None else f"0x{serial:08x}",
         written=f"{datetime.date.today()}",
         node_id=axis.link.read_one("node_id"),
@@ -229,16 +229,19 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
     if law and present["force_bank"]:
         park["force_bank"] = 0
     for side in ("rpdo", "tpdo"):
-        for i in range(1, PDOS + 1):
-            entries = {f"{side}_mapping_{ENTRIES * (i - 1) + k}" for k in range(1, ENTRIES + 1)}
+        for i in range(1, PDO_COUNT + 1):
+            entries = {
+                f"{side}_mapping_{ENTRIES_PER_PDO * (i - 1) + k}"
+                for k in range(1, ENTRIES_PER_PDO + 1)
+            }
             fixed = {f"{side}_{what}_{i}" for what in ("mapped", "inhibit_time", "sync_start")}
             if changes.keys() & (entries | fixed) and f"{side}_cob_id_{i}" in present:
-                park[f"{side}_cob_id_{i}"] = present[f"{side}_cob_id_{i}"] | INVALID
+                park[f"{side}_cob_id_{i}"] = present[f"{side}_cob_id_{i}"] | INVALID_COB_ID
             if changes.keys() & (entries | {f"{side}_mapped_{i}"}):
                 park[f"{side}_mapped_{i}"] = 0
     for name in changes:
         if BY_NAME[name].node_id:  # a COB-ID can change only while it is invalid
-            park[name] = present[name] | INVALID
+            park[name] = present[name] | INVALID_COB_ID
     heartbeats = [n for n in changes if n.startswith("consumer_heartbeat_") and present[n]]
     return park | dict.fromkeys(heartbeats, 0)
 
@@ -249,7 +252,7 @@ def write(axis: Drive, changes: Mapping[str, int], present: Mapping[str, int]) -
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}
-    for rank in range(RANKS):
+    for rank in range(WRITE_RANKS):
         _write_rounds(axis, {n: raw for n, raw in wanted.items() if _rank(n) == rank})
 
 
@@ -270,7 +273,7 @@ def _write_rounds(axis: Drive, remaining: Mapping[str, int]) -> None:
 def _rank(name: str) -> int:
     """Order of writing: entries of a PDO, their number, the COB-ID that enables it; the selected
     bank last."""
-    return next((i for i, end in enumerate(LAST, 1) if end in name), 0)
+    return next((i for i, end in enumerate(WRITTEN_LAST, 1) if end in name), 0)
 
 
 def _explained(axis: Drive, name: str, raw: int) -> str:

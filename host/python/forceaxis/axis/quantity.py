@@ -22,31 +22,33 @@ from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME, AxisObject, default
 
 CODES_PER_V = 4096 / 20  # of the DAC
-METRE = 0x01  # of CiA 303-2
-NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+METRE_UNIT = 0x01  # of CiA 303-2
+NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 # Objects in per mille of rated_force.
-RATED = {
+PER_MILLE_OF_RATED_FORCE = {
     "target_force", "force_offset", "force_limit", "force_limit_positive", "force_limit_negative",
     "force_demand", "force_actual",
 }  # fmt: skip
 # Objects in DAC codes; the "code" of other objects is that of an ADC.
-OUTPUTS = {
+DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
 }  # fmt: skip
 # {unit: (SI unit, number of units in one SI unit)}
-PLAIN = {
+FIXED_UNITS = {
     "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
     "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
 }  # fmt: skip
 # {unit: (SI unit, exponent of the tick rate in the factor)} for lengths in counts.
-LENGTHS = {
+COUNT_UNITS = {
     "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
 }  # fmt: skip
-NOT_LENGTHS = {"encoder_increments"}
-OF_COUNTS = (0x6063, 0x6069)  # CiA 402 objects that are in counts for every user unit
-UNKNOWN = "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
+COUNTS_WITHOUT_LENGTH = {"encoder_increments"}
+COUNT_INDICES = (0x6063, 0x6069)  # CiA 402 objects that are in counts for every user unit
+UNKNOWN_COUNT_SIZE = (
+    "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
+)
 
 
 @dataclass(frozen=True)
@@ -104,12 +106,12 @@ def _metres_of_user(axis: AxisValues) -> float | None:
     if not axis.read("feed") or not axis.link.reaches("position_unit"):
         return None
     exponent, unit = divmod(int(axis.read("position_unit")) >> 16, 256)
-    return 10.0 ** (exponent - 256 if exponent > 127 else exponent) if unit == METRE else None
+    return 10.0 ** (exponent - 256 if exponent > 127 else exponent) if unit == METRE_UNIT else None
 
 
 def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
     """Units per metre of an object with positions, speeds or accelerations; None if not known."""
-    of_user = known.index >= 0x6000 and known.index not in OF_COUNTS
+    of_user = known.index >= 0x6000 and known.index not in COUNT_INDICES
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
     model = axis.link.counts_per_metre
     if of_user:
@@ -122,7 +124,11 @@ def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
 
 
 def _is_length(known: AxisObject) -> bool:
-    return known.unit in LENGTHS and not is_reading(known) and known.name not in NOT_LENGTHS
+    return (
+        known.unit in COUNT_UNITS
+        and not is_reading(known)
+        and known.name not in COUNTS_WITHOUT_LENGTH
+    )
 
 
 def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
@@ -130,17 +136,17 @@ def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
     scale is not known."""
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
-    if known.name in RATED:
+    if known.name in PER_MILLE_OF_RATED_FORCE:
         return "N", 1e6 / axis.read("rated_force")
-    if known.name in OUTPUTS:
+    if known.name in DAC_CODE_OBJECTS:
         return "V", CODES_PER_V
     if known.name == "force_gain":
         return "V/N", CODES_PER_V * force_per_count(axis)
     if _is_length(known):
-        unit, powers = LENGTHS[known.unit]
+        unit, powers = COUNT_UNITS[known.unit]
         scale = per_metre(axis, known)
         return None if scale is None else (unit, scale / TICKS_PER_S**powers)
-    return PLAIN.get(known.unit)
+    return FIXED_UNITS.get(known.unit)
 
 
 def parse(axis: AxisValues, name: str, text: str) -> Value:
@@ -149,7 +155,7 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
     known = object_named(name)
     if known is None or text in texts(known):
         return text
-    parts = NUMBER.fullmatch(text)
+    parts = NUMBER_WITH_UNIT.fullmatch(text)
     if parts is None:
         return text  # Axis.set() reports the expected text
     number, unit = parts.groups()
@@ -162,7 +168,7 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
             return value * scale[1]
         also = f" or {scale[0]}"
     elif _is_length(known):
-        why = UNKNOWN
+        why = UNKNOWN_COUNT_SIZE
     raise InputError(f"{name}: expected a value in {known.unit}{also}, got {text}{why}")
 
 
@@ -203,14 +209,14 @@ def number(axis: AxisValues, name: str, text: str) -> float:
 
 def expect_written(option: str, text: str | None, example: str) -> None:
     """Raises InputError for a text that is neither a number nor a quantity; no axis is needed."""
-    if text is not None and NUMBER.fullmatch(text) is None:
+    if text is not None and NUMBER_WITH_UNIT.fullmatch(text) is None:
         raise InputError(f'{option}: expected a number or a quantity as "{example}", got {text}')
 
 
 def force(text: str | float) -> Force:
     """A force from "75 N" or "75N", or in 8-bit counts from "30", "30 count" or 30. Raises
     InputError."""
-    parts = NUMBER.fullmatch(str(text))
+    parts = NUMBER_WITH_UNIT.fullmatch(str(text))
     if parts is not None:
         digits, unit = parts.groups()
         if unit in ("", "count"):

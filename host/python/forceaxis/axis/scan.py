@@ -7,7 +7,7 @@ from typing import Any
 
 from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import NAME, SOFTWARE, Link, NoAnswer, Refused
+from forceaxis.axis.link import DEVICE_NAME_INDEX, VERSION_INDEX, Link, NoAnswer, Refused
 
 NODE_ANSWERS_S = 0.5  # time that the nodes of a CAN bus have for their answers
 UNIT_TIMEOUT_S = 0.15  # time that one unit of Modbus has for its answer
@@ -42,7 +42,7 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
         found = replace(
             found, state=now.state, mode=now.mode, fault=now.fault, owner=now.command_source
         )
-        return replace(found, name=link.text(NAME), version=link.text(SOFTWARE))
+        return replace(found, name=link.text(DEVICE_NAME_INDEX), version=link.text(VERSION_INDEX))
     except (Refused, NoAnswer) as error:
         return replace(found, note=str(error))
     finally:

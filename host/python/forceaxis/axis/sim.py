@@ -10,8 +10,8 @@ import numpy as np
 from forceaxis import _core
 from forceaxis.axis.link import (
     COMMAND_SOURCES,
+    FORCE_SCALE_TOLERANCE,
     REASONS,
-    SCALE_WITHIN,
     TICKS_PER_S,
     RawSamples,
     RecorderLink,
@@ -58,7 +58,7 @@ class SimLink(RecorderLink):
             return None
         has = self.read_one("force_scale") * 1e-6
         sensor = abs(reading["per_code"]) * 2 ** (reading["bits"] - 8)
-        if abs(has / sensor - 1) < SCALE_WITHIN:
+        if abs(has / sensor - 1) < FORCE_SCALE_TOLERANCE:
             return None
         return (
             f"{self.where}: expected force_scale {sensor:.6g} N/count as its model's sensor has, "

@@ -17,8 +17,8 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
 
-SYNC = 0xEDA1DA01
-SYNC_BYTES = struct.pack(">I", SYNC)
+SYNC_MARK = 0xEDA1DA01
+SYNC_BYTES = struct.pack(">I", SYNC_MARK)
 # mark, number of the entry, time in us since 1970, bytes of the channel's name, bytes of the data
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
@@ -107,7 +107,9 @@ class LogWriter:
 
     def write(self, channel: str, data: bytes, wall_us: int) -> None:
         name = channel.encode()
-        self._file.write(HEADER.pack(SYNC, self.count, wall_us, len(name), len(data)) + name + data)
+        self._file.write(
+            HEADER.pack(SYNC_MARK, self.count, wall_us, len(name), len(data)) + name + data
+        )
         self.count += 1
         if (now := time.monotonic()) > self._flushed + 0.5:
             self._file.flush()
@@ -139,7 +141,9 @@ class LogReader:
                 mark, _, wall_us, name_size, data_size = HEADER.unpack_from(data, at)
                 start = at + HEADER.size
                 stop = start + name_size + data_size
-                sane = mark == SYNC and name_size <= LONGEST_CHANNEL and data_size <= LONGEST_DATA
+                sane = (
+                    mark == SYNC_MARK and name_size <= LONGEST_CHANNEL and data_size <= LONGEST_DATA
+                )
                 # A corrupted length would hide the entries that follow.
                 if sane and stop <= size and self._whole(data, start, stop):
                     self.count += 1

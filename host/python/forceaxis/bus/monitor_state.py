@@ -41,10 +41,10 @@ COMMAND_KINDS = {
 VOLT_PER_CODE = 20 / 4096  # of the DAC
 T = TypeVar("T")
 # {unit of CiA 303-2: (unit that is shown, its number in one unit)}: metre, radian, degree.
-UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
-REPEATED = " x"  # in the text of a routine event, before the number of its repetitions
+POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
+REPETITION_MARK = " x"  # in the text of a routine event, before the number of its repetitions
 # Kinds of events that are shown as alarms.
-ALARMS = {
+ALARM_EVENTS = {
     axis_event_t.EVENT_REFUSED,
     axis_event_t.EVENT_EMCY,
     axis_event_t.EVENT_FAULT,
@@ -251,7 +251,7 @@ class AxisWatch:
         more = self.more() if self.state else {}
         if more.get("feed"):
             exponent, unit = divmod(more.get("position_unit", 0) >> 16, 256)
-            name, factor = UNITS.get(unit, ("user unit", None))
+            name, factor = POSITION_UNITS.get(unit, ("user unit", None))
             exponent -= 256 if exponent > 127 else 0
             return (name, factor * 10.0**exponent) if factor else (name, 1)
         return ("mm", self.mm_per_count) if self.mm_per_count else ("count", 1)
@@ -409,7 +409,7 @@ class Watch:
             elif isinstance(message, axis_state_t):
                 self.axis(number).take_state(message, wall_us)
             elif isinstance(message, axis_event_t):
-                alarm = message.kind in ALARMS and not (
+                alarm = message.kind in ALARM_EVENTS and not (
                     message.kind in (axis_event_t.EVENT_FAULT, axis_event_t.EVENT_EMCY)
                     and message.code == 0
                 )
@@ -428,11 +428,11 @@ class Watch:
         as the write to the watchdog, is one line with the number of repetitions, so that other
         events remain visible."""
         for i, event in enumerate(self.events):
-            base, _, count = event.text.rpartition(REPEATED)
+            base, _, count = event.text.rpartition(REPETITION_MARK)
             if event.alarm or event.axis != number or text not in (base, event.text):
                 continue
             del self.events[i]
-            text = f"{text}{REPEATED}{2 if text == event.text else int(count) + 1}"
+            text = f"{text}{REPETITION_MARK}{2 if text == event.text else int(count) + 1}"
             break
         self.events.append(WatchedEvent(wall_us, number, False, text))
 

@@ -31,7 +31,7 @@ NODE_STATES = {
 }
 
 # (bit, text) of the statusword bits that have the same meaning in each mode of operation.
-BITS = (
+STATUS_BITS = (
     (7, "warning"),
     (10, "target reached"),
     (11, "internal limit"),
@@ -76,7 +76,7 @@ def condition(statusword: int, fault: str) -> str:
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
     """The names of the set bits 7 and 10 to 14 of a statusword in a mode of operation."""
-    names = [text for bit, text in BITS if statusword >> bit & 1]
+    names = [text for bit, text in STATUS_BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
         if statusword >> bit & 1 and mode in texts:
             names.append(texts[mode])

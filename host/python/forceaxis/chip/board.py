@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-FILE = "board.toml"
+BOARD_FILE = "board.toml"
 _package = Path(__file__).resolve().parents[1]
 _checkout = _package.parents[2] / "firmware/port"
 PORTS = _checkout if _checkout.is_dir() else _package / "port"
@@ -162,7 +162,7 @@ class Board:
     folder: Path
 
 
-WORDS = {str: "a text", int: "a number"}
+TYPE_TEXTS = {str: "a text", int: "a number"}
 
 
 class BoardError(ValueError):
@@ -189,7 +189,7 @@ def _read_value(where: str, value: Any, kind: Any) -> Any:
         item = typing.get_args(kind)[1]
         return {k: _read_value(f"{where}.{k}", v, item) for k, v in _table(where, value).items()}
     if type(value) is not kind:
-        raise BoardError(f"{where}: expected {WORDS[kind]}")
+        raise BoardError(f"{where}: expected {TYPE_TEXTS[kind]}")
     return value
 
 
@@ -217,7 +217,7 @@ def _read_table(where: str, value: Any, kind: Any, **given: Any) -> Any:
 
 def read(folder: Path | str) -> Board:
     """The board of a folder. Raises BoardError."""
-    path = Path(folder) / FILE
+    path = Path(folder) / BOARD_FILE
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError:
@@ -234,7 +234,7 @@ def read(folder: Path | str) -> Board:
 
 def folders() -> list[Path]:
     """The folders of all known boards."""
-    return sorted(path.parent for path in PORTS.glob(f"*/{FILE}"))
+    return sorted(path.parent for path in PORTS.glob(f"*/{BOARD_FILE}"))
 
 
 def known() -> list[Board]:

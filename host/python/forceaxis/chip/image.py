@@ -11,9 +11,9 @@ from typing import NamedTuple
 from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 
-MAGIC = b"FAXI"
-IDENTITY = struct.Struct("<4sI16s16sI16s")
-ARM, EXECUTABLE, LOADED = 40, 2, 1  # ELF: e_machine, e_type, p_type
+IDENTITY_MAGIC = b"FAXI"
+IDENTITY_STRUCT = struct.Struct("<4sI16s16sI16s")
+ARM_MACHINE, LINKED_TYPE, LOADED_SEGMENT = 40, 2, 1  # ELF: e_machine, e_type, p_type
 BYTES_MAX = 16 << 20  # no larger file is an image: reading one by mistake ends soon
 
 
@@ -127,12 +127,12 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
     try:
         bits, order = data[4], data[5]
         kind, machine = struct.unpack_from("<HH", data, 16)
-        if (bits, order, machine) != (1, 1, ARM):
+        if (bits, order, machine) != (1, 1, ARM_MACHINE):
             raise InputError(
-                f"{path}: expected an image for a 32-bit little-endian ARM (machine {ARM}), "
+                f"{path}: expected an image for 32-bit little-endian ARM (machine {ARM_MACHINE}), "
                 f"this is {32 * bits} bits, machine {machine}"
             )
-        if kind != EXECUTABLE:
+        if kind != LINKED_TYPE:
             raise InputError(f"{path}: expected a linked image, this is ELF type {kind}")
         (table,) = struct.unpack_from("<I", data, 28)
         entry_bytes, entries = struct.unpack_from("<HH", data, 42)
@@ -141,7 +141,7 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
             what, offset, _, physical, count = struct.unpack_from(
                 "<5I", data, table + n * entry_bytes
             )
-            if what != LOADED or not count:
+            if what != LOADED_SEGMENT or not count:
                 continue
             if offset + count > len(data):
                 raise InputError(
@@ -211,14 +211,14 @@ def identity(image: Image) -> Identity:
     """The identity of an image. Raises InputError unless the image has exactly one identity."""
     found: list[Identity] = []
     for s in image.segments:
-        for match in re.finditer(MAGIC, s.data):
-            head = s.data[match.start() :][: IDENTITY.size]
-            if (s.address + match.start()) % 4 or len(head) < IDENTITY.size:
+        for match in re.finditer(IDENTITY_MAGIC, s.data):
+            head = s.data[match.start() :][: IDENTITY_STRUCT.size]
+            if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
-            _, size, version, git, table_hash, board = IDENTITY.unpack(head)
+            _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
             # A newer firmware may have more fields. Machine code that contains the magic number is
             # not followed by such a size.
-            if IDENTITY.size <= size <= 256:
+            if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:
         raise InputError(

@@ -22,7 +22,7 @@ from forceaxis import _core, linear, objects
 from forceaxis._core import InputError
 from forceaxis.axis import bounds, parameter_set, quantity
 from forceaxis.axis.axis import Axis
-from forceaxis.axis.link import REASONS, SCALE_WITHIN, TICKS_PER_S, NoAnswer, Refused
+from forceaxis.axis.link import FORCE_SCALE_TOLERANCE, REASONS, TICKS_PER_S, NoAnswer, Refused
 from forceaxis.commission import (
     analyzer,
     as_found,
@@ -187,7 +187,7 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
     """The model's force_scale for an axis without calibration. Raises Refusal if a calibrated scale
     differs from the model."""
     scale = 1e6 * abs(facts.required_reading.per_count)
-    if abs(held.force_scale / scale - 1) <= SCALE_WITHIN:
+    if abs(held.force_scale / scale - 1) <= FORCE_SCALE_TOLERANCE:
         return {}
     if not quantity.never_set(held.force_scale, held.calibration_date):
         raise Refusal(
