@@ -220,7 +220,7 @@ def test_a_quiet_reading_is_hinted_at(axis_file):
     with Axis(SimLink(axis_file(noise=0.0))) as axis:
         done = measuring.measure(axis, order, (30.0,))
     (text,) = done["30N"].summary.hints
-    assert text.startswith("the reading's noise is 0 codes rms, below 0.4")
+    assert text.startswith("the noise of the measured force is 0 codes rms, below 0.4")
 
 
 def test_noise_fed_back_biases_the_quotient_but_not_the_estimate():

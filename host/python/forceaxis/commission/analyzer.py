@@ -410,7 +410,10 @@ class Analyzer:
         records = [play(level.amplitude, seed) for seed in seeds[:DISTORTION_RECORDS]]
         r, u, y = np.stack(records, 1)
         level.distorted = response.excess(r, u, y, excitation.still, self.lines, steps)
-        self.say(f"{level.amplitude} codes: {level.distorted:.3g} times the noise")
+        self.say(
+            f"amplitude {level.amplitude} codes: periods differ by {level.distorted:.3g} times the "
+            "noise"
+        )
         # Dry friction distorts more at a smaller amplitude, and the variance contains this
         # distortion.
         is_distorted = level.distorted > output.distortion_max and not self.order.rubs
@@ -500,9 +503,9 @@ class Analyzer:
             wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
             self.set(target_force=self.per_mille(wanted))
         raise Refusal(
-            "bias", f"expected the reading to stand at {force_N:g} N, it stands at {reached:.3g} N "
-            f"with the law that the axis has and a target of {self.per_mille(wanted):.4g} per "
-            "mille; raise force_limit, rated_force or the law's gain"
+            "bias", f"expected a measured force of {force_N:g} N, it settles at {reached:.3g} N "
+            f"with the force law of the axis and a target of {self.per_mille(wanted):.4g} per "
+            "mille; raise force_limit, rated_force or the gain of the law"
         )  # fmt: skip
 
     def _touch(self) -> None:

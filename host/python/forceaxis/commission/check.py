@@ -166,9 +166,9 @@ class MotionCheck:
         for step in (self._faults, self._inputs, self._gains, self._rest, self._limits):
             step()
         if not self.passed:
-            self._skip("what failed comes first", "first motion", "move", "tare")
+            self._skip("an earlier step failed", "first motion", "move", "tare")
         elif not consent(self.asked()):
-            self._skip("nobody allowed it to move", "first motion", "move", "tare")
+            self._skip("nobody allowed the axis to move", "first motion", "move", "tare")
         else:
             self._motion()
             self._tare()
@@ -345,7 +345,7 @@ class MotionCheck:
             # writing the object clears an earlier passed result
             self.axis.set(first_motion_test="on")
             if not self._first_motion():
-                self._skip("what failed comes first", "move")
+                self._skip("an earlier step failed", "move")
                 return
             slow = _least(known.speed_max, MOVE_SPEED_MAX)
             self.axis.set(output_limit=self._output(), speed_max=slow)
@@ -432,15 +432,15 @@ class MotionCheck:
                 if again + 1 < RESTORE_TRIES:
                     self.axis.link.wait(0.5)
         if reason:
-            self._done("restore", "failed", f"{reason}; the limits of the check stay in force "
-                       "until the axis is switched off and on")  # fmt: skip
+            self._done("restore", "failed", f"{reason}; the limits of the check remain "
+                       "active until the axis is switched off and on")  # fmt: skip
         if interrupt:
             raise interrupt
 
     def _tare(self) -> None:
         band = self.known.tare_band or self.known.contact_force
         if not self.passed:
-            self._skip("what failed comes first", "tare")
+            self._skip("an earlier step failed", "tare")
         elif abs(self.reading) > band:
             self._done("tare", "skipped", f"{self.reading:.4g} force counts at rest: beyond "
                        f"{'tare_band' if self.known.tare_band else 'contact_force'}",

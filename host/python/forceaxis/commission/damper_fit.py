@@ -165,7 +165,10 @@ def fit(
     if with_dampers is not None:
         summary = replace(summary, model=paths.display(model), friction=with_dampers.dampers())
     elif about.rubs:
-        warning = f"the axis rubs, {_in_words(about)}: smaller amplitudes have another response"
+        warning = (
+            f"the axis has dry friction, {_in_words(about)}: smaller amplitudes have another "
+            "response"
+        )
         summary = replace(summary, warnings=(*summary.warnings, warning))
     return found, measured, summary
 
@@ -300,15 +303,16 @@ def _refusal(p: float, model: str, about: RecordedFriction) -> Refusal:
     frictions = friction_models.frictions_of(model, about.moving_N or 0.0, about.table_N)
     lines = friction_models.toml_lines(tuple(one for one in frictions if one.newton > 0))
     if about.is_least and about.moving_N:
-        lines = f"# of guide and gear at least so much\n{lines}"
+        lines = f"# friction of guide and gear: a lower bound\n{lines}"
     hidden = (
-        "what holds a workpiece that rubs does not show in noise, `tune` shakes it with sines; "
+        "noise does not show stiffness and mass of a workpiece with dry friction, the sines of "
+        "`tune` do; "
         if about.table_N else ""
     )  # fmt: skip
     return Refusal(
         "friction", f"expected a model that explains the response, p = {p:.2g}, and "
-        f"friction that a damper stands for, got {_in_words(about)}: {hidden}"
-        "add the friction to the model, free what else may be wrong, or measure with a larger "
+        f"friction that a damper can represent, got {_in_words(about)}: {hidden}"
+        "add the friction to the model, fit further parameters, or measure with a larger "
         "force or level", lines,
     )  # fmt: skip
 

@@ -28,27 +28,28 @@ from forceaxis.commission.level import Samples
 from forceaxis.commission.refusal import Refusal
 
 # The motion out of contact, glide():
-TRAVEL_SHARE = 0.85  # share of the travel in each direction over which the axis moves
-# times in s: of a record, of the shortest record, and before the speed is constant
+TRAVEL_SHARE = 0.85  # share of the travel that the axis uses in each direction
+# duration of a record, of the shortest record, and of the start, in which the speed is not constant
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
 SMALLER_CODE_SHARE = 0.6  # ratio of the smaller DAC code to the larger one in the two motions
 ENOUGH_TRAVELS = 1.2  # a code is large enough if its speed would cover this multiple of the travel
 # period of reading the position; a motion ends at this multiple of the travel
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
-MOTION_MIN_CNT = 6  # a smaller change of the position is not a motion
+MOTION_MIN_CNT = 6  # a smaller change of the position in encoder counts is not a motion
 DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone counts as no friction
-NOISE_SLIDES = 2.5  # dead zones: noise with fewer codes does not slide most of the time
+# amplitude of a noise with which the axis slides most of the time, as a multiple of the dead zone
+NOISE_SLIDES = 2.5
 
 # The slow change of the force, record_slow_change():
-LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5  # of the rise and of the fall
+LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5  # duration and samples of the rise, and of the fall
 # Relative difference from the force set-point above which a force law without integral action
 # counts as stopped by friction.
 FORCE_ERROR_MIN = 0.06
 
 # Compliance and friction under the workpiece, slow_loading():
-BLOCK_SAMPLES = 20  # of a mean
-FORCE_BINS = 6  # number of intervals of the force with a compliance of their own
+BLOCK_SAMPLES = 20  # number of samples in a block, which is replaced by its mean
+FORCE_BINS = 6  # number of intervals of the force; the compliance is computed for each interval
 # ratio of the compliance between two forces to that at the forces, from which the workpiece counts
 # as soft
 SOFT_RATIO = 1.6
@@ -86,15 +87,17 @@ class Glide:
 
     @property
     def noise_codes(self) -> int:
-        """Codes of a noise with which the axis slides most of the time; 0 without friction."""
+        """Amplitude in DAC codes of a noise with which the axis slides most of the time; 0 without
+        friction."""
         return math.ceil(NOISE_SLIDES * self.dead_zone) if self.rubs else 0
 
 
 @dataclass(frozen=True)
 class Directions:
-    """Friction from a slow change of the force. dead_zone: half of the difference in codes between
-    falling and rising force at the same measured force, less the codes for the speed; error: its
-    standard error; speed: the codes for the speed; least: dead_zone is a lower bound."""
+    """Friction of guide and gear from a slow change of the force. dead_zone: half of the difference
+    in codes between falling and rising force at the same measured force, less the codes for the
+    speed; error: its standard error; speed: the codes for the speed; least: dead_zone is a lower
+    bound."""
 
     dead_zone: float
     error: float
@@ -249,7 +252,7 @@ def glide(
         table = np.column_stack([codes, -np.sign(codes), -np.ones(len(codes))])
         rate, width, shift = np.linalg.lstsq(table, speeds, rcond=None)[0]
         found = Glide(float(width / rate), float(shift / rate), float(rate), code)
-    say(f"{found.codes} codes apart: a dead zone of {found.dead_zone:.2g} codes")
+    say(f"{found.codes} codes out of contact: a dead zone of {found.dead_zone:.2g} codes")
     return found
 
 
@@ -346,7 +349,9 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
     table = np.column_stack([np.ones(len(F)), F, np.sign(slope)])
     wanted = c - takes
     solved = np.linalg.lstsq(table[moves], wanted[moves], rcond=None)[0]
-    more = (wanted - table[:, :2] @ solved[:2]) * np.sign(solved[1])  # than the force takes
+    more = (wanted - table[:, :2] @ solved[:2]) * np.sign(
+        solved[1]
+    )  # codes beyond those that the force needs
     if not rate:
         leg, held = len(F) // 2, round(HELD_S / step_s)
         rose, fell = more[leg - held : leg], more[-held:]
@@ -361,7 +366,7 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
 
 
 def block_means(values: Samples) -> Samples:
-    """Means of BLOCK_SAMPLES samples each, (n,)."""
+    """The means of blocks of BLOCK_SAMPLES samples, (blocks,)."""
     whole = len(values) // BLOCK_SAMPLES * BLOCK_SAMPLES
     return np.asarray(values[:whole].reshape(-1, BLOCK_SAMPLES).mean(1))
 

@@ -65,7 +65,8 @@ class ForceParameters:
 
 @dataclass(frozen=True)
 class Incident:
-    """One incident. `parameters` are the raw values at the time of reading."""
+    """The recording of an error, and the state of the axis. parameters: {object: raw value} when
+    the incident was read."""
 
     recording: Recording
     where: str
@@ -73,7 +74,7 @@ class Incident:
     fault: str
     error_code: str
     tick: int
-    later: int  #: errors since
+    later: int  #: number of later errors
     kept: bool  #: True if the incident is older than the last restart of the axis
     table: str  #: hash of the object table
     parameters: dict[str, int]
@@ -105,7 +106,8 @@ class Incident:
 
     @property
     def travel(self) -> Samples:
-        """(n,) counts from the position at the error, without the step of an encoder wrap."""
+        """(n,) position in encoder counts relative to that at the error; a wrap of the encoder
+        makes no step."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
         return np.asarray(way - way[self.recording.trigger_sample])
@@ -183,14 +185,16 @@ def fetch(axis: Axis) -> Incident:
     if state not in INCIDENT_STATES:
         why = {
             "off": "its black box is off (blackbox_option)",
-            "recorder": "a recording has its buffer; write 0 to recorder_arm",
+            "recorder": "a recording uses its memory; write 0 to recorder_arm",
         }.get(state, "nothing has happened since its black box started to record")
         raise Refused(f"{axis.link.where}: expected an incident, {why}")
     about = axis.record(IncidentObjects)
     axis.link.fetch(SIGNALS)
     recording = axis.link.recording(COMPLETE_TIMEOUT_S)
     if zlib.crc32(packed(recording)) != about.incident_crc:
-        raise NoAnswer(f"{axis.link.where}: expected samples whose CRC is right; fetch again")
+        raise NoAnswer(
+            f"{axis.link.where}: expected samples with a correct CRC; read the incident again"
+        )
     parameters = axis.link.read(
         [o.name for o in OBJECTS if o.kind == "parameter" and o.access == "rw" and o.stored]
         + ["modes_of_operation", "force_setpoint", *BOARD_OBJECTS]

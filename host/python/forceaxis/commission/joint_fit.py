@@ -503,15 +503,15 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
         found.rejected = "chi2"
         found.text = (
             f"expected a model that explains the responses, p = {p:.2g}: another parameter is "
-            "wrong, or something is in the axis that the model has not"
+            "wrong, or the model lacks a part of the axis"
         )
     elif abs(away[worst]) > PRIOR_DISTANCE_MAX:
         name = problem.names[worst]
         found.rejected = "prior"
         found.text = (
             f"expected {name} within {PRIOR_DISTANCE_MAX:g} standard deviations of "
-            f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: check what the model "
-            "says of it, or give its prior"
+            f"{problem.priors[name].value:.5g}, got {found.best[name]:.5g}: check its value "
+            "in the model, or give its prior"
         )
     elif found.limiting_hz is not None:
         for m in problem.measured:
@@ -520,8 +520,9 @@ def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
             if not m.free and best < COHERENT:
                 found.rejected = "coherence"
                 found.text = (
-                    f"expected {COHERENT:g} or more at the limiting {found.limiting_hz:.3g} Hz, "
-                    f"got {best:.2g}: take more averages, a larger force or a wider band"
+                    f"expected a coherence of {COHERENT:g} or more at the limiting mode of "
+                    f"{found.limiting_hz:.3g} Hz, got {best:.2g}: measure with more averages, a "
+                    "larger force or a wider band"
                 )
                 return
 

@@ -103,7 +103,7 @@ def measure(
             say("a slow change of the force, for friction")
             search.between(tuple(forces))
         for force in forces:
-            say(f"pressed with {force:g} N, commands to the reading")
+            say(f"in contact with {force:g} N: response from the codes to the measured force")
             level = analyzer.contact(force)
             done[f"{force:g}N"] = _taken(axis, analyzer, level, rest, search)
         if forces:
@@ -136,14 +136,15 @@ def hints(level: Level, rest: Rest) -> list[str]:
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
     if noise is not None and noise < QUIET_LSB:
         texts.append(
-            f"the reading's noise is {noise:.2g} codes rms, below {QUIET_LSB:g}: its rounding is "
-            "no noise, so the band may be too narrow; an ADC of more bits would help"
+            f"the noise of the measured force is {noise:.2g} codes rms, below {QUIET_LSB:g}: its "
+            "rounding is no random error, so the confidence band may be too narrow; an ADC with "
+            "more bits would help"
         )
     coherent = level.measured.coherence > COHERENT
     if coherent.mean() < 0.5:
         texts.append(
-            f"coherence above {COHERENT:g} at {100 * coherent.mean():.2g} % of the lines: take a "
-            "larger force, more averages or a narrower band"
+            f"coherence above {COHERENT:g} at {100 * coherent.mean():.2g} % of the frequencies: "
+            "measure with a larger force, more averages or a narrower band"
         )
     return texts
 
