@@ -28,6 +28,7 @@ from forceaxis.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from forceaxis.commission.level import MeasuringOrder
     from forceaxis.identify.result import MeasurementSummary
 
 
@@ -64,27 +65,24 @@ def measure_axis(
     connection: live_options.AxisConnection,
     out: Path | None,
     as_json: bool,
-    live: Mapping[str, Any],
-    options: Mapping[str, Any],
+    order: MeasuringOrder,
+    forces: tuple[float, ...],
+    free: bool,
+    model: str,
 ) -> None:
     """Run the verb `measure` on a live axis: measure, write the files to `out` and print the
     result."""
     from forceaxis import linear
     from forceaxis.cli.response_text import describe_response
     from forceaxis.commission import as_found, measuring
-    from forceaxis.commission.level import MeasuringOrder
     from forceaxis.commission.refusal import Refusal
     from forceaxis.identify import result
 
-    known = ("band_hz", "resolution_hz", "averages", "seed")
-    given = {n: options[n] for n in known} | {n: live[n] for n in ("force_max_N", "travel")}
-    given |= {"settle_s": live["settle_s"], "amplitude": options["level"] and int(options["level"])}
-    order = MeasuringOrder(**{n: value for n, value in given.items() if value is not None})
-    if not live["forces"] and not options["free"]:
+    if not forces and not free:
         raise InputError(
             "measure: expected --free, --force or both, to measure out of contact or in contact"
         )
-    model = str(linear.find_model(live["model"])) if live["model"] else ""
+    model = str(linear.find_model(model)) if model else ""
     own = [text for text in connection.overrides if not text.startswith("firmware.")]
     values = linear.overrides(own) if model else {}
 
@@ -98,9 +96,7 @@ def measure_axis(
             kept = as_found.restoring(as_found.AxisFolder(axis, out, say))
         try:
             with kept:
-                done = measuring.measure(
-                    axis, order, live["forces"], bool(options["free"]), model, values, say
-                )
+                done = measuring.measure(axis, order, forces, free, model, values, say)
         except Refusal as refusal:
             for line in ("to be added to the model:", *refusal.lines.splitlines()):
                 if refusal.lines:
@@ -193,6 +189,11 @@ def measure(
     plant_set: tuple[str, ...],
     out: Path | None,
     as_json: bool,
+    forces: tuple[float, ...],
+    force_max_N: float | None,
+    travel: int | None,
+    settle_s: float | None,
+    model: str | None,
     **options: Any,
 ) -> None:
     """Measure the frequency response of a simulated plant or of a live axis by an excitation, and
@@ -224,12 +225,18 @@ def measure(
     parameters. After a kill, the same command with --out restores them.
     """
     from forceaxis import linear
+    from forceaxis.commission.level import MeasuringOrder
     from forceaxis.identify import result as analyzer
 
-    live = {n: options.pop(n) for n in ("forces", "force_max_N", "travel", "settle_s", "model")}
     if target is None:
         connection.expect_one()
-        measure_axis(connection, out, as_json, live, options)
+        level = options["level"]
+        values = {n: options[n] for n in ("band_hz", "resolution_hz", "averages", "seed")}
+        values |= {"force_max_N": force_max_N, "travel": travel, "settle_s": settle_s}
+        values |= {"amplitude": None if level is None else int(level)}
+        order = MeasuringOrder(**{n: value for n, value in values.items() if value is not None})
+        free = bool(options["free"])
+        measure_axis(connection, out, as_json, order, forces, free, model or "")
         return
     if connection != live_options.AxisConnection(overrides=connection.overrides):
         raise InputError(
