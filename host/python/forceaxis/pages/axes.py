@@ -13,6 +13,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.certificate import WorstFigures
 from forceaxis.design.grid import Goal
 from forceaxis.experiments import sweep, sweep_plots
+from forceaxis.experiments.inputs import read_inputs
 from forceaxis.linear import curves, loops, modes, plots, settings, stability, working
 from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
@@ -145,7 +146,7 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
     """Caption and picture of the verdict over gain and set-point, for the first short experiment
     with a P law; empty if there is no such experiment."""
     for entry in entries:
-        given = _core.inputs(str(entry.file))["firmware"]
+        given = read_inputs(entry.file).firmware
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
         result = entry.run.result
         if not (gain and setpoint) or given.get("force_bank") or "mode" not in given:

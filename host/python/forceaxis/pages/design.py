@@ -28,7 +28,7 @@ from forceaxis.words import plain
 
 WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
 LOOP_GAIN_DRAWN = 20.0  # |L| above which a curve is outside the figure
-RANDOM = 4  # number of random plants in the figures, in addition to nominal plant and corners
+RANDOM_PLANTS = 4  # number of random plants in the figures, in addition to nominal plant and corners
 
 Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, key of its style in LOOKS)
 
@@ -38,7 +38,7 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     latencies."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
-    members += [(m, False) for m in plants.corners() + plants.random(RANDOM)]
+    members += [(m, False) for m in plants.corners() + plants.random(RANDOM_PLANTS)]
     found: Loops = []
     for latency in outcome.order.latencies:
         for member, nominal in members:
@@ -83,9 +83,7 @@ def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops:
     for ax, what in zip(axes, "ST", strict=True):
         style(ax)
         ax.axhline(-3.01, color=FAINT, linewidth=0.8, linestyle=":")
-        ax.set_xlim(frequency_hz[0], frequency_hz[-1])
-        ax.set_ylim(-40, 12)
-        ax.set_ylabel(f"|{what}|, dB")
+        ax.set(xlim=(frequency_hz[0], frequency_hz[-1]), ylim=(-40, 12), ylabel=f"|{what}|, dB")
     drawing.plain_ticks(axes[1].xaxis)
     axes[1].set_xlabel("frequency, Hz")
     legend(
@@ -114,11 +112,8 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
         ax.plot(near.real, near.imag, **{"zorder": 2} | LOOKS[kind][0])
     legend(ax, handles=keys(loops), loc="upper left")
     ax.plot([-1], [0], marker="+", color=INK, markersize=9, zorder=4)
-    ax.set_xlim(-2.2, 1.6)
-    ax.set_ylim(-2.2, 1.6)
+    ax.set(xlim=(-2.2, 1.6), ylim=(-2.2, 1.6), xlabel="real part", ylabel="imaginary part")
     ax.set_aspect("equal")
-    ax.set_xlabel("real part")
-    ax.set_ylabel("imaginary part")
     drawing.finish(figure, ax, name)
     return figure
 
@@ -142,8 +137,7 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
         inside = (time_s >= start - 0.05) & (time_s <= start + (1.0 if case.strike_N_s else 0.6))
         ax.plot(time_s[inside], force[inside], color=color, linewidth=1.0, label=name)
     ax.axhline(case.setpoint_N, color=WANTED, linestyle="--", linewidth=0.8, label="set-point")
-    ax.set_xlabel("time, s")
-    ax.set_ylabel("force, N")
+    ax.set(xlabel="time, s", ylabel="force, N")
     legend(ax, loc="best")
     drawing.finish(figure, ax, case.name)
     return figure

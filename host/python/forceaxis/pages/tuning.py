@@ -39,7 +39,8 @@ Rows = list[list[str]]  # of a table; the first row is the head
 
 
 def write(tuning: Tuning, summary: TuningSummary) -> None:
-    """Writes FILE to the folder of the tuning, with the results so far."""
+    """Writes the page index.html to the folder of a tuning, with the results of its finished
+    steps."""
     forces, folder = tuning.order.forces, tuning.folder
     fitted = FIT.done(tuning)
     touched = [f for f in forces if (folder / f"{contact.name(f)}.csv").exists()]
@@ -61,7 +62,8 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
 
 
 def _friction(summary: TuningSummary) -> Rows:
-    """A table of the dry friction that was measured."""
+    """Table of the measured dry friction: where it acts, its force in N, whether the model has
+    it."""
     return [
         ["dry friction between", "N", "in the model"],
         *(
@@ -96,14 +98,14 @@ def _figures(law: WorstFigures | Figures | None) -> Iterator[str]:
 
 
 def _cases(summary: TuningSummary) -> Rows:
-    """A table of the simulated cases, all with the designed law."""
+    """Table of the contact cases that were simulated with the designed law."""
     rows = [outcome.CASE_HEAD, *outcome.cases(summary.simulated)]
     law = outcome.CASE_HEAD.index("law")
     return [[*row[:law], *row[law + 1 :]] for row in rows]
 
 
 def _verified(summary: TuningSummary) -> Rows:
-    """A table of the measured peaks of |S|."""
+    """Table of the measured and predicted Ms at each force set-point."""
     rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
     for level in (summary.levels or {}).values():
         Ms, predicted, at = map(_number, (level.Ms, level.Ms_predicted, level.Ms_hz))
@@ -112,7 +114,7 @@ def _verified(summary: TuningSummary) -> Rows:
 
 
 def _parameters(summary: TuningSummary) -> Rows:
-    """A table of the parameters with their confidence intervals."""
+    """Table of the fitted parameters with their confidence intervals."""
     rows = [["parameter", "value", "95 % interval", "unit"]]
     for name, row in (summary.parameters or {}).items():
         ends = " to ".join(_number(end) for end in row.interval)
@@ -131,9 +133,8 @@ def _touch_down(folder: Path, force_N: float) -> str:
     within = SETTLED_SHARE * force_N + np.ptp(measured[time_s < -0.02])
     far = np.maximum(abs(expected - force_N), abs(measured - force_N)) > within
     settled = time_s[np.flatnonzero(far)[-1]]
-    ax.set_xlim(-0.05, min(settled + 0.2, time_s[-1]))
-    ax.set_xlabel("time from the touch, s")
-    ax.set_ylabel("force, N")
+    ax.set(xlim=(-0.05, min(settled + 0.2, time_s[-1])))
+    ax.set(xlabel="time from the touch, s", ylabel="force, N")
     style(ax)
     legend(ax, loc="lower right")
     finish(figure, ax, f"{force_N:g} N")

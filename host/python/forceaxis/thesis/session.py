@@ -26,8 +26,9 @@ from forceaxis.bus.client import NoAnswer, Refused
 from forceaxis.bus.messages import axis_state_t
 from forceaxis.experiments import link
 from forceaxis.experiments import run as runs
+from forceaxis.experiments.inputs import read_inputs
 from forceaxis.experiments.node_reports import read_axis_report, read_plant_report
-from forceaxis.experiments.run_result import JournalFacts, read_converters
+from forceaxis.experiments.run_result import JournalFacts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -145,7 +146,7 @@ def run(
 @functools.cache
 def scales() -> Scales:
     """Reads the scales from the model of the session."""
-    converters = read_converters(_core.inputs(str(EXPERIMENT))["converters"])
+    converters = read_inputs(EXPERIMENT).converters
     return Scales(
         mm_per_count=converters["encoder"].per_code * 1e3,
         N_per_count=converters["adc0"].per_8_bit_count,
@@ -181,8 +182,7 @@ def figure(states: Sequence[axis_state_t], recording: Assembly) -> "Figure":
     ):
         style(ax)
         ax.plot(x, values, color=INK, **THIN)
-        ax.set_ylabel(label)
-        ax.set_xlabel(below)
+        ax.set(xlabel=below, ylabel=label)
         ax.margins(x=0)
     for ax in axes[1:3]:
         setpoint_N = SETPOINT * scales().N_per_count
