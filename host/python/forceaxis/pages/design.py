@@ -28,7 +28,9 @@ from forceaxis.words import plain
 
 WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
 LOOP_GAIN_DRAWN = 20.0  # |L| above which a curve is outside the figure
-RANDOM_PLANTS = 4  # number of random plants in the figures, in addition to nominal plant and corners
+RANDOM_PLANTS = (
+    4  # number of random plants in the figures, in addition to nominal plant and corners
+)
 
 Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, key of its style in LOOKS)
 
