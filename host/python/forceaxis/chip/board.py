@@ -80,7 +80,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stack:
-    """What tools/image_report must know to find the deepest stack."""
+    """The facts from which tools/image_report computes the deepest stack."""
 
     thread: str
     levels: list[list[str]]
@@ -166,11 +166,11 @@ TYPE_TEXTS = {str: "a text", int: "a number"}
 
 
 class BoardError(ValueError):
-    """A board.toml that is missing or wrong: one line."""
+    """A board.toml is missing or wrong; the text has one line."""
 
 
 def _read_value(where: str, value: Any, kind: Any) -> Any:
-    """A value of the file as the type `kind`. Raises BoardError where it is of another type."""
+    """A value of the file as the type `kind`. Raises BoardError for a value of another type."""
     if isinstance(kind, types.UnionType):  # an optional table or list that is there
         kind = typing.get_args(kind)[0]
     if dataclasses.is_dataclass(kind):

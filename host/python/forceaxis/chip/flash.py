@@ -1,4 +1,4 @@
-"""An image onto its board: checked here, written and verified by openocd."""
+"""Checks an image of the firmware; writes it to its board by openocd, which also verifies it."""
 
 import re
 import shutil
@@ -47,7 +47,7 @@ class FlashError(Exception):
 
 @dataclass(frozen=True)
 class Plan:
-    """What a write of an image changes on the board."""
+    """The changes that a write of an image makes on the board."""
 
     board: boards.Board
     probe: boards.Probe
@@ -84,7 +84,7 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
 def plan(
     path: Path, address: int | None = None, erase_parameters: bool = False, serial: str = ""
 ) -> Plan:
-    """What would be written. Raises InputError for a file that is no image for its chip."""
+    """The Plan of a write. Raises InputError for a file that is not an image for its chip."""
     image = images.load(path, address)
     identity = images.identity(image)
     board, probe = board_of(image, identity)
@@ -134,7 +134,7 @@ def plan(
 
 
 def sectors_of(board: boards.Board) -> list[range]:
-    """Their addresses, in order."""
+    """The addresses of each sector of the flash, in order."""
     sectors, first = [], board.memory.flash.start
     for size in board.memory.sectors:
         sectors.append(range(first, first + size))
@@ -169,7 +169,7 @@ class FlashSummary:
 
 
 def summary(plan: Plan, probe: str | None = None, chip: str | None = None) -> FlashSummary:
-    """The plan as it is reported; probe, chip: the ones found, of a write that was done."""
+    """The plan as a result; probe, chip: texts about probe and chip after a write."""
     return FlashSummary(
         *plan.identity,
         file=plan.image.path,
@@ -272,7 +272,7 @@ def find_probe(plan: Plan) -> tuple[str, str]:
 
 
 def write(plan: Plan) -> None:
-    """Erases, writes, verifies, resets. Raises FlashError."""
+    """Erases, writes, verifies and resets the chip. Raises FlashError."""
     output = run(plan.probe, command(plan))
     if "** Verified OK **" not in output:
         raise FlashError("openocd: expected `Verified OK`; " + last_line(output))
@@ -280,7 +280,7 @@ def write(plan: Plan) -> None:
 
 
 def run(probe: boards.Probe, words: Sequence[str]) -> str:
-    """What openocd printed. Raises FlashError with its reason."""
+    """Runs openocd and returns its output. Raises FlashError with the reason of a failure."""
     done = subprocess.run(
         words,
         stdin=subprocess.DEVNULL,
@@ -300,7 +300,7 @@ def run(probe: boards.Probe, words: Sequence[str]) -> str:
 
 
 def last_line(output: str) -> str:
-    """The most informative line: openocd's last error, else its last line."""
+    """The last error in the output of openocd, otherwise its last line."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")]
     return "last output: " + (errors or lines or ["nothing"])[-1]

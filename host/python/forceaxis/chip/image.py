@@ -18,7 +18,7 @@ BYTES_MAX = 16 << 20  # no larger file is an image: reading one by mistake ends 
 
 
 class Identity(NamedTuple):
-    """What an image says of itself: version, git revision, object table, board."""
+    """The identity in an image: version, git revision, object table, board."""
 
     version: str
     git: str
