@@ -20,6 +20,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import NoReturn, Protocol, Self
 
 import numpy as np
@@ -241,7 +242,7 @@ class Analyzer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         # if the axis does not answer, its watchdog disables it
         with contextlib.suppress(NoAnswer):
             self.close()

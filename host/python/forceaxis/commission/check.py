@@ -31,21 +31,21 @@ ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # bits of the object digital_input
 NO_LIMIT = 2**31 - 1
 # {fault: its most frequent causes} of the faults that stop the first motion.
 FAULT_CAUSES = {
-    "force_sensor_failed": "the reading is at an end of its range or does not stand still: check "
+    "force_sensor_failed": "the force sensor is at an end of its range or unsteady: check "
     "cable, supply and force_zero_code",
-    "current_sensor_failed": "the current's reading is at its upper end or jumps: check its wiring",
-    "not_standing": "the axis does not come to a stand: check brake and encoder's cable",
+    "current_sensor_failed": "the current is at the end of its range or jumps: check the wiring",
+    "not_standing": "the axis does not come to a standstill: check brake and encoder cable",
     "amplifier_offset": "the axis drifts at code 0: trim the amplifier's offset",
     "encoder_reversed": "encoder and amplifier disagree: swap the encoder's channels or the "
     "motor's leads, whichever makes a positive code move toward the workpiece",
-    "no_motion": "the encoder has not moved: check amplifier, enable, brake and encoder's cable",
+    "no_motion": "the encoder did not count: check amplifier, enable, brake and encoder cable",
     "runaway": "the axis moves faster or further than it should: check amplifier and encoder",
-    "force_reversed": "compression reads negative: turn force_sign",
+    "force_reversed": "the measured force is negative in compression: change force_sign",
     "position_gain_zero": "set position_gain",
-    "following_error": "the axis lags behind: it is held up, or position_gain is too low",
-    "force_max": "it met something on its way: make room, or tare it",
+    "following_error": "the axis does not follow: it is blocked, or position_gain is too low",
+    "force_max": "the axis met an obstacle: remove it, or tare the force",
     "overspeed": "the axis moved faster than its target: check gains and signs",
-} | dict.fromkeys(ORPHANED, f"its owner fell silent; {REMEDY_AFTER_KILL}")
+} | dict.fromkeys(ORPHANED, f"the owner of the axis stopped writing; {REMEDY_AFTER_KILL}")
 
 
 Value = float | str | None
@@ -211,7 +211,9 @@ class MotionCheck:
     def _table(self) -> bool:
         raw = self.axis.link.read_one("object_table_hash")
         theirs, ours = f"0x{raw:08x}", parameter_file.table_hash()
-        hint = f", this program has {ours}: take the forceaxis of the axis' firmware"
+        hint = (
+            f", this program has {ours}: use the forceaxis that belongs to the firmware of the axis"
+        )
         return self._evaluate("object table", theirs == ours, theirs, theirs, ours, hint)
 
     def _faults(self) -> None:
@@ -405,7 +407,7 @@ class MotionCheck:
                     f"{self.travel} encoder counts out and back, {worst} beside its target, "
                     f"at most code {largest}", worst,
                     ARRIVED_CNT,
-                    f", {_words(now.limit_reason)} limits it: it is held up, or position_gain "
+                    f", {_words(now.limit_reason)} limits it: it is blocked, or position_gain "
                     "is too low")  # fmt: skip
 
     def _put_back(self, before: dict[str, int]) -> None:
