@@ -132,7 +132,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
                                               : "peak_force_max_percent",
                  "expected a model with a contact, got a model without one; remove the key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
-      !criterion.position_ripple_max_count && !criterion.judges_force() && !criterion.judges_run())
+      !criterion.position_ripple_max_count && !criterion.limits_force() && !criterion.limits_run())
     section.fail("contact_held",
                  "expected at least one limit, got none; add contact_held = true, "
                  "force_ripple_max_count or position_ripple_max_count");
@@ -451,9 +451,9 @@ void make_endless(Experiment &experiment) {
   experiment.criterion.reset();
 }
 
-void expect_judged(const Experiment &experiment) {
+void expect_evaluable(const Experiment &experiment) {
   const auto &criterion = experiment.criterion;
-  if (!criterion || !criterion->judges_force() || force_task(experiment)) return;
+  if (!criterion || !criterion->limits_force() || force_task(experiment)) return;
   throw InputError(experiment.file.string(), "verdict.held_force_error_max_percent",
                    "expected an experiment whose last force set-point is not 0 and whose ADC 0 "
                    "measures a force; remove the limits of force, overshoot and settling time");

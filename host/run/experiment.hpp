@@ -65,11 +65,11 @@ struct Criterion {
   std::optional<double> contact_losses_max;
   std::optional<double> saturated_max_s;
 
-  bool judges_force() const {
+  bool limits_force() const {
     return held_force_error_max_N || held_force_error_max_percent || overshoot_max_percent ||
            settle_max_s || peak_force_max_percent;
   }
-  bool judges_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
+  bool limits_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 
 // The content of the plot of a run.
@@ -147,7 +147,7 @@ void make_endless(Experiment &experiment);
 // Refuses a [verdict] that limits the force if the experiment does not control force. Only runs
 // make this check, not the reader, because an axis of make_endless() has no verdict. Throws
 // sim::InputError.
-void expect_judged(const Experiment &experiment);
+void expect_evaluable(const Experiment &experiment);
 
 // Refuses parameters in [set] that have no effect. Throws sim::InputError.
 void expect_used(const Experiment &experiment);

@@ -25,7 +25,7 @@ PlantSide::PlantSide(const Experiment &experiment, const RunOptions &options)
                                 .seed = experiment.seed}),
       action_(experiment.actions.begin()),
       width_(plant_.signal_names().size()) {
-  expect_judged(experiment);
+  expect_evaluable(experiment);
   in_.sensor_valid = 1;
   in_.axis = 1;
   static_assert(kEnabled == int{AXIS_DIN_ENABLE});
@@ -172,9 +172,10 @@ RunResult PlantSide::finish() {
   result_.edge_margin = plant_.edge_margin();
   result_.trace_hash = hash_.hex();
   if (experiment_->criterion) {
-    Judgement judged = judge(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
-    result_.verdict = std::move(judged.verdict);
-    result_.missed = std::move(judged.missed);
+    Evaluation evaluated =
+        evaluate(*experiment_->criterion, metrics_, first_fault_ != AXIS_FAULT_NONE);
+    result_.verdict = std::move(evaluated.verdict);
+    result_.missed = std::move(evaluated.missed);
   }
   return std::move(result_);
 }

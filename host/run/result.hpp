@@ -96,8 +96,8 @@ struct RunResult {
   Metrics metrics;
   std::string fault;  // name of the first fault of the run, or "none"
   std::vector<Refusal> refused;
-  std::string verdict;         // verdict of judge(), or "" without a criterion
-  std::vector<Missed> missed;  // limits that the run has missed, from judge()
+  std::string verdict;         // verdict of evaluate(), or "" without a criterion
+  std::vector<Missed> missed;  // limits that the run has missed, from evaluate()
 };
 
 }  // namespace forceaxis::host

@@ -24,7 +24,7 @@ class Findings {
   }
 
   // Returns the most serious verdict that any missed limit gives.
-  Judgement judgement() && {
+  Evaluation evaluation() && {
     const char *verdict = missed_.empty() ? kStable : kNotMet;
     for (const char *word : {kUnstable, kNeverInContact}) {
       const bool given = std::any_of(missed_.begin(), missed_.end(),
@@ -38,11 +38,11 @@ class Findings {
   std::vector<Missed> missed_;
 };
 
-bool reads_force(const Criterion &c) { return c.force_ripple_max_count || c.judges_force(); }
+bool reads_force(const Criterion &c) { return c.force_ripple_max_count || c.limits_force(); }
 
 // Checks the contact. Returns true if the axis approached the contact during the window. Ripple and
 // contact losses then do not count as instability.
-bool judge_contact(const Criterion &c, const Metrics &m, Findings &found) {
+bool check_contact(const Criterion &c, const Metrics &m, Findings &found) {
   const bool asked = c.contact_held || (m.held_force && reads_force(c) && m.contacts > 0);
   if (!asked) return false;
   if (!m.first_contact_s) {
@@ -62,13 +62,13 @@ bool judge_contact(const Criterion &c, const Metrics &m, Findings &found) {
   return late;
 }
 
-void judge_ripple(const char *limit, const Ripple &ripple, const std::optional<double> &bound,
+void check_ripple(const char *limit, const Ripple &ripple, const std::optional<double> &bound,
                   bool approaching, Findings &found) {
   const bool dies = ripple.late_count <= kDyingPart * ripple.count;
   found.at_most(limit, ripple.count, bound, "count", dies || approaching ? kNotMet : kUnstable);
 }
 
-void judge_force(const Criterion &c, const HeldForce &held, double peak_N, Findings &found) {
+void check_force(const Criterion &c, const HeldForce &held, double peak_N, Findings &found) {
   found.at_most("held_force_error_max_N", std::fabs(held.error_N), c.held_force_error_max_N, "N");
   found.at_most("held_force_error_max_percent", held.error_percent, c.held_force_error_max_percent,
                 "%");
@@ -80,17 +80,17 @@ void judge_force(const Criterion &c, const HeldForce &held, double peak_N, Findi
 
 }  // namespace
 
-Judgement judge(const Criterion &c, const Metrics &m, bool faulted) {
+Evaluation evaluate(const Criterion &c, const Metrics &m, bool faulted) {
   Findings found;
   if (faulted) found.add("fault", kUnstable, 1.0, 0.0, "");
-  const bool approaching = judge_contact(c, m, found);
-  judge_ripple("force_ripple_max_count", m.force_ripple, c.force_ripple_max_count, approaching,
+  const bool approaching = check_contact(c, m, found);
+  check_ripple("force_ripple_max_count", m.force_ripple, c.force_ripple_max_count, approaching,
                found);
-  judge_ripple("position_ripple_max_count", m.position_ripple, c.position_ripple_max_count,
+  check_ripple("position_ripple_max_count", m.position_ripple, c.position_ripple_max_count,
                approaching, found);
   if (m.held_force)
-    judge_force(c, *m.held_force, m.peak_force_N, found);
-  else if (c.judges_force())
+    check_force(c, *m.held_force, m.peak_force_N, found);
+  else if (c.limits_force())
     found.add("setpoint", kNotMet, 0.0, 0.0, "N");
   found.at_most("peak_force_max_N", m.peak_force_N, c.peak_force_max_N, "N");
   found.at_most("contact_losses_max", static_cast<double>(m.contact_losses_run),
@@ -103,7 +103,7 @@ Judgement judge(const Criterion &c, const Metrics &m, bool faulted) {
     found.add("setpoint_range", kNotMet, *m.setpoint_beyond_N, m.reading_end_N, "N");
   if (m.saturated_ticks > 0)
     found.add("output_range", kNotMet, static_cast<double>(m.saturated_ticks), 0.0, "tick");
-  return std::move(found).judgement();
+  return std::move(found).evaluation();
 }
 
 }  // namespace forceaxis::host

@@ -39,13 +39,13 @@ struct Missed {
   std::string unit;  // "N", "%", "s", "count", "tick", or "" for a number without unit
 };
 
-struct Judgement {
+struct Evaluation {
   // The most serious verdict of all missed limits: kNeverInContact, then kUnstable, then kNotMet.
   std::string verdict;
   std::vector<Missed> missed;
 };
 
 // Computes the verdict from the metrics only, so a caller can vary the limits without a new run.
-Judgement judge(const Criterion &criterion, const Metrics &metrics, bool faulted);
+Evaluation evaluate(const Criterion &criterion, const Metrics &metrics, bool faulted);
 
 }  // namespace forceaxis::host

@@ -121,9 +121,9 @@ py::dict plot_of(const Experiment &e) {
 }
 
 // Returns the reason for which the experiment cannot be run with its [verdict], or None.
-py::object unjudged(const Experiment &e) {
+py::object not_evaluable(const Experiment &e) {
   try {
-    forceaxis::host::expect_judged(e);
+    forceaxis::host::expect_evaluable(e);
     return py::none();
   } catch (const forceaxis::sim::InputError &error) {
     return py::cast(std::string(error.what()));
@@ -157,7 +157,7 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   d["expect"] = expect_of(e);
   d["inputs_hash"] = e.hash;
   d["criterion"] = to_dict(e.criterion);
-  d["unjudged"] = unjudged(e);
+  d["not_evaluable"] = not_evaluable(e);
   d["parameters"] = parameters;
   d["unused"] = e.unused;
   return d;
@@ -356,8 +356,8 @@ PYBIND11_MODULE(_core, m) {
   m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         py::arg("text") = py::none(),
         "Read an experiment without running it: title, model, contacts, converters, firmware "
-        "(object -> value at the start), expect, inputs_hash, criterion, unjudged (why it cannot "
-        "be run with it), parameters with value and "
+        "(object -> value at the start), expect, inputs_hash, criterion, not_evaluable (why its "
+        "[verdict] cannot be evaluated, or None), parameters with value and "
         "unit, and the overrides that change nothing; text: read in place of the file's. Raises "
         "InputError.");
   py::class_<Experiments>(m, "Experiments",
@@ -372,11 +372,11 @@ PYBIND11_MODULE(_core, m) {
         "with keep_going it becomes {\"error\": text} instead. Now and then, progress(done, total) "
         "is called and finished(index, result) for every job done since.");
   m.def(
-      "judge",
+      "evaluate",
       [](const py::dict &criterion, const py::dict &metrics, const std::string &fault) {
-        const auto judged = forceaxis::host::judge(criterion_from(criterion), metrics_from(metrics),
-                                                   fault != "none");
-        return std::pair(judged.verdict, to_list(judged.missed));
+        const auto evaluated = forceaxis::host::evaluate(criterion_from(criterion),
+                                                         metrics_from(metrics), fault != "none");
+        return std::pair(evaluated.verdict, to_list(evaluated.missed));
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
       "(verdict, missed limits) that another criterion gives on a finished run's metrics (same "

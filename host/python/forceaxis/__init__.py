@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from forceaxis import linear
-    from forceaxis._core import InputError, SimulationError, judge, run, run_many
+    from forceaxis._core import InputError, SimulationError, evaluate, run, run_many
     from forceaxis.axis.axis import Axis
     from forceaxis.experiments.experiment import Experiment, Result
     from forceaxis.identify import resonance
@@ -23,7 +23,7 @@ __all__ = [
     "Result",
     "SimulationError",
     "beam",
-    "judge",
+    "evaluate",
     "linear",
     "loops",
     "modes",
@@ -46,7 +46,7 @@ _MEMBERS = {
     "Result": "forceaxis.experiments.experiment",
     "InputError": "forceaxis._core",
     "SimulationError": "forceaxis._core",
-    "judge": "forceaxis._core",
+    "evaluate": "forceaxis._core",
     "run": "forceaxis._core",
     "run_many": "forceaxis._core",
 }

@@ -132,7 +132,7 @@ class Inputs(TypedDict):
     expect: dict[str, Any] | None
     inputs_hash: str
     criterion: dict[str, Any] | None
-    unjudged: str | None
+    not_evaluable: str | None
     parameters: dict[str, _Parameter]
     unused: list[str]
 
@@ -192,7 +192,7 @@ def run_many(
     finished: Callable[[int, dict[str, Any]], None] | None = ...,
     experiments: Experiments | None = ...,
 ) -> list[dict[str, Any]]: ...
-def judge(
+def evaluate(
     criterion: dict[str, Any], metrics: dict[str, Any], fault: str
 ) -> tuple[str, list[dict[str, Any]]]: ...
 def __getattr__(name: str) -> Any: ...

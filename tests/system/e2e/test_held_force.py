@@ -124,7 +124,7 @@ def test_another_limit_judges_finished_runs_anew():
     assert result["metrics"]["held_force"] == done["metrics"]["held_force"]
     for limit, verdict in ((11.0, "not_met"), (13.0, "stable")):
         criterion = result["criterion"] | {"held_force_error_max_percent": limit}
-        assert _core.judge(criterion, result["metrics"], "none")[0] == verdict
+        assert _core.evaluate(criterion, result["metrics"], "none")[0] == verdict
 
 
 def test_a_limit_of_force_needs_an_experiment_that_controls_it(tmp_path):

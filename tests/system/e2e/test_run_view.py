@@ -86,7 +86,7 @@ def test_the_plot_shows_setpoint_contact_window_events_and_overrides(lively):
     assert any("with firmware.force_gain=12" in text for text in texts_of(figure))
     keys = [text.get_text() for text in figure.legends[0].get_texts()]
     lost = sum(e[1] == "sensor" and e[2] == "pressed" and 0.1 <= e[0] <= 2 for e in lively.events)
-    assert keys[:3] == ["set-point", "contact", "judged: unstable"]
+    assert keys[:3] == ["set-point", "contact", "verdict: unstable"]
     assert f"contact lost ({lost})" in keys
     position, reading, _ = figure.axes
     assert position.get_ylabel() == "position (encoder)\nmm"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import verbs
-from forceaxis import judge, run_many
+from forceaxis import evaluate, run_many
 from forceaxis.thesis import tables
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -106,7 +106,7 @@ def test_the_number_of_threads_changes_nothing(result):
 
 def test_judging_again_gives_the_same_verdicts(result):
     for c in result["cells"]:
-        assert judge(c["criterion"], c["metrics"], c["fault"])[0] == c["ours"]
+        assert evaluate(c["criterion"], c["metrics"], c["fault"])[0] == c["ours"]
 
 
 def test_the_fit_on_record_belongs_to_these_files_and_to_these_constants():

@@ -25,7 +25,7 @@ class Inputs:
     inputs_hash: str
     criterion: Criterion | None  # the table [verdict]
     # reason for which the table [verdict] cannot be evaluated; None: it can
-    unjudged: str | None
+    not_evaluable: str | None
     parameters: dict[str, ParameterFacts]  # of the model, with the overrides
     unused: list[str]  # parameters that do not change the model
 
@@ -45,7 +45,7 @@ def read_inputs(
         expect=given["expect"],
         inputs_hash=given["inputs_hash"],
         criterion=read_criterion(given["criterion"]),
-        unjudged=given["unjudged"],
+        not_evaluable=given["not_evaluable"],
         parameters={name: ParameterFacts(**p) for name, p in given["parameters"].items()},
         unused=given["unused"],
     )

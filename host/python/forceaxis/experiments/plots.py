@@ -263,7 +263,7 @@ def keys(marks: Marks, time_s: Array, rows: Sequence[Sequence[Line]]) -> list[Ar
         found.append(plt.Rectangle((0, 0), 1, 1, color=CONTACT_COLOUR, label="contact"))
     if marks.window and marks.window[1] > low and marks.window[0] < high:
         verdict = marks.window[2]
-        label = f"judged: {verdict}"
+        label = f"verdict: {verdict}"
         found.append(plt.Rectangle((0, 0), 1, 1, color=area_of(verdict), label=label))
     for kind, (marker, colour) in EVENTS.items():
         texts = [text for t, k, text in marks.events if k == kind and low <= t <= high]

@@ -135,8 +135,8 @@ def checked_inputs(request: SweepRequest, planned: SweepPlan) -> Inputs:
     experiment, overrides = Path(request.experiment), list(request.overrides)
     inputs = read_inputs(experiment, overrides)
     check_names(experiment, inputs, overrides, planned.swept)
-    if inputs.unjudged:
-        raise InputError(inputs.unjudged)
+    if inputs.not_evaluable:
+        raise InputError(inputs.not_evaluable)
     if planned.search and inputs.criterion is None:
         raise InputError(
             f"{experiment}: verdict: expected a table [verdict], because `bisect` searches for a "

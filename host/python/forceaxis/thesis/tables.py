@@ -370,7 +370,7 @@ def criterion_sensitivity(
 
     def verdict_with(cell: CellResult, ripple_limit_count: float) -> str:
         criterion = replace(cell.criterion, force_ripple_max_count=ripple_limit_count)
-        return _core.judge(to_json(criterion), to_json(cell.metrics), cell.fault)[0]
+        return _core.evaluate(to_json(criterion), to_json(cell.metrics), cell.fault)[0]
 
     rows = []
     for factor in (0.8, 1.2):
