@@ -66,7 +66,7 @@ OTHER = {
         'name = "following_error_max"\nkind = "parameter"',
         'name = "following_error_max"\nstored = false\nkind = "command"',
     ),
-    "a type": edited('SYNCs received"\ntype = "u16"', 'SYNCs received"\ntype = "u32"'),
+    "a type": edited('were received"\ntype = "u16"', 'were received"\ntype = "u32"'),
     "a unit": edited('unit = "count/s"', 'unit = "m/s"'),
     "a scale": edited("scale = 0.00390625", "scale = 0.0078125"),
     "a minimum": edited("min = 8\nmax = 16", "min = 7\nmax = 16"),
