@@ -37,9 +37,9 @@ Metrics calm() {
 
 // The verdict, and behind it each missed limit: "not_met settle_max_s 0.2>0.1 s".
 std::string text(const Criterion &c, const Metrics &m, bool faulted = false) {
-  const Judgement judged = judge(c, m, faulted);
-  std::string text = judged.verdict;
-  for (const Missed &one : judged.missed) {
+  const Evaluation evaluated = evaluate(c, m, faulted);
+  std::string text = evaluated.verdict;
+  for (const Missed &one : evaluated.missed) {
     char line[128];
     std::snprintf(line, sizeof line, " %s %g>%g%s%s", one.limit.c_str(), one.value, one.bound,
                   one.unit.empty() ? "" : " ", one.unit.c_str());
@@ -98,9 +98,9 @@ TEST(Verdict, NeverPressedIsNeverInContactWhateverElseIsMissed) {
   c.held_force_error_max_percent = 2;
   EXPECT_EQ(text(c, m), "never_in_contact contact_held 0>1 held_force_error_max_percent 100>2 %");
   c.contact_held = false;  // the force is controlled all the same
-  EXPECT_EQ(judge(c, m, false).verdict, kNeverInContact);
+  EXPECT_EQ(evaluate(c, m, false).verdict, kNeverInContact);
   m.contacts = 0;  // a sensor that is fixed to the workpiece
-  EXPECT_EQ(judge(c, m, false).verdict, kNotMet);
+  EXPECT_EQ(evaluate(c, m, false).verdict, kNotMet);
 }
 
 TEST(Verdict, AnApproachThatEndsInTheWindowIsNotMetWhateverTheImpactDoes) {
@@ -113,7 +113,7 @@ TEST(Verdict, AnApproachThatEndsInTheWindowIsNotMetWhateverTheImpactDoes) {
             "not_met contact_made_s 1.25>1 s contact_losses 1>0 force_ripple_max_count 40>10 "
             "count");
   m.window_start_s = 0.0;  // the whole run is judged, and contact is made in it
-  EXPECT_EQ(judge(held(), m, false).verdict, kUnstable);
+  EXPECT_EQ(evaluate(held(), m, false).verdict, kUnstable);
 }
 
 TEST(Verdict, ContactRegainedInTheWindowIsNotMet) {
