@@ -24,9 +24,9 @@ static void measure(axis_t *restrict axis, const axis_inputs_t *restrict inputs)
                                      params->force_sign, params->adc_bits, params->force_tare);
 }
 
-/* Sets the position set-point of this tick. Until position mode is active, the profile follows the
- * position. This includes the tick in which the mode begins, which may be the first of all ticks,
- * or the first with a valid encoder count. */
+/* Sets the position set-point of this tick. The profile follows the position while position mode is
+ * not active, and also in the first tick of position mode. This first tick may be the first tick of
+ * the axis or the first tick with a valid encoder count. */
 static void update_setpoint(axis_t *restrict axis, uint8_t mode) {
   axis_params_t *params = &axis->params;
   axis_signals_t *signals = &axis->signals;
@@ -101,7 +101,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   signals->digital_inputs = inputs->din;
 
   if (inputs->sensor_valid == 0) {
-    /* The next valid encoder count has no previous count, so it gives no speed. */
+    /* After a tick with invalid sensors the velocity is 0, because the next encoder count has no
+     * previous count. */
     signals->velocity = 0;
     axis->primed = 0;
     latch_fault(axis, AXIS_FAULT_SENSOR_INVALID);
@@ -126,7 +127,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
   }
 
   const int32_t law_q16 = evaluate_law(axis, mode);
-  /* The limits act on the code that is output, with the sensor values of the tick in which it is
+  /* The limits act on the output code. They use the sensor values of the tick in which the code is
    * output. */
   const bool late = params->latency_ticks != 0;
   if (late) {
@@ -135,7 +136,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->dac_code =
         limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
   }
-  /* At this point dac_code is the code that was output before the code computed now. */
+  /* dac_code is still the code that was output before the newly computed code. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
     signals->bump_bias = (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_code, 16) - law_q16;
@@ -144,8 +145,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->bump_bias = fx_decay(signals->bump_bias, axis->bias_shift);
   }
   signals->active_mode = mode;
-  /* The code is not limited here, so that a code that is output one tick later still shows its
-   * saturation: |law| < 4098 with an excitation, |bias| < 6146. */
+  /* The limits act only on the output code. So command_code also shows a saturation if the code is
+   * output one tick later. With an excitation |law| < 4098; |bias| < 6146. */
   signals->command_code = (int16_t)fx_round_q16(law_q16 + signals->bump_bias);
   if (!late) {
     const int32_t due =
@@ -159,8 +160,8 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
 }
 
 void axis_init(axis_t *axis) {
-  /* The function call between these two writes prevents the compiler from combining them in a
-   * floating-point register. */
+  /* This function call stands between two writes, so that the compiler does not combine the writes
+   * in a floating-point register. */
   axis->free_codes = axis_codes_all();
   value_store_defaults(&axis->params, AXIS_BLOCK_AXIS_PARAMETER);
   axis->law_codes = axis_codes_all();
@@ -181,8 +182,8 @@ void axis_init(axis_t *axis) {
   axis->fault_waits = 0;
 }
 
-/* Checks a new tare. tare_band protects the tare: while the axis is enabled the tare cannot change,
- * and it never exceeds the band. */
+/* Checks a new tare against tare_band. With tare_band the tare cannot change while the axis is
+ * enabled, and the magnitude of the tare never exceeds tare_band. */
 static int check_tare(const axis_t *axis, int32_t value) {
   const int32_t band = axis->params.tare_band;
   if (band == 0) {
@@ -231,7 +232,7 @@ void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int
   }
 }
 
-/* Halves the gain of the bank in its own memory, so that the tick needs no additional
+/* Stores the halved gain in the bank of the force law, so that a tick needs no additional
  * instructions. */
 static void halve_bank(force_law_t *law, uint8_t halvings) {
   law->halvings = halvings;

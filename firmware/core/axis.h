@@ -1,17 +1,20 @@
 #ifndef FIRMWARE_CORE_AXIS_H_
 #define FIRMWARE_CORE_AXIS_H_
 
-/* One axis: its inputs are counts and its outputs are codes, once in each tick of 1/1500 s.
+/* One axis. In each tick of 1/1500 s the firmware reads the inputs as counts and outputs a DAC
+ * code.
  *
- * axis_tick() is the complete control loop. It depends only on the state and the inputs: it uses no
- * heap, no floating point, no input or output, and its time is bounded (docs/chip/instructions.md
- * has the number of instructions, tests/chip/test_budget.py its limit). The caller owns the state,
- * so any number of axes can run side by side.
+ * axis_tick() is the complete control loop. The result of axis_tick() depends only on the state and
+ * the inputs. The function uses no heap, no floating point and no peripherals. Its execution time
+ * is bounded: docs/chip/instructions.md states the number of instructions, and
+ * tests/chip/test_budget.py checks this number. The caller owns the state, so any number of axes
+ * can run side by side.
  *
- * Parameters are the fields of axis->params and signals are those of axis->signals;
- * firmware/objects/axis_objects.toml generates both. Signals may be read between ticks. Parameters
- * are written by fw_object_write() (firmware/app/fw.h), which refuses a value out of range and then
- * calls axis_parameter_written(); axis_tick() relies on these ranges.
+ * Parameters are the fields of axis->params and signals are those of axis->signals. The names and
+ * types of these fields are generated from firmware/objects/axis_objects.toml. Signals may be read
+ * between ticks. Parameters are written by fw_object_write() (firmware/app/fw.h), which refuses
+ * values outside the range of the parameter and then calls axis_parameter_written(). axis_tick()
+ * does not check the ranges again.
  *
  * Signs: positive motion is towards the workpiece, contact force is positive in compression, and a
  * positive code moves the axis towards the workpiece. With a force set-point of 30 counts and a
@@ -23,65 +26,69 @@
 
 #include "firmware/core/axis_state.h"
 
-/* Sets the state of an axis at power-up: it is disabled, with code 0, no fault and default
- * parameters. */
+/* Sets the state of an axis at power-up: the axis is disabled, the DAC code is 0, no fault is
+ * latched, and all parameters have their defaults. */
 void axis_init(axis_t *axis);
 
-/* Computes one tick.
+/* Computes one tick of an axis.
  *
- * A fault (faults.h) acts in the same tick for every value of latency_ticks: the code becomes 0,
- * the amplifier is switched off and the brake closes. The fault is latched, and the requested mode
- * becomes disabled. A limit (limits.h) changes only the code that is output. With latency_ticks 1
- * this is the code computed in the previous tick: the present position and switches limit it,
- * limit_reason refers to it, and the bounds of both ticks apply, so that no bound ends one tick too
- * early (output_limit is that of the present tick). Nothing is added after the limits.
+ * A fault (faults.h) acts in the same tick for every value of latency_ticks: the DAC code becomes
+ * 0, the amplifier is switched off and the brake closes. The fault is latched, and the requested
+ * mode becomes disabled. A limit (limits.h) changes only the output code. If latency_ticks is 1,
+ * the output code is the code that was computed in the previous tick. The present position and the
+ * present switches limit this code, and limit_reason refers to this code. The bounds of both ticks
+ * apply, so that no bound ends one tick too early; output_limit is the value of the present tick.
+ * Nothing is added after the limits.
  *
- * Bumpless transfer: when a mode or gain changes, the computed code of that tick equals the code
- * that was output before it (0 after disabled). The difference to the control law becomes a bias
- * that decays by 2^-n in each tick, at least by 1/65536 code, to exactly 0. n is bump_decay_shift
- * at the time of the change: a later write does not change an existing bias. With n = 0 there is no
- * bias, and the output steps.
+ * Bumpless transfer: when a mode or gain changes, the code computed in that tick equals the code
+ * that was output before (0 after disabled). The difference from the control law becomes a bias. In
+ * each tick the bias decays by 2^-n, at least by 1/65536 code, to exactly 0. n is the value of
+ * bump_decay_shift when the mode or gain changes; a later write does not change an existing bias.
+ * With n = 0 there is no bias, and the output steps.
  *
- * A position_setpoint that was written after position mode was last active becomes active when
- * position mode begins; otherwise position_setpoint is set to the present position, so the axis
- * stays there. The profile starts from standstill at the present position. A fault discards a
- * set-point that was not active yet: a command from before a fault must be repeated.
+ * A position_setpoint that is written before position mode begins becomes active when position mode
+ * begins. Without such a write position_setpoint becomes the present position, so the axis stays at
+ * its position. The profile starts from standstill at the present position. A fault discards a
+ * set-point that was not active yet, so the user must write the set-point again.
  *
  * Excitation mode starts its waveform (excitation.h) in its first tick.
  *
- * With latency_ticks 1 a code is output one tick after its computation; enabling, disabling and
- * faults act at once.
+ * If latency_ticks is 1, a code is output one tick after its computation; enabling, disabling and
+ * faults act in the same tick.
  *
  * The memory of the three arguments must not overlap. */
 void axis_tick(axis_t *axis, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* Whether a value within its range may be written to the parameter `object` (AXIS_OBJ_): FW_OK or
- * FW_ERROR_RANGE. FW_ERROR_STATE refuses force_tare with a tare_band while a mode is active. */
+/* Checks whether a value within its range may be written to the parameter `object` (AXIS_OBJ_).
+ * Returns FW_OK or FW_ERROR_RANGE. Returns FW_ERROR_STATE for force_tare while a mode is active and
+ * tare_band is not 0. */
 int axis_check(const axis_t *axis, uint16_t object, int32_t value);
 
-/* Reports that the parameter `object` (AXIS_OBJ_) was `previous` and now is `value`. A write of an
- * equal value has no effect, except that each write to position_setpoint gives a new set-point. */
+/* Reports a write to the parameter `object` (AXIS_OBJ_) that changed its value from `previous` to
+ * `value`. A write of an equal value has no effect, except that each write to position_setpoint
+ * gives a new set-point. */
 void axis_parameter_written(axis_t *axis, uint16_t object, int32_t previous, int32_t value);
 
-/* axis->law.bank now has the coefficients of bank `number` (1..4, law_bank.h); with number 0,
- * force_gain alone is the force law. In force mode the change is bumpless, like a change of gain;
- * the integral keeps its value if the new law has integral action. */
+/* Reports that axis->law.bank has received the coefficients of bank `number` (1..4, law_bank.h).
+ * For number 0 the force law uses force_gain alone. In force mode the change is bumpless, as for a
+ * change of gain. The integral keeps its value if the new law has integral action. */
 void axis_bank_selected(axis_t *axis, uint8_t number);
 
-/* Halves the gain of the force law, force_gain or the gain of a bank, `halvings` times (0..15) from
- * the next tick on. The change is bumpless. */
+/* Halves the gain of the force law `halvings` times (0..15), from the next tick on. The gain is
+ * force_gain or the gain of the selected bank. The change is bumpless. */
 void axis_halve_force_gain(axis_t *axis, uint8_t halvings);
 
-/* Latches a fault from outside the axis (AXIS_FAULT_), unless a fault is already latched. The axis
- * is disabled in the next tick; the latched fault, old or new, cannot be reset before this tick. */
+/* Latches a fault (AXIS_FAULT_) that was detected outside axis_tick(), unless another fault is
+ * already latched. The axis is disabled in the next tick. Before this tick the latched fault cannot
+ * be reset. */
 void axis_fault(axis_t *axis, uint8_t fault);
 
-/* Latches a fault that was found in the signals of a tick, and sets the outputs of this tick to the
- * safe state: code 0, amplifier off, brake on. */
+/* Latches a fault that was detected in the signals of a tick, and sets the outputs of the same tick
+ * to the safe state: code 0, amplifier off, brake on. */
 void axis_trip(axis_t *axis, uint8_t fault, axis_outputs_t *outputs);
 
-/* Resets the latched fault. The axis remains disabled until a mode is written. Returns false if the
- * fault has not acted in a tick yet; the fault then remains. */
+/* Resets the latched fault; the axis stays disabled until a mode is written. Returns false and does
+ * not reset the fault if the fault has not acted in a tick yet. */
 bool axis_fault_reset(axis_t *axis);
 
 #endif

@@ -24,8 +24,8 @@ static uint8_t bytes_of_sample(const recorder_channel_t channels[RECORDER_CHANNE
   return bytes;
 }
 
-/* Whether the memory has a ring buffer of these channels; after a power cut its bytes are
- * arbitrary. */
+/* Returns true if the memory contains a valid ring buffer of these channels. After a power cut the
+ * memory has arbitrary content. */
 static bool is_ring(const blackbox_t *blackbox, uint32_t buffer_bytes,
                     const recorder_channel_t channels[RECORDER_CHANNELS]) {
   const recorder_t *ring = &blackbox->ring;

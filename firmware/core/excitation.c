@@ -6,14 +6,15 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
   const uint32_t seed = params->excitation_seed;
   const int32_t period = params->excitation_period;
   if (start || (period != 0 && excitation->age_tick >= period)) {
-    /* 2^32 / golden ratio: similar seeds give distant states */
+    /* The factor is 2^32 / golden ratio. It gives distant generator states for similar seeds. */
     excitation->random = seed * UINT32_C(2654435769);
     excitation->phase_q32 = seed * UINT32_C(65536);
     excitation->swept_q32 = 0;
     excitation->age_tick = 0;
     excitation->held_tick = 0;
   }
-  /* The age saturates; after this a period can no longer be recognised. */
+  /* The age of the waveform saturates at INT32_MAX. After this age the end of a period can no
+   * longer be detected. */
   excitation->age_tick += (excitation->age_tick < INT32_MAX) ? 1 : 0;
   if (params->excitation_waveform == AXIS_EXCITATION_WAVEFORM_SINE) {
     const int32_t value = fx_sine_q15(excitation->phase_q32);
@@ -22,8 +23,8 @@ int32_t excitation_step(excitation_t *excitation, const axis_params_t *params, b
     return value;
   }
   if (excitation->held_tick == 0) {
-    /* Linear congruential generator, modulus 2^32 (Knuth); only the upper half of the bits is
-     * random enough. */
+    /* Linear congruential generator with modulus 2^32 (Knuth). Only the upper 16 bits are
+     * sufficiently random. */
     excitation->random = excitation->random * UINT32_C(1664525) + UINT32_C(1013904223);
     excitation->held_tick = params->excitation_hold;
   }

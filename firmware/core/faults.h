@@ -1,29 +1,31 @@
 #ifndef FIRMWARE_CORE_FAULTS_H_
 #define FIRMWARE_CORE_FAULTS_H_
 
-/* Faults: conditions that disable the axis in the tick in which they are detected. */
+/* Faults are conditions that disable the axis in the same tick in which the firmware detects
+ * them. */
 
 #include <stdint.h>
 
 #include "firmware/core/axis_state.h"
 #include "firmware/fx/fx.h"
 
-/* Whether the magnitude of a value exceeds its limit. A limit of 0 switches the check off. */
+/* Returns true if the magnitude of a value exceeds `limit`. A limit of 0 switches this check
+ * off. */
 static inline bool fault_exceeds(int32_t value, int32_t limit) {
   return limit != 0 && !fx_within(value, limit);
 }
 
 /* Returns the fault (AXIS_FAULT_) of a tick in which a mode drives the amplifier, or none. The
- * first condition that is true decides:
+ * first condition that is true determines the fault:
  *   enable_lost      the enable chain is open
  *   adc_range        an ADC code is 2^adc_bits or more
- *   limit_switches   both limit switches are on at once, which shows a broken wire
+ *   limit_switches   both limit switches are on at the same time, which indicates a broken wire
  *   overspeed        |velocity| > speed_max, unless speed_max is 0
  *   force_max        |force| > force_max, unless force_max is 0
  *   following_error  |position_error| > following_error_max in position mode, unless
  *                    following_error_max is 0
- * sensor_invalid precedes all of these and is a fault in every mode; axis_tick() checks it before
- * it uses a sensor value. The signals must be those of the present tick. */
+ * axis_tick() detects the fault sensor_invalid before this function, in every mode and before any
+ * use of a sensor value. The signals must be those of the present tick. */
 static inline uint8_t fault_detect(const axis_params_t *params, const axis_signals_t *signals,
                                    const axis_inputs_t *inputs) {
   const uint8_t both_switches = AXIS_DIN_LIMIT_POS | AXIS_DIN_LIMIT_NEG;

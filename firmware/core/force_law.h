@@ -6,26 +6,27 @@
  *   y = H(z) (f_d - f)                  H: up to three second-order sections in series
  *   u = k_f y + i - k_v v               i grows by w k_f y in each tick; v in counts per tick
  *
- * f_d is the force set-point, f the measured force and u the command. Without sections and integral
- * action the law gives exactly the codes of law_force().
+ * f_d is the force set-point, f the measured force and u the command. Without sections and without
+ * integral action the codes of the general law equal the codes of law_force().
  *
- * Formats: y has 16 fractional bits and stays within +-2^14 counts. The coefficients have 26
- * fractional bits and stay within +-2^4. A section is computed in direct form I: the sum of five
- * products below 2^60 and a remainder below 2^26 has at most 64 bits. The rounding remainder of a
- * section's output is added in the next tick, so the output of a section without input settles
- * within 1/1024 count of 0. */
+ * Formats: y has 16 fractional bits and is limited to +-2^14 counts. The coefficients have 26
+ * fractional bits and are limited to +-2^4. A section is computed in direct form I. The sum of five
+ * products, each below 2^60, and of a remainder below 2^26 has at most 64 bits. The rounding
+ * remainder of the output of a section is added in the next tick. So the output of a section whose
+ * input is 0 settles within 1/1024 count of 0. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Version of the force law. Increase it with every change after which the same bank gives different
- * codes. */
+/* Version of the force law. Increase the version with every change of the code after which the same
+ * bank gives different DAC codes. */
 enum { FORCE_LAW_VERSION = 1 };
 
 enum { FORCE_LAW_BANKS = 4, FORCE_LAW_SECTIONS = 3, FORCE_LAW_COEFFICIENTS = 5 };
 
 typedef struct {
-  int32_t coefficient_q26[FORCE_LAW_SECTIONS][FORCE_LAW_COEFFICIENTS]; /* b0, b1, b2, a1, a2 */
+  /* coefficients b0, b1, b2, a1, a2 of each section */
+  int32_t coefficient_q26[FORCE_LAW_SECTIONS][FORCE_LAW_COEFFICIENTS];
   /* integral rate w in 1/tick, at most 1 */
   uint32_t integral_q26;
   uint16_t gain_q8;
@@ -34,8 +35,8 @@ typedef struct {
 } force_bank_t;
 
 typedef struct {
-  /* inputs of the section in the two previous ticks in 1/65536 count, the later tick first; y: its
-   * outputs */
+  /* x: inputs of the section in the two previous ticks, in 1/65536 count, the later tick first; y:
+   * outputs of the section in the same ticks */
   int32_t x[2];
   int32_t y[2];
   uint32_t remainder_q26; /* rounding remainder of the last output of the section, in 2^-42 count */
@@ -46,7 +47,7 @@ typedef struct {
   force_section_t sections[FORCE_LAW_SECTIONS];
   int32_t integral_q16;            /* integral in 1/65536 code */
   uint32_t integral_remainder_q26; /* rounding remainder of the integral, in 2^-42 code */
-  /* number of the selected bank; 0 selects law_force() with force_gain */
+  /* number of the selected bank; with 0 the force law is law_force() with force_gain */
   uint8_t selected;
   /* number of times that the active gain was halved; each half is rounded down */
   uint8_t halvings;
@@ -54,17 +55,18 @@ typedef struct {
   uint16_t whole_gain_q8;
 } force_law_t;
 
-/* Conditions of the force law in one tick. `begins` is true in the first tick of the law: each
- * section with gain 1 at frequency 0 then starts in the steady state of the present error, and the
- * integral keeps its value. `up` and `down` permit the integral to rise and to fall. */
+/* Conditions of the force law in one tick. `begins` is true in the first tick of the law. Then each
+ * section with gain 1 at frequency 0 starts in the steady state of the present force error, and the
+ * integral keeps its value. `up` permits the integral to rise, and `down` permits the integral to
+ * fall. */
 typedef struct {
   bool begins;
   bool up;
   bool down;
 } force_law_tick_t;
 
-/* Computes one tick of the force law. Returns the command in 1/65536 DAC code, limited to one code
- * beyond the range of the DAC, as the laws of laws.h are. */
+/* Computes one tick of the force law. Returns the command in 1/65536 DAC code. Like the laws of
+ * laws.h, the command is limited to one code beyond the range of the DAC. */
 int32_t force_law_step(force_law_t *law, int32_t error_q8, int32_t velocity_cnt,
                        force_law_tick_t tick);
 

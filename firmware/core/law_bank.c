@@ -34,14 +34,14 @@ static bool is_empty(const law_params_t *params, uint8_t bank) {
   return bits == 0;
 }
 
-/* Whether the poles are inside the unit circle (stability triangle). */
+/* Returns true if both poles of a section are inside the unit circle (stability triangle). */
 static bool is_stable(const int32_t section[FORCE_LAW_COEFFICIENTS]) {
   const int32_t a1 = section[3];
   const int32_t a2 = section[4];
   return a2 > -ONE_Q26 && a2 < ONE_Q26 && fx_magnitude(a1) < (uint32_t)(ONE_Q26 + a2);
 }
 
-/* A gain in codes per count, in Q16, times a / b. */
+/* Returns the gain a / b times as large, in Q16 codes per count. */
 static int32_t times(int32_t gain_q16, uint32_t a, uint32_t b) {
   return (a == 0) ? 0 : fx_ratio_apply(gain_q16, fx_ratio(a, b, 0), 0);
 }
@@ -52,12 +52,13 @@ static bool is_too_steep(const law_params_t *params, uint8_t bank, uint8_t adc_b
   for (uint8_t i = 0; i < params->bank_sections[bank]; i++) {
     const int32_t *c = &coefficients_of(params, bank)[i * FORCE_LAW_COEFFICIENTS];
     direct_q16 = times(direct_q16, fx_magnitude(c[0]), (uint32_t)ONE_Q26);
-    /* At half the tick rate z is -1. |b0| + |b1| + |b2| <= 3 * 2^30 has at most 32 bits. */
+    /* z is -1 at half the tick rate. |b0| + |b1| + |b2| <= 3 * 2^30 needs at most 32 bits. */
     const int64_t above = (int64_t)c[0] - c[1] + c[2];
     highest_q16 = times(highest_q16, (uint32_t)((above < 0) ? -above : above),
                         (uint32_t)(ONE_Q26 - c[3] + c[4]));
   }
-  /* A count is a code of 8 bits; a code of n bits is 2^(8 - n) counts. */
+  /* One count is one code of an ADC with 8 bits. One code of an ADC with n bits is 2^(8 - n)
+   * counts. */
   const int32_t most_q16 = fx_scale(LAW_BANK_HF_CODES_MAX, (uint32_t)adc_bits + 8);
   return direct_q16 > most_q16 || highest_q16 > most_q16;
 }
@@ -81,7 +82,7 @@ uint8_t law_bank_state(const law_params_t *params, uint8_t bank, uint8_t adc_bit
   return is_too_steep(params, bank, adc_bits) ? AXIS_BANK_STATE_HF_GAIN : AXIS_BANK_STATE_VALID;
 }
 
-/* Returns the bank (0..3) to which an object belongs, or -1. */
+/* Returns the number (0..3) of the bank to which an object belongs, or -1. */
 static int bank_of(uint16_t object) {
   enum { SCALARS = 5 };
   static const uint16_t first[SCALARS] = {AXIS_OBJ_BANK_SECTIONS_1, AXIS_OBJ_BANK_GAIN_1,
@@ -125,7 +126,8 @@ void law_banks_set_adc(law_banks_t *banks, uint8_t adc_bits) {
   }
 }
 
-/* Copies the bank value by value, because a copy of the structure would call a library function. */
+/* Copies the selected bank into the force law, value by value: a copy of the complete structure
+ * would call a library function. */
 static void put_in_force(const law_banks_t *banks, axis_t *axis, bool valid) {
   const law_params_t *params = &banks->params;
   const uint8_t number = params->force_bank;

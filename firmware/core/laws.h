@@ -1,11 +1,12 @@
 #ifndef FIRMWARE_CORE_LAWS_H_
 #define FIRMWARE_CORE_LAWS_H_
 
-/* The control laws: scalar functions of counts, without state.
+/* The control laws are scalar functions of counts, without state.
  *
- * A law returns its command in 1/65536 DAC code without rounding. The command is limited to one
- * code beyond the range of the DAC on either side (LAW_MIN_Q16..LAW_MAX_Q16). It therefore needs at
- * most 32 bits, and the saturation at the DAC still detects a command outside its range. */
+ * A law returns its command in 1/65536 DAC code without rounding. The command is limited to
+ * LAW_MIN_Q16..LAW_MAX_Q16, one code beyond the range of the DAC on either side. So the command
+ * needs at most 32 bits, and limits_apply() still detects a command outside the range of the
+ * DAC. */
 
 #include <stdint.h>
 
@@ -22,9 +23,9 @@
  * (thesis 1.1.2, Fig 1.2). */
 #define LAW_POSITION_ERROR_MAX 32767
 
-/* Computes the measured force: f = sign (adc - zero) - tare, in 1/256 of an 8-bit count for every
- * width of the ADC. One code of an ADC with n bits is 2^(16-n) of these units. adc and zero
- * 0..65535, sign +1 or -1, bits 8..16, tare within +-65536; the result is exact and within
+/* Computes the measured force f = sign (adc - zero) - tare, in 1/256 of an 8-bit count for every
+ * width of the ADC. One code of an ADC with n bits is 2^(16-n) of these units. Ranges: adc and zero
+ * 0..65535, sign +1 or -1, bits 8..16, tare within +-65536. The result is exact and within
  * +-2^25. */
 static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, int8_t sign,
                                         uint8_t adc_bits, int32_t tare_q8) {
@@ -34,17 +35,17 @@ static inline int32_t law_force_reading(uint16_t adc_code, uint16_t zero_code, i
 }
 
 /* Explicit force control (thesis Fig 1.3): u = k_f (f_d - f). The gain is in 1/256 code per count,
- * the forces are in 1/256 count, and |f_d - f| is below 2^31. The result is exact, except where it
- * is limited to LAW_MIN_Q16..LAW_MAX_Q16. */
+ * the forces are in 1/256 count, and |f_d - f| is below 2^31. The result is exact within
+ * LAW_MIN_Q16..LAW_MAX_Q16 and saturates outside this range. */
 static inline int32_t law_force(uint16_t gain_q8, int32_t setpoint_q8, int32_t force_q8) {
   const int64_t u_q16 = fx_mul((int32_t)gain_q8, setpoint_q8 - force_q8);
   return fx_saturate(u_q16, LAW_MIN_Q16, LAW_MAX_Q16);
 }
 
 /* PD position control (thesis Fig 1.2): u = k_p e - k_d v. The position error e in counts is a
- * difference modulo 2^32, limited to +-LAW_POSITION_ERROR_MAX; the velocity v is in counts per
- * tick. The gains are in 1/256 code per count and per count/tick. The result is exact, except where
- * it is limited to LAW_MIN_Q16..LAW_MAX_Q16. */
+ * difference modulo 2^32, limited to +-LAW_POSITION_ERROR_MAX. The velocity v is in counts per
+ * tick. k_p is in 1/256 code per count, k_d in 1/256 code per count/tick. The result is exact
+ * within LAW_MIN_Q16..LAW_MAX_Q16 and saturates outside this range. */
 static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_gain_q8,
                                    int32_t error_cnt, int32_t velocity_cnt) {
   const int32_t e = fx_clamp(error_cnt, -LAW_POSITION_ERROR_MAX, LAW_POSITION_ERROR_MAX);
@@ -53,11 +54,12 @@ static inline int32_t law_position(uint16_t position_gain_q8, uint16_t velocity_
   return fx_scale(fx_saturate(u_q8, LAW_MIN_Q8, LAW_MAX_Q8), 8);
 }
 
-/* Open loop: the command is the given DAC code, -2048..2047. */
+/* Open loop: returns the given DAC code, -2048..2047, as the command. */
 static inline int32_t law_open_loop(int16_t code) { return fx_scale(code, 16); }
 
-/* Excitation of a DAC code: adds `wave`, -32768..32767 in Q15, times `amplitude`, 0..2048 codes, to
- * the code. The result is exact, except where it is limited to LAW_MIN_Q16..LAW_MAX_Q16. */
+/* Excitation: returns `code` + `amplitude` * `wave` as the command. `amplitude` is 0..2048 codes,
+ * `wave` -32768..32767 in Q15. The result is exact within LAW_MIN_Q16..LAW_MAX_Q16 and saturates
+ * outside this range. */
 static inline int32_t law_excitation(int16_t code, uint16_t amplitude, int32_t wave_q15) {
   const int32_t swing_q16 = fx_scale((int32_t)amplitude * wave_q15, 1);
   return fx_clamp(law_open_loop(code) + swing_q16, LAW_MIN_Q16, LAW_MAX_Q16);

@@ -7,7 +7,7 @@ static axis_codes_t codes_of(const axis_t *axis) {
 
 int32_t limits_bound(axis_t *axis, int32_t code) {
   const axis_codes_t codes = codes_of(axis);
-  axis->bounded = 0; /* no code of this tick is output later */
+  axis->bounded = 0; /* No code of this tick is output in a later tick. */
   return fx_clamp(code, codes.least, codes.most);
 }
 

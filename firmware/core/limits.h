@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_CORE_LIMITS_H_
 #define FIRMWARE_CORE_LIMITS_H_
 
-/* Limits of the output. This is the only place that bounds the DAC code. The limits act last, on
- * the sum of control law, bump bias and excitation. An active limit is not a fault and ends by
- * itself. */
+/* Limits of the output. No other part of the firmware bounds the DAC code. The limits act last, on
+ * the sum of control law, bump bias and excitation. An active limit is not a fault and ends when
+ * its condition ends. */
 
 #include <stdint.h>
 
@@ -11,31 +11,33 @@
 #include "firmware/core/laws.h"
 #include "firmware/fx/fx.h"
 
-/* Returns the codes that both ranges contain. Each range contains 0. */
+/* Returns the range of the codes that are in range a and in range b. Each range contains 0. */
 static inline axis_codes_t limits_both(axis_codes_t a, axis_codes_t b) {
   const axis_codes_t both = {.least = (a.least > b.least) ? a.least : b.least,
                              .most = (a.most < b.most) ? a.most : b.most};
   return both;
 }
 
-/* Bounds the DAC code of a tick to the ranges that the drive has set; the measured force decides
- * whether free_codes applies. With latency_ticks the ranges of the tick in which the code was
- * computed apply too. Call it only while axis->bounded is not 0. It is a separate function, so that
- * ticks without such ranges use fewer registers. */
+/* Limits the DAC code of a tick to the ranges that the drive has set. The range free_codes applies
+ * only without contact. If latency_ticks is 1, the ranges of the tick that computed the code apply
+ * too. Call this function only while axis->bounded is not 0. It is not inline, so that ticks
+ * without such ranges use fewer registers. */
 int32_t limits_bound(axis_t *axis, int32_t code);
 int32_t limits_bound_late(axis_t *axis, int32_t code);
 
-/* Returns the DAC code that may be output for a computed code, and in *reason the active limit,
- * AXIS_LIMIT_REASON_. If several limits are active, the last one in this list is the reason:
+/* Returns the DAC code that may be output for a computed code. Writes the active limit,
+ * AXIS_LIMIT_REASON_, to *reason. If several limits are active, the last one in this list is the
+ * reason:
  *   dac_saturation   the code is beyond -2048..2047
  *   output_limit     the code is beyond +-output_limit, and output_limit is below 2048
- *   position_max     a positive code while position > position_max becomes 0: the axis stops, and a
- *                    negative code still moves it back; position_min acts likewise
- *   limit_switch_pos a positive code on the positive switch becomes 0; limit_switch_neg acts
- * likewise The ranges of the drive act before these limits and have no reason of their own. code is
- * within
- * +-2^17; digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly and
- * require an encoder that does not wrap. */
+ *   position_max     position > position_max, and the code is positive: the code becomes 0 and the
+ *                    axis stops; a negative code still moves the axis back
+ *   position_min     the same for position < position_min and a negative code
+ *   limit_switch_pos the positive limit switch is on, and the code is positive: the code becomes 0
+ *   limit_switch_neg the negative limit switch is on, and the code is negative: the code becomes 0
+ * The ranges of the drive act before these limits and set no reason. `code` must be within +-2^17;
+ * digital_inputs has AXIS_DIN_ bits. The soft limits compare the counts directly, so the encoder
+ * must not wrap. */
 static inline int16_t limits_apply(const axis_params_t *params, int32_t position_cnt,
                                    uint8_t digital_inputs, int32_t code, uint8_t *reason) {
   const int32_t limit = (int32_t)params->output_limit;

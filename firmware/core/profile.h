@@ -3,15 +3,15 @@
 
 /* Trapezoidal set-point profile, computed one step in each tick without division or square root.
  *
- * From any state the speed changes in a tick by at most the acceleration limit. Once the speed is
- * below the velocity limit it stays there. A profile that starts from rest never passes its target
- * and reaches it exactly, with speed 0 one tick later, if target and limits do not change. If the
- * target is moved closer than the braking distance, the profile passes it and returns, because the
- * acceleration limit has priority. The profile moves in the direction of the shorter distance
- * modulo 2^32.
+ * The profile can start from any state. In a tick the speed changes at most by the acceleration
+ * limit. Once the speed is below the velocity limit, the speed stays below this limit. If target
+ * and limits do not change, a profile that starts from rest never passes its target; it reaches the
+ * target exactly, and one tick later the speed is 0. If a new target is closer than the braking
+ * distance, the profile passes the target and returns, because the acceleration limit has priority.
+ * The profile moves in the direction of the shorter distance modulo 2^32.
  *
- * While more than 2^21 counts are left, the speed is limited to the speed that can be braked within
- * 2^21 counts. */
+ * While the distance to the target is more than 2^21 counts, the speed is limited to the largest
+ * speed that can brake within 2^21 counts. */
 
 #include <stdint.h>
 
@@ -30,8 +30,9 @@ static inline void profile_set(profile_t *profile, int32_t position_cnt) {
 
 /* Returns the speed of the next tick, in Q16 counts per tick, towards a target at the distance d:
  * the highest speed up to `wanted` from which the profile can still stop at the target. v is the
- * present speed; v and `wanted` are positive towards the target. v is at most `most`, unless it is
- * being reduced. `up` and `down` are the acceleration and the deceleration. */
+ * present speed. v and `wanted` are positive towards the target. The result is at most `most`,
+ * unless v exceeds `most` and the profile brakes. `up` is the acceleration, `down` the
+ * deceleration. */
 static inline int32_t profile_next_speed(uint64_t d, int32_t v, int32_t wanted, int32_t most,
                                          int32_t up, int32_t down) {
   const uint64_t room = fx_stopping_room(down, d);
@@ -39,19 +40,20 @@ static inline int32_t profile_next_speed(uint64_t d, int32_t v, int32_t wanted, 
     return wanted;
   }
   /* The profile keeps its speed as long as the braking distance leaves more than one tick of
-   * travel; afterwards the remaining speed is below `down`. */
+   * travel. When the profile brakes afterwards, its last speed is below `down`. */
   if (v > down && v <= most && fx_stops_within(v, down, room)) {
     return v;
   }
-  /* The last tick before the target: a step of at most `down` can be stopped in the next tick. At
-   * more than twice this speed, the lower bound makes the step a braking step. */
+  /* In the last tick before the target the profile can stop in the next tick if its step is at most
+   * `down`. If v is more than twice `down`, the lower bound v - down makes this step a braking
+   * step. */
   const int32_t limit = (most < down) ? most : down;
   const int32_t landing = (d < (uint64_t)(uint32_t)limit) ? (int32_t)d : limit;
   return fx_clamp(landing, v - down, v + up);
 }
 
-/* Computes one tick of motion towards the target. velocity_max is 1..2^27 in counts per tick,
- * acceleration_max 1..2^24 in counts per tick squared, both in Q16. */
+/* Computes one tick of motion towards the target. velocity_max is 1..2^27 in Q16 counts per tick.
+ * acceleration_max is 1..2^24 in Q16 counts per tick squared. */
 void profile_step(profile_t *profile, int32_t target_cnt, uint32_t velocity_max_q16,
                   uint32_t acceleration_max_q16);
 

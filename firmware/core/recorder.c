@@ -32,13 +32,12 @@ void recorder_set_channels(recorder_t *recorder, const recorder_channel_t *chann
   }
 }
 
-/* Returns the value of the trigger signal in a form that an unsigned comparison orders
- * correctly. */
+/* Converts a value of the trigger signal so that an unsigned comparison gives the correct order. */
 static uint32_t ordered(const recorder_t *recorder, int32_t value) {
   return (uint32_t)value ^ recorder->trigger_flip;
 }
 
-/* Prepares the edge that the parameters select, once for all ticks. */
+/* Derives trigger edge, mask and level from the parameters, once for all ticks of a recording. */
 static void set_trigger(recorder_t *recorder, recorder_channel_t trigger) {
   const uint8_t edge = recorder->params.recorder_trigger_edge;
   const bool starts = edge == AXIS_RECORDER_TRIGGER_EDGE_EXCITATION_START;
@@ -87,7 +86,8 @@ void recorder_stop(recorder_t *recorder) {
   recorder->signals = (recorder_signals_t){.recorder_state = AXIS_RECORDER_STATE_IDLE};
 }
 
-/* True in the tick in which the trigger signal crosses the level in the selected direction. */
+/* Returns true in the tick in which the trigger signal crosses the trigger level in the selected
+ * direction. */
 static bool triggered(recorder_t *recorder, const void *base) {
   if (recorder->params.recorder_trigger_edge == AXIS_RECORDER_TRIGGER_EDGE_IMMEDIATE) {
     return true;
@@ -107,11 +107,12 @@ static bool triggered(recorder_t *recorder, const void *base) {
 }
 
 static void store_sample(recorder_t *recorder, const void *base) {
-  /* Samples are stored little-endian, as the processor stores its values. */
+  /* Samples are stored with the least significant byte first, which is the byte order of the
+   * processor. */
   uint8_t *to = recorder->buffer + recorder->write_index * recorder->sample_bytes;
   const recorder_channel_t *channel = recorder->channels;
-  /* Four bytes of each value are copied, and the next value overwrites the surplus; this needs
-   * fewer instructions than a test of the width. */
+  /* Four bytes are copied for each value, and the next value overwrites the surplus bytes. This
+   * needs fewer instructions than a test of the width of each value. */
   const recorder_channel_t *end = channel + recorder->wide_count;
   for (; channel != end; channel++) {
     fx_copy_4(to, (const uint8_t *)base + channel->offset);
@@ -134,7 +135,8 @@ static void store_sample(recorder_t *recorder, const void *base) {
   }
 }
 
-/* Keeps the samples before the trigger; the rest of the capacity is still to be recorded. */
+/* Starts the recording after the trigger. The samples before the trigger are kept, and the rest of
+ * the capacity remains for the samples after the trigger. */
 static void start_recording(recorder_t *recorder) {
   recorder_signals_t *signals = &recorder->signals;
   signals->recorder_state = AXIS_RECORDER_STATE_RECORDING;
@@ -165,7 +167,7 @@ void recorder_tick(recorder_t *recorder, const void *base) {
     }
     return;
   }
-  /* While armed, the ring buffer has the last `pretrigger` samples. */
+  /* While the recorder is armed, the ring buffer contains the last `pretrigger` samples. */
   if (recorder->params.recorder_pretrigger == 0) {
     return;
   }
