@@ -3,16 +3,16 @@
 
 #include <stdint.h>
 
-/* A classic CAN frame with an 11-bit identifier, the only kind that CANopen uses. Ports discard
- * other frames. */
+/* A classic CAN frame with an 11-bit identifier, the only kind of frame that CANopen uses. The code
+ * for a board discards frames of other kinds. */
 typedef struct {
   uint16_t id;    /* 0..2047 */
   uint8_t length; /* 0..8 */
-  uint8_t remote; /* 1: a remote request, which has no data */
+  uint8_t remote; /* 1: the frame is a remote request without data */
   uint8_t data[8];
 } can_frame_t;
 
-/* State of the CAN bus, as the port reports it. */
+/* State of the CAN bus, as the code for the board reports it. */
 enum { CAN_BUS_ACTIVE = 0, CAN_BUS_PASSIVE = 1, CAN_BUS_OFF = 2 };
 
 #endif

@@ -3,7 +3,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/objects/access.h"
 
-/* Ranges of CAN identifiers that CiA 301 restricts. */
+/* Ranges of CAN identifiers, from `first` to `last`, whose use CiA 301 restricts. */
 enum { RESTRICTED = 6 };
 static const struct {
   uint16_t first;

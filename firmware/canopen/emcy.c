@@ -7,7 +7,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* Bits of the error register. */
+/* Bits of the error register (1001h). */
 enum {
   ERROR_ANY = 0x01,
   ERROR_COMMUNICATION = 0x10,
@@ -39,7 +39,8 @@ void emcy_update(canopen_t *canopen) {
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
 }
 
-/* Adds an error to the history, the latest first; the oldest error is discarded. */
+/* Adds an error to the history, which has the latest error first. A full history discards its
+ * oldest error. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
@@ -60,7 +61,8 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* The history keeps the oldest error; the latest message shows the present state. */
+    /* The oldest message is discarded: the history keeps its error, and the latest message shows
+     * the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];
@@ -74,7 +76,8 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
                     .detail = detail};
 }
 
-/* Whether the node reported the error already, when the owner was lost. */
+/* Returns true if the node has already reported this error code, at the time when the owner was
+ * lost. */
 static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:

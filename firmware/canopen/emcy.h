@@ -4,22 +4,27 @@
 /* Emergency messages of a CANopen node: their frames, their history (1003h) and the error register
  * (1001h).
  *
- * A frame has the code, the error register, and five manufacturer bytes. The first manufacturer
- * byte is the fault (AXIS_FAULT_) for a code of the drive; the node id for a lost heartbeat; 1..4
- * for an RPDO that was too short (not processed), too long (its first bytes were used), late, or
- * refused by an object; the lost owner; store_state for a failed store; and 0 in all other cases.
- * The other four bytes are 0, except in store_failed at power-up: index (two bytes, low byte first)
- * and sub-index of the first parameter that is not as stored, and the number of such parameters, at
- * most 255. Codes are AXIS_ERROR_CODE_. Code 0 reports the end of an error; the register in the
- * frame shows whether another error remains. */
+ * A frame contains the error code (AXIS_ERROR_CODE_), the error register and five manufacturer
+ * bytes. Code 0 reports the end of an error; the register in the frame shows whether another error
+ * remains.
+ *
+ * The first manufacturer byte depends on the error code. For a code of the drive it is the fault
+ * (AXIS_FAULT_), and for a lost heartbeat the node id. For an error of an RPDO it is the number
+ * 1..4 of the RPDO, which was too short (not processed), too long (its first bytes were used),
+ * late, or refused by an object. The firmware gives the byte of its own messages, for example the
+ * lost owner, or store_state for a failed store. In all other cases the byte is 0.
+ *
+ * The other four bytes are used by few messages. In store_failed at power-up they are the index
+ * (two bytes, low byte first) and the sub-index of the first parameter that differs from the stored
+ * value, and the number of such parameters, at most 255. */
 
 #include <stdint.h>
 
 #include "firmware/canopen/state.h"
 
-/* Notes an emergency message; it is sent at the end of a tick. If too many messages wait, the
- * oldest is discarded: the history keeps its error, and the latest message shows the present
- * state. */
+/* Adds an emergency message to the waiting messages, which are sent at the end of a tick. If too
+ * many messages wait, the oldest message is discarded: the history keeps its error, and the latest
+ * message shows the present state. */
 void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 static inline void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
   emcy_raise_detailed(canopen, code, info, 0);
@@ -28,7 +33,7 @@ static inline void emcy_raise(canopen_t *canopen, uint16_t code, uint8_t info) {
 /* Updates the error register (1001h) when an error begins or ends. */
 void emcy_update(canopen_t *canopen);
 
-/* Reports that the error code of the drive has changed. */
+/* Reports by an emergency message that the error code of the drive has changed to `code`. */
 void emcy_drive(canopen_t *canopen, uint16_t code, uint8_t fault);
 
 /* Sends the waiting emergency messages that the inhibit time permits. */

@@ -5,7 +5,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-/* Returns the node id of an entry of 1016h, 0 if the entry monitors no node; and its time. */
+/* Returns the node id that an entry of 1016h monitors, or 0 if the entry monitors no node. */
 static uint8_t watched_node(uint32_t entry) {
   const uint32_t node = fx_field(entry, 16, 8);
   return (uint8_t)((fx_field(entry, 0, 16) != 0 && node <= 127) ? node : 0);
@@ -30,18 +30,18 @@ void heartbeat_receive(canopen_t *canopen, const can_frame_t *frame) {
       heartbeat_found(canopen, i);
       canopen_timer_start(&canopen->timers, CANOPEN_TIMER_CONSUMER + (uint32_t)i,
                           fx_ticks_from_ms(time_ms));
-      /* A boot-up message: a restarted master no longer knows that it enabled the axis, and a
-       * restarted gateway no longer knows its clients. */
+      /* A boot-up message shows that a node has restarted. A restarted master does not know that it
+       * enabled the axis before, and a restarted gateway does not know its clients. */
       if (frame->data[0] == AXIS_NMT_STATE_INITIALISING) {
         canopen_lose_all(canopen, AXIS_FAULT_SOURCE_LOST);
       }
-      return; /* no other entry monitors this node */
+      return; /* no other entry monitors the same node */
     }
   }
 }
 
 void heartbeat_missed(canopen_t *canopen, uint8_t i) {
-  /* The node was not lost before, because only a heartbeat starts the timer that has expired. */
+  /* The node was not lost before this time-out, because only a heartbeat starts the timer. */
   canopen_put(&canopen->heartbeats_lost, i);
   emcy_raise(canopen, AXIS_ERROR_CODE_HEARTBEAT_LOST,
              watched_node(canopen->params.consumer_heartbeat[i]));

@@ -16,7 +16,7 @@ static bool has_service(const canopen_t *canopen, uint16_t object, uint16_t id) 
          sdo_uses(canopen, object, id);
 }
 
-/* Returns the present value of an object that is a COB-ID; NULL: the object is no COB-ID. */
+/* Returns the present value of a COB-ID object, or NULL if the object is not a COB-ID. */
 static const uint32_t *cob_id_of(const canopen_t *canopen, uint16_t object) {
   const canopen_params_t *params = &canopen->params;
   const int rpdo = canopen_element(object, AXIS_OBJ_RPDO_COB_ID_1, CANOPEN_PDOS);

@@ -5,17 +5,17 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* Command specifiers, CiA 305. */
+/* Command specifiers of LSS, as CiA 305 defines them. */
 enum {
   SWITCH_GLOBAL = 0x04,
   CONFIGURE_NODE_ID = 0x11,
   CONFIGURE_BIT_TIMING = 0x13,
   ACTIVATE_BIT_TIMING = 0x15,
   STORE_CONFIGURATION = 0x17,
-  SELECT_FIRST = 0x40, /* vendor, product, revision, serial number */
+  SELECT_FIRST = 0x40, /* four commands: vendor, product, revision, serial number */
   SELECT_LAST = 0x43,
   SELECTED = 0x44,
-  /* vendor, product, lowest and highest revision, lowest and highest serial number */
+  /* six commands: vendor, product, lowest and highest revision, lowest and highest serial number */
   IDENTIFY_FIRST = 0x46,
   IDENTIFY_LAST = 0x4B,
   IDENTIFY_NON_CONFIGURED = 0x4C,
@@ -32,10 +32,11 @@ enum { ADDRESS_PARTS = 4, IDENTIFY_PARTS = 6 };
 enum { SCAN_ALL = 128, SCAN_BITS = 32 };
 enum { OK = 0, OUT_OF_RANGE = 1, SPECIFIC = 255, SPECIFIC_FIXED = 1 };
 
-/* Phases of a change of the bit rate: none, silence before the change, silence after it. */
+/* Phases of a change of the bit rate: no change, silence before the new bit rate, silence after the
+ * new bit rate. */
 enum { NO_SILENCE, BEFORE, AFTER };
 
-/* Bit rates of CiA 305, table 0, in kbit/s. */
+/* Bit rates of CiA 305, table 0, in kbit/s; 0 marks a reserved index. */
 static const uint16_t rates_kbit_s[LSS_RATES] = {1000, 800, 500, 250, 125, 0, 50, 20, 10};
 
 uint16_t lss_kbit_s(uint8_t rate) { return rates_kbit_s[rate]; }
@@ -83,13 +84,13 @@ static uint32_t part_of_address(const canopen_t *canopen, uint8_t part) {
   return parts[part];
 }
 
-/* Whether the node has no id and was given none. */
+/* Returns true if the node has no node id and LSS has given it no node id. */
 static bool is_non_configured(const canopen_t *canopen) {
   return canopen->node_id == LSS_NO_NODE_ID && canopen->lss.node_id == LSS_NO_NODE_ID;
 }
 
-/* Returns the number of parts of the address that have matched in their order, after one more
- * part. */
+/* Returns how many parts of the address have matched in their order, after the comparison of one
+ * more part. `count` is the number before this comparison. */
 static uint8_t matched(uint8_t count, uint8_t part, bool matches) {
   const bool follows = part == 0 || count == part;
   return (uint8_t)((follows && matches) ? part + 1 : 0);
@@ -119,8 +120,9 @@ static void identify(canopen_t *canopen, uint8_t part, uint32_t value) {
   }
 }
 
-/* Fast scan: a node answers if the bits of its address part from `check` upwards equal those of
- * `value`. The master finds the part from the highest bit to the lowest, then the next part. */
+/* Processes a request of fast scan. The node answers if the bits of its address part from bit
+ * `check` upwards equal the same bits of `value`. The master finds an address part from the highest
+ * bit to the lowest bit, and then searches the next part. */
 static void scan(canopen_t *canopen, const uint8_t *data) {
   lss_t *lss = &canopen->lss;
   const uint32_t value = fx_load_le32(&data[1]);

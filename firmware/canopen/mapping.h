@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_MAPPING_H_
 #define FIRMWARE_CANOPEN_MAPPING_H_
 
-/* Entries of a PDO mapping (1600h.., 1A00h..): each has index, sub-index and length in bits of one
- * object. */
+/* Entries of a PDO mapping (1600h.., 1A00h..). Each entry contains the index, the sub-index and the
+ * length in bits of one object. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -13,23 +13,23 @@
 
 static inline uint8_t mapping_bits(uint32_t entry) { return (uint8_t)fx_field(entry, 0, 8); }
 
-/* Returns FW_OK and the object of a mapping entry (none for a dummy), or the reason why it cannot
- * be mapped: FW_ERROR_NO_OBJECT or FW_ERROR_MAPPING. */
+/* Finds the object of a mapping entry; a dummy entry has no object (AXIS_OBJ_NONE). Returns FW_OK,
+ * or FW_ERROR_NO_OBJECT or FW_ERROR_MAPPING if the entry cannot be mapped. */
 int mapping_resolve(uint32_t entry, bool transmit, uint16_t *object);
 
-/* Finds the objects of the first `count` entries (0..PDO_ENTRIES), none for a dummy. Returns the
- * sum of their bits, or FW_ERROR_MAPPING if an object cannot be mapped or the sum exceeds the
- * PDO. */
+/* Finds the objects of the first `count` mapping entries (0..PDO_ENTRIES); a dummy entry has no
+ * object (AXIS_OBJ_NONE). Returns the number of bits of all these entries together, or
+ * FW_ERROR_MAPPING if an entry cannot be mapped or the PDO would be longer than PDO_BITS. */
 int mapping_objects(const uint32_t *entries, uint8_t count, bool transmit,
                     uint16_t mapped[PDO_ENTRIES]);
 
-/* Whether a mapping entry (an AXIS_OBJ_ of 1600h.., 1A00h..) can be mapped. It returns false for an
- * entry that was stored under another object table; a PDO with such an entry carries nothing. It
- * returns true for any other object. */
+/* Returns true if a mapping entry (an AXIS_OBJ_ of 1600h.., 1A00h..) with this value can be mapped,
+ * and for every object that is no mapping entry. Returns false for an entry that was stored under
+ * another object table; a PDO with such an entry transmits no data. */
 bool mapping_is_in_force(uint16_t object, uint32_t value);
 
-/* Finds the offset in the dictionary of each byte of a TPDO with these objects. A byte without a
- * mapped object gets the offset of a byte that is always 0. */
+/* Finds the offset in the dictionary of each byte of a TPDO with the objects `mapped`. A byte
+ * without a mapped object gets the offset of a byte that is always 0. */
 void mapping_places(const dictionary_t *objects, const uint16_t mapped[PDO_ENTRIES], uint8_t count,
                     uint16_t places[PDO_BYTES]);
 

@@ -15,7 +15,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* CAN identifier of the network management (NMT), and its commands. */
+/* ID_NMT: CAN identifier of the network management (NMT). NMT_: commands of the NMT. */
 enum { ID_NMT = 0x000 };
 enum {
   NMT_START = 1,
@@ -25,10 +25,10 @@ enum {
   NMT_RESET_COMMUNICATION = 130
 };
 
-/* 1029h: reaction of the NMT state to a communication error. */
+/* Values of error_behaviour (1029h): NMT state that the node enters after a communication error. */
 enum { BEHAVIOUR_PRE_OPERATIONAL = 0, BEHAVIOUR_STOPPED = 2 };
 
-/* Adds the node id to the COB-IDs of one block whose defaults contain it. */
+/* Adds the node id to those COB-IDs of one block whose default values contain the node id. */
 static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   for (uint16_t i = AXIS_OBJ_NONE + 1; i < AXIS_OBJ_COUNT; i++) {
     const axis_object_t *object = &axis_objects[i];
@@ -39,8 +39,8 @@ static void add_node_id(void *structure, uint8_t block, uint8_t node_id) {
   }
 }
 
-/* No function reads `value` before the PDO was sent or received once, or `places` before the PDO
- * was mapped. */
+/* Initialises a PDO. The field `value` and the field `places` need no initial value: no function
+ * reads `value` before the PDO was sent or received once, or `places` before the PDO was mapped. */
 static void init_pdo(pdo_t *pdo) {
   pdo->bits = 0;
   pdo->pending = 0;
@@ -100,7 +100,8 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects) {
   if (canopen->node_id == LSS_NO_NODE_ID) {
     return;
   }
-  /* The boot-up message is the heartbeat of the state initialising, which ends with it. */
+  /* The boot-up message has the format of a heartbeat with the state initialising. The state
+   * initialising ends with this message. */
   send_state(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->signals.nmt_state = AXIS_NMT_STATE_PRE_OPERATIONAL;
   start_heartbeat(canopen);
@@ -121,20 +122,21 @@ static void enter(canopen_t *canopen, uint8_t state) {
   }
 }
 
-/* Stops the axis for every owner. */
+/* Stops the axis for every owner, and reports all sources on this bus as lost. */
 static void stop_axis(canopen_t *canopen, uint8_t fault) {
   canopen_lose_all(canopen, fault);
   canopen->requests.stop = 1;
 }
 
-/* Counts lost frames, at most to the largest number in the request. */
+/* Adds `frames` to the number of lost frames in the request to the firmware, up to the largest
+ * possible number. */
 static void lose_frames(canopen_t *canopen, uint16_t frames) {
   const uint32_t sum = (uint32_t)canopen->requests.frames_lost + frames;
   canopen->requests.frames_lost = (uint16_t)((sum > UINT16_MAX) ? UINT16_MAX : sum);
 }
 
-/* Gives the firmware the number of frames that the full output queue refused. The firmware counts
- * these frames. */
+/* Moves the number of frames that the full output queue refused into the request to the firmware,
+ * which counts lost frames. */
 static void take_output_lost(canopen_t *canopen) {
   lose_frames(canopen, canopen->output.lost);
   canopen->output.lost = 0;
@@ -152,7 +154,7 @@ static void communication_error(canopen_t *canopen) {
 
 static void request_reset(canopen_t *canopen, uint8_t reset) {
   stop_axis(canopen, AXIS_FAULT_SOURCE_LOST);
-  take_output_lost(canopen); /* the reset empties the output queue */
+  take_output_lost(canopen); /* done now, because the reset empties the output queue */
   enter(canopen, AXIS_NMT_STATE_INITIALISING);
   canopen->reset = reset;
 }
@@ -164,7 +166,8 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
 }
 
 static void bus_off(canopen_t *canopen) {
-  /* Waiting frames would be too late; the queue accepts no frame until the bus works again. */
+  /* Waiting frames would be sent too late, so they are discarded. The queue accepts no frame until
+   * the bus works again. */
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
@@ -182,7 +185,8 @@ static void receive_lss(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-/* Opens the output queue unless the bus is off or silent. */
+/* Opens the output queue, unless the bus is off or the node is silent during a change of the bit
+ * rate. */
 static void update_output(canopen_t *canopen) {
   const bool closed = canopen->bus == CAN_BUS_OFF || lss_is_silent(canopen);
   canopen->output.closed = closed ? 1 : 0;
@@ -221,7 +225,8 @@ static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-/* Whether the frame was a request to an SDO server. */
+/* Passes a frame to the SDO server with its identifier. Returns false if no server has this
+ * identifier. */
 static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const uint8_t server = sdo_server_at(canopen, frame->id);
   if (server == CANOPEN_SDOS) {
@@ -231,7 +236,8 @@ static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_fra
   return true;
 }
 
-/* Whether only another node with the same id could send this identifier. */
+/* Returns true if the node itself sends frames with this identifier: a received frame with this
+ * identifier shows another node with the same node id. */
 static bool is_own(const canopen_t *canopen, uint16_t id) {
   const uint32_t emcy = canopen->params.emcy_cob_id;
   return id == HEARTBEAT_ID + canopen->node_id || sdo_transmits(canopen, id) ||
@@ -272,6 +278,8 @@ void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_
   }
 }
 
+/* Acts on an expired timer. The end of the inhibit time of emergency messages needs no action here,
+ * because emcy_tick() then sends a waiting message in the same tick. */
 static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
   if (timer == CANOPEN_TIMER_HEARTBEAT) {
     send_state(canopen, canopen->signals.nmt_state);
@@ -283,7 +291,7 @@ static void run_out(canopen_t *canopen, bool active, uint8_t timer) {
   } else if (timer >= CANOPEN_TIMER_CONSUMER) {
     heartbeat_missed(canopen, (uint8_t)(timer - CANOPEN_TIMER_CONSUMER));
     communication_error(canopen);
-  } /* The end of the inhibit time needs no action, because the message is then sent in the tick. */
+  }
 }
 
 void canopen_serve_timers(canopen_t *canopen, bool active) {
@@ -295,8 +303,8 @@ void canopen_serve_timers(canopen_t *canopen, bool active) {
   }
 }
 
-/* Reported only once until all frames are sent, so that a full queue does not fill itself with
- * reports. */
+/* Reports lost frames by an emergency message. The report is sent only once until the output queue
+ * is empty, so that reports do not fill the queue. */
 static void report_overrun(canopen_t *canopen) {
   if (canopen->emcy.overrun_reported == 0) {
     canopen->emcy.overrun_reported = 1;
@@ -308,7 +316,7 @@ static bool has_timers_due(canopen_t *canopen) {
   return *canopen_timer_slot(&canopen->timers, canopen->timers.now) != 0;
 }
 
-/* Whether a set has more than one element. */
+/* Returns true if a set has more than one element. */
 static bool has_many(uint8_t set) { return (set & (set - UINT32_C(1))) != 0; }
 
 static void serve_pdos(canopen_t *canopen, const dictionary_t *objects) {
@@ -336,8 +344,8 @@ void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool ac
   }
 }
 
-/* Continues with the next of the ticks that began meanwhile; ticks before the boot-up do not
- * count. */
+/* Prepares the next of the ticks that began while a tick was deferred. Ticks before the boot-up
+ * message are not computed later. */
 static void make_up(canopen_t *canopen) {
   if (canopen->signals.nmt_state == AXIS_NMT_STATE_INITIALISING) {
     canopen->late = 0;

@@ -6,14 +6,16 @@
  * ticks, which act in the next tick, and canopen_transmit() returns frames to send. Times of the
  * object table are rounded up to ticks.
  *
- * In the state pre-operational all services except PDOs work; in the state stopped only NMT and
+ * In the state pre-operational all services except PDOs work. In the state stopped only NMT and
  * heartbeat work, and emergency messages wait. Remote requests are ignored, so there is no node
- * guarding. The first service that accepts a frame receives it: NMT, heartbeat consumers, SYNC,
- * SDO, RPDOs. A frame with an identifier that this node itself sends (heartbeat, EMCY, SDO answer,
- * valid TPDO) shows another node with the same id; the node then requests the fault duplicate_node.
- * Ports do not receive their own frames. If NMT stops the node or resets its communication while
- * the axis is active, an owner on this bus is lost (fault source_lost), because no master could
- * then stop the axis. */
+ * guarding. The first of these services that accepts a frame receives the frame: NMT, heartbeat
+ * consumers, SYNC, SDO, RPDOs.
+ *
+ * The code for a board does not pass the node its own frames. A received frame with an identifier
+ * that this node itself sends (heartbeat, EMCY, SDO answer, valid TPDO) therefore shows another
+ * node with the same id; the node then requests the fault duplicate_node. If NMT stops the node or
+ * resets its communication while the axis is active, an owner on this bus is lost (fault
+ * source_lost), because no master could then stop the axis. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,26 +24,27 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* State of the axis that the node needs. */
+/* State of the axis that the node needs in canopen_tick_end(). */
 typedef struct {
   uint16_t error_code; /* AXIS_ERROR_CODE_ */
-  uint8_t fault;       /* AXIS_FAULT_ that is latched, or that a fault reaction will latch */
-  uint8_t active;      /* 1: a mode other than disabled is active */
+  /* latched fault (AXIS_FAULT_), or fault that the present fault reaction will latch */
+  uint8_t fault;
+  uint8_t active; /* 1: a mode other than disabled is active */
 } canopen_axis_t;
 
-/* Initialises the node with default parameters and adds the node id to the COB-IDs that contain it.
- * The node does not send until canopen_start(). node_id is 1..127; with LSS_NO_NODE_ID the node
- * only answers LSS requests. */
+/* Initialises the node with default parameters and adds the node id to the COB-IDs that contain a
+ * node id. The node sends no frame before canopen_start(). node_id is 1..127; with LSS_NO_NODE_ID
+ * the node only answers LSS requests. */
 void canopen_init(canopen_t *canopen, uint8_t node_id);
 
-/* Starts the node with its boot-up message: after power-up and after every reset, when the stored
- * parameters have been loaded. */
+/* Starts the node; its first frame is the boot-up message. Call this function after power-up and
+ * after every reset, when the stored parameters have been loaded. */
 void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* Returns the requests of the node since the last call. Call it after every other function of the
- * node, because the loss of a source must act before the next function. */
+/* canopen_take_requests() returns the requests of the node since the last call. Call it after every
+ * other function of the node, because the loss of a source must act before the next function. */
 static inline bool canopen_has_requests(const canopen_t *canopen) {
   const canopen_requests_t *requests = &canopen->requests;
   return requests->frames_lost != 0 || requests->sources_lost != 0 || requests->duplicate != 0;
@@ -55,13 +58,16 @@ static inline canopen_requests_t canopen_take_requests(canopen_t *canopen) {
   return requests;
 }
 
-/* The work of the node in a tick: timers, PDOs, emergency messages; after the axis.
- * canopen_tick_begin() does what most ticks need, which is one event-driven TPDO. A tick with more
- * work, with the argument `defer`, or with a changed error code of the drive is deferred
- * completely. Between ticks, while canopen_is_behind(), one deferred tick is computed: first its
- * timers; then, after the requests are fetched, canopen_tick_end() with the resulting state of the
- * axis. The frames and their order are the same with and without deferring. Up to 255 ticks that
- * begin before a deferred tick is computed are computed after it. */
+/* The work of the node in a tick: timers, PDOs, emergency messages. This work follows the
+ * computation of the axis.
+ *
+ * canopen_tick_begin() does the work of most ticks, at most one event-driven TPDO. A tick is
+ * deferred completely if it has more work, if the argument `defer` is true, or if the error code of
+ * the drive has changed. Between ticks, while canopen_is_behind() is true, the caller computes one
+ * deferred tick: first canopen_tick_timers(), then the requests of the node, then
+ * canopen_tick_end() with the resulting state of the axis. The frames and their order are the same
+ * with and without deferring. Up to 255 ticks may begin before a deferred tick is computed; they
+ * are computed after it. */
 void canopen_tick_begin(canopen_t *canopen, const dictionary_t *objects, bool active, bool defer);
 void canopen_tick_end(canopen_t *canopen, const dictionary_t *objects, const canopen_axis_t *axis);
 
@@ -69,7 +75,8 @@ static inline bool canopen_is_behind(const canopen_t *canopen) {
   return canopen->deferred != CANOPEN_DEFERRED_NOTHING;
 }
 
-/* Returns false if no timer expired and nothing was requested. */
+/* Processes the timers that expire in a deferred tick. If canopen_tick_timers() returns false, no
+ * timer has expired and the node has made no request. */
 void canopen_serve_timers(canopen_t *canopen, bool active);
 static inline bool canopen_tick_timers(canopen_t *canopen, bool active) {
   const bool due = canopen->deferred == CANOPEN_DEFERRED_ALL &&
@@ -80,64 +87,69 @@ static inline bool canopen_tick_timers(canopen_t *canopen, bool active) {
   return due;
 }
 
-/* Whether the error code of the drive equals the error code that was last reported. */
+/* Returns true if error_code, the error code of the drive, equals the error code that the node
+ * reported last. */
 static inline bool canopen_has_reported(const canopen_t *canopen, uint16_t error_code) {
   return canopen->emcy.drive_code == error_code;
 }
 
-/* Accounts for ticks that did not run because the processor was stalled; call it only while
- * canopen_is_behind() is false. A frame that was due in these ticks is sent once in the next tick.
- * Deadlines of reception are extended by the missed ticks, in which nothing could be received. */
+/* Accounts for ticks that did not run because the processor was stalled. Call this function only
+ * while canopen_is_behind() is false. A frame that was due in these ticks is sent once in the next
+ * tick. Deadlines of reception are extended by the missed ticks, in which the node could not
+ * receive frames. */
 void canopen_missed(canopen_t *canopen, uint32_t ticks);
 
-/* Returns the next frame to send; false: there is no frame. */
+/* Removes the next frame to send from the output queue. Returns false if there is no frame. */
 bool canopen_transmit(canopen_t *canopen, can_frame_t *frame);
 
-/* Lets `ticks` ticks pass during a change of the bit rate; see lss_is_silent(). */
+/* Advances the silences of a change of the bit rate by `ticks` ticks; see lss_is_silent(). */
 void canopen_lss_tick(canopen_t *canopen, uint32_t ticks);
 
-/* Returns the reset that NMT has requested since the last call, CANOPEN_RESET_. The caller carries
- * it out. */
+/* Returns the reset (CANOPEN_RESET_) that NMT or LSS has requested since the last call. The caller
+ * must carry out this reset. */
 uint8_t canopen_take_reset(canopen_t *canopen);
 
-/* Received frames were lost: requests that they are counted, and sends an emergency message. */
+/* Reports `frames` lost received frames: requests that the firmware counts them, and sends an
+ * emergency message. */
 void canopen_lost(canopen_t *canopen, uint16_t frames);
 
-/* Sets the bus state that the controller reports, CAN_BUS_. Each change sends an emergency message;
- * with bus off all sources on the bus are lost. */
+/* Sets the bus state (CAN_BUS_) that the CAN controller reports. The node sends an emergency
+ * message about each change of the state. With the state bus off all sources on the bus are
+ * lost. */
 void canopen_bus(canopen_t *canopen, uint8_t state);
 
-/* Sends an emergency message that is no fault of the axis: CiA code and manufacturer bytes. */
+/* Send an emergency message that is no fault of the axis. `code` is the error code of CiA 301;
+ * `info` and `detail` are the manufacturer bytes. */
 void canopen_emergency(canopen_t *canopen, uint16_t code, uint8_t info);
 void canopen_emergency_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32_t detail);
 
-/* Whether a value within its range may now be written to an object of the node: FW_OK,
- * FW_ERROR_RANGE, FW_ERROR_STATE or FW_ERROR_MAPPING; FW_ERROR_NO_OBJECT if a mapping entry names
- * no object. */
+/* Checks whether an object of the node may now be set to `value`, which is within the range of the
+ * object. Returns FW_OK, FW_ERROR_RANGE, FW_ERROR_STATE or FW_ERROR_MAPPING, or FW_ERROR_NO_OBJECT
+ * if a mapping entry contains an object that does not exist. */
 int canopen_check(const canopen_t *canopen, uint16_t object, int32_t value);
 
-/* Acts on a write to an object of the node, whose value was `previous` and now is `value`. A write
- * of an equal value has no effect. */
+/* Acts on a write that has changed an object of the node from `previous` to `value`. If the two
+ * values are equal, the function does nothing. */
 void canopen_written(canopen_t *canopen, const dictionary_t *objects, uint16_t object,
                      int32_t previous, int32_t value);
 
-/* Canopen owns the axis from now on: starts the deadlines of RPDOs that are not running. */
+/* Call this function when CANopen becomes the owner of the axis: the deadlines of RPDOs that do not
+ * run then start as soon as the axis is active. */
 void canopen_owns(canopen_t *canopen);
 
-/* Returns the reason why no master can be reached over the node, as a fault (AXIS_FAULT_): bus off,
- * lost heartbeat or stopped node. Returns AXIS_FAULT_NONE otherwise. */
+/* Returns the reason (AXIS_FAULT_) why no master can reach the axis over this node: bus off, lost
+ * heartbeat or stopped node. Returns AXIS_FAULT_NONE if there is no such reason. */
 uint8_t canopen_lost_for(const canopen_t *canopen);
 
-/* Whether the loss of a master would be detected, because a heartbeat is monitored or an RPDO has a
- * deadline. */
+/* Returns true if the node would detect the loss of a master, because a heartbeat is monitored or
+ * an RPDO has a deadline. */
 bool canopen_is_watched(const canopen_t *canopen);
 
-/* Whether an object determines if the loss of a master is detected: 1016h, or the COB-ID or
- * deadline of an RPDO. */
+/* Returns true if the detection of a lost master depends on this object: an entry of 1016h, or the
+ * COB-ID or the deadline of an RPDO. */
 bool canopen_watches_by(uint16_t object);
 
-/* The recorder was stopped or armed, so its earlier recording is lost: aborts an upload of that
- * recording. */
+/* Aborts the upload of a recording that is lost because the recorder was stopped or armed. */
 void canopen_recording_replaced(canopen_t *canopen);
 
 #endif

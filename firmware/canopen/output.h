@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_CANOPEN_OUTPUT_H_
 #define FIRMWARE_CANOPEN_OUTPUT_H_
 
-/* The queue of CAN frames to send, first in, first out. Frames of low priority are refused before
- * the queue is full, so that many requests still leave room for emergency messages and
- * heartbeats. */
+/* The output queue of CAN frames: the first frame that is added is sent first. Frames of low
+ * priority are refused before the queue is full, so that emergency messages and heartbeats can
+ * still be added while many requests are answered. */
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -14,7 +14,7 @@
 
 enum { CAN_OUTPUT_FRAMES = 16 };
 
-/* Number of free slots that a frame of each kind must leave in the queue. */
+/* Number of free slots that must remain in the queue when a frame of each kind is added. */
 enum {
   CAN_OUTPUT_KEEP_NMT = 0,
   CAN_OUTPUT_KEEP_EMCY = 1,
@@ -24,18 +24,18 @@ enum {
 
 typedef struct {
   can_frame_t frames[CAN_OUTPUT_FRAMES];
-  /* number of frames that the full queue refused, until the owner reads and clears it */
+  /* number of frames that the full queue refused since the number was last set to 0 */
   uint16_t lost;
   uint8_t first;
   uint8_t count;
-  uint8_t closed; /* 1: the bus is off; frames are discarded and not counted */
+  uint8_t closed; /* 1: the bus is off; new frames are discarded and not counted in `lost` */
 } can_output_t;
 
 void can_output_clear(can_output_t *output);
 
-/* Adds an empty frame with this identifier and length; the caller fills it in. If the queue has no
- * room, the frame is counted as lost and the function returns NULL. The pointer is valid until the
- * next call. */
+/* Adds an empty frame with identifier `id` and length `length`; the caller writes the data of the
+ * frame. If the queue has no room for the frame, the frame is counted in `lost` and the function
+ * returns NULL. The pointer is valid until the next call. */
 static inline can_frame_t *can_output_add(can_output_t *output, uint16_t id, uint8_t length,
                                           uint8_t keep) {
   const uint32_t count = output->count;
@@ -57,7 +57,8 @@ static inline can_frame_t *can_output_add(can_output_t *output, uint16_t id, uin
   return frame;
 }
 
-/* Removes and returns the oldest frame; false: the queue is empty. */
+/* Removes the oldest frame from the queue and stores it in `frame`. Returns false if the queue is
+ * empty. */
 bool can_output_take(can_output_t *output, can_frame_t *frame);
 
 #endif

@@ -21,7 +21,8 @@ static bool is_event_driven(const canopen_t *canopen, uint8_t i) {
   return canopen->params.tpdo_transmission[i] >= PDO_EVENT_MANUFACTURER;
 }
 
-/* Finds the TPDOs that must be compared in every tick, so that the others need no instructions. */
+/* Updates the set of TPDOs whose values must be compared in every tick. Other TPDOs need no
+ * instructions in a tick. */
 static void update_watched(canopen_t *canopen) {
   canopen->tpdos_watched = 0;
   for (uint8_t i = 0; i < CANOPEN_PDOS; i++) {
@@ -42,8 +43,8 @@ static void start_event_timer(canopen_t *canopen, uint8_t i) {
   }
 }
 
-/* Returns the initial SYNC count of a TPDO: no SYNC yet, or waiting for the SYNC with its start
- * value. */
+/* Returns the initial SYNC count of a TPDO: PDO_SYNC_AWAITED if the TPDO has a SYNC start value,
+ * otherwise 0. */
 static uint8_t first_syncs(const canopen_t *canopen, uint8_t i) {
   return (canopen->params.tpdo_sync_start[i] != 0) ? PDO_SYNC_AWAITED : 0;
 }
@@ -72,7 +73,8 @@ static void rpdo_in_time(canopen_t *canopen, uint8_t i) {
   }
 }
 
-/* The deadline of an RPDO starts with a frame, or when the axis becomes active. */
+/* Applies the parameters of an RPDO. The deadline of the RPDO starts when a frame is received, or
+ * when the axis becomes active. */
 static void start_rpdo(canopen_t *canopen, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   const int bits = mapping_objects(&canopen->params.rpdo_mapping[i * PDO_ENTRIES],
@@ -106,7 +108,7 @@ void pdo_operational(canopen_t *canopen, bool operational) {
   update_watched(canopen);
 }
 
-/* The bytes that a TPDO would send now. */
+/* The 8 bytes that a TPDO would send now: the first four in `low`, the last four in `high`. */
 typedef struct {
   uint32_t low;
   uint32_t high;
@@ -135,8 +137,8 @@ static inline void send(canopen_t *canopen, pdo_t *pdo, uint32_t cob_id, payload
   pdo->syncs = 0;
 }
 
-/* Starts event time and inhibit time of a TPDO again when it is sent; the TPDO is valid and the
- * node operational. */
+/* Restarts the event time and the inhibit time of TPDO i, which has been sent. The TPDO is valid
+ * and the node is operational. */
 static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
   const uint32_t event = canopen->params.tpdo_event_time[i];
   const uint16_t inhibit = canopen->params.tpdo_inhibit_time[i];
@@ -150,8 +152,8 @@ static inline void restart_times(canopen_t *canopen, pdo_t *pdo, uint32_t i, uin
   }
 }
 
-/* Checks whether event time and inhibit time end in this tick. Returns whether the inhibit time
- * still runs. */
+/* Checks whether the event time and the inhibit time of TPDO i end in the tick `now`. Returns true
+ * while the inhibit time runs. */
 static inline bool is_inhibited(canopen_t *canopen, pdo_t *pdo, uint32_t i, uint32_t now) {
   if (canopen_has(canopen->tpdos_timed, i) && pdo->event_tick == now) {
     canopen_drop(&canopen->tpdos_timed, i);
@@ -211,7 +213,8 @@ static void sync_tpdo(canopen_t *canopen, const dictionary_t *objects, uint8_t i
   }
 }
 
-/* Sends an emergency message that is not repeated until a correct frame of the PDO was received. */
+/* Sends an emergency message about RPDO i. The same message is not repeated until a correct frame
+ * of the RPDO is received. */
 static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
   pdo_t *pdo = &canopen->rpdo[i];
   if ((pdo->reported & what) == 0) {
@@ -221,11 +224,11 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
 }
 
 typedef struct {
-  bool refused; /* whether an object refused its value */
-  bool skipped; /* whether there are objects of the other part */
+  bool refused; /* true: an object refused the received value */
+  bool skipped; /* true: objects of the other part were not written */
 } written_t;
 
-/* Writes either the controlword, or all other objects. */
+/* Writes one part of the objects of RPDO i: either the controlword, or all other objects. */
 static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i,
                             bool controlword) {
   const pdo_t *pdo = &canopen->rpdo[i];
@@ -241,7 +244,7 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
       const uint32_t part = fx_payload_get(pdo->value, bit, bits);
       const int result = dictionary_write(objects, FW_SOURCE_CANOPEN, object,
                                           value_from_bits(part, axis_objects[object].type));
-      /* A source that does not own the axis causes no emergency message. */
+      /* A refusal because CANopen does not own the axis causes no emergency message. */
       written.refused = written.refused || (result != FW_OK && result != FW_ERROR_LOCKED);
     }
     bit += bits;
@@ -249,13 +252,13 @@ static written_t write_part(canopen_t *canopen, dictionary_t *objects, uint8_t i
   return written;
 }
 
-/* Writes the received values. An object that refuses its value keeps the previous one; the other
- * objects change. */
+/* Writes the received values of RPDO i to the mapped objects. An object that refuses the received
+ * value keeps its previous value; all other objects change. */
 static void take_over(canopen_t *canopen, dictionary_t *objects, uint8_t i) {
   pdo_t *pdo = &canopen->rpdo[i];
   pdo->pending = 0;
-  /* The deadline of an RPDO is met when its values are applied, not when a frame is received that
-   * waits for a SYNC. */
+  /* The deadline of an RPDO is met when the received values are applied. A frame that still waits
+   * for a SYNC does not meet the deadline. */
   rpdo_in_time(canopen, i);
   canopen_drop(&canopen->rpdos_waiting, i);
   canopen_timer_start(&canopen->timers, CANOPEN_TIMER_RPDO + (uint32_t)i,
@@ -323,13 +326,13 @@ void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter) {
 }
 
 void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
-  /* The deadline starts again when the axis becomes active, even if it is enabled without this
-   * RPDO. */
+  /* The deadline of this RPDO starts again when the axis becomes active, even if another frame has
+   * enabled the axis. */
   canopen_put(&canopen->rpdos_waiting, rpdo);
   if (!active) {
     return;
   }
-  /* a value that still waits for a SYNC is too old and is discarded */
+  /* A received value that still waits for a SYNC is too old and is discarded. */
   canopen->rpdo[rpdo].pending = 0;
   if (!canopen_has(canopen->rpdos_late, rpdo)) {
     canopen_put(&canopen->rpdos_late, rpdo);
@@ -368,14 +371,15 @@ void pdo_axis_active(canopen_t *canopen) {
   canopen->rpdos_waiting = 0;
 }
 
-/* RPDOs and TPDOs have the same rules; `transmit` and the number select the PDO. */
+/* The objects of all RPDOs, or of all TPDOs if `transmit` is true. Both kinds of PDOs have the same
+ * rules, so the same functions check them. */
 typedef struct {
   const uint32_t *cob_id;
   const uint8_t *mapped;
-  const uint32_t *mapping; /* PDO_ENTRIES entries of each PDO */
-  uint16_t first_cob_id;   /* AXIS_OBJ_ of the COB-ID of the first PDO */
+  const uint32_t *mapping; /* mapping entries of all PDOs, PDO_ENTRIES for each PDO */
+  uint16_t first_cob_id; /* number of the object (AXIS_OBJ_) that is the COB-ID of the first PDO */
   uint16_t first_transmission;
-  uint16_t first_time; /* RPDO: timeout; TPDO: event time */
+  uint16_t first_time; /* object of the first timeout (RPDO) or event time (TPDO) */
   uint16_t first_mapped;
   uint16_t first_mapping;
   bool transmit;
@@ -396,12 +400,13 @@ static side_t side_of(const canopen_t *canopen, bool transmit) {
 
 static int check_cob_id(const side_t *side, uint32_t i, uint32_t value) {
   const uint32_t present = side->cob_id[i];
-  /* Bit 30 with the value 0 would permit remote requests. */
+  /* In the COB-ID of a TPDO, bit 30 with the value 0 would permit remote requests. */
   const bool asks_remote = side->transmit && value != present && fx_field(value, 30, 1) == 0;
   return asks_remote ? FW_ERROR_RANGE : canopen_check_cob_id(present, value);
 }
 
-/* Whether the first `count` entries of a PDO can be mapped together. */
+/* Checks whether the first `count` mapping entries of PDO i can be mapped together. Returns FW_OK
+ * or the reason for the refusal. */
 static int check_mapped(const side_t *side, uint32_t i, uint8_t count) {
   uint16_t mapped[PDO_ENTRIES];
   const int bits = mapping_objects(&side->mapping[i * PDO_ENTRIES], count, side->transmit, mapped);
@@ -442,7 +447,8 @@ static int check_side(const side_t *side, uint16_t object, uint32_t value) {
   return PDO_NOT_MINE;
 }
 
-/* Inhibit time and SYNC start value can only change while the TPDO is not valid. */
+/* Checks a write to the inhibit time or the SYNC start value of a TPDO, which may only change while
+ * the TPDO is not valid. */
 static int check_tpdo_fixed(const canopen_params_t *params, uint16_t object, uint32_t value) {
   uint32_t present = 0;
   int i = canopen_element(object, AXIS_OBJ_TPDO_INHIBIT_TIME_1, CANOPEN_PDOS);
@@ -469,8 +475,9 @@ int pdo_check(const canopen_t *canopen, uint16_t object, int32_t value) {
                                   : result;
 }
 
-/* Returns the PDO to whose communication parameters an object belongs, or -1. A mapping entry
- * changes only while its PDO is not valid, and acts when the PDO becomes valid. */
+/* Returns the number of the PDO that has `object` as a communication parameter, or -1. Mapping
+ * entries are not included: an entry changes only while its PDO is not valid, and acts when the PDO
+ * becomes valid. */
 static int communication_of(const side_t *side, uint16_t object) {
   const uint16_t first[] = {side->first_cob_id, side->first_transmission, side->first_time,
                             side->first_mapped};

@@ -8,7 +8,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Command specifiers in bits 5 to 7 of a request (client) and of a response (server). */
+/* CLIENT_: command specifiers of SDO requests, bits 5 to 7 of the first byte. SERVER_: first byte
+ * of SDO responses, with the command specifier in bits 5 to 7. */
 enum {
   CLIENT_DOWNLOAD_SEGMENT = 0,
   CLIENT_DOWNLOAD = 1,
@@ -50,7 +51,7 @@ static void initiate_download(const sdo_request_t *request) {
   (void)sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD, sdo_index(data), data[3]);
 }
 
-/* Makes the checks that upload and download segments share. Returns 0 or an abort code. */
+/* Makes the checks that upload segments and download segments share. Returns 0 or an abort code. */
 static uint32_t refuse_segment(const sdo_request_t *request, uint8_t state) {
   if (request->server->state != state) {
     return SDO_ABORT_COMMAND;
@@ -95,7 +96,8 @@ static void download_segment(const sdo_request_t *request) {
                    0, 0);
 }
 
-/* Answers an upload request: a value is sent expedited, all other data in segments. */
+/* Answers an upload request: a value is sent in the answer itself (expedited), all other data are
+ * sent in segments. */
 static void answer_upload(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const bool expedited = server->what != AXIS_ADDRESS_TEXT && server->what != AXIS_ADDRESS_DOMAIN;

@@ -6,7 +6,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Command specifiers of block responses, and their bits. */
+/* SERVER_: command specifiers in responses of block transfers. WITH_CRC, SIZED, UNUSED_UNIT: bits
+ * of these responses and of the requests. */
 enum {
   SERVER_DOWNLOAD = 0xA0,
   SERVER_DOWNLOAD_END = 0xA1,
@@ -16,14 +17,17 @@ enum {
 };
 enum { WITH_CRC = 0x04, SIZED = 0x02, UNUSED_UNIT = 4 };
 
-/* The two lowest bits of an upload request; the lowest bit of a download request. */
+/* UPLOAD_: subcommand in the two lowest bits of a block upload request. DOWNLOAD_END: subcommand in
+ * the lowest bit of a block download request. */
 enum { UPLOAD_BEGIN = 0, UPLOAD_END = 1, UPLOAD_ACKNOWLEDGE = 2, UPLOAD_START = 3 };
 enum { DOWNLOAD_END = 1 };
 
-/* Number of a segment; bit 7 marks the last segment. */
+/* Bits in the first byte of a segment: the number of the segment, and bit 7 for the last
+ * segment. */
 enum { SEQUENCE = 0x7F, LAST = 0x80 };
 
-/* Segments in a block of a download: one segment has room for every object. */
+/* Number of segments in a block of a download: one segment has room for the value of every
+ * object. */
 enum { DOWNLOAD_BLOCK = 1 };
 
 static uint8_t command_of(uint8_t command) { return (uint8_t)fx_field(command, 0, 2); }
@@ -37,8 +41,9 @@ static uint16_t crc_of(uint16_t crc, const uint8_t *bytes, uint32_t count) {
   return crc;
 }
 
-/* Stores whether the client requests a CRC and returns the confirmation. A client checks the CRC
- * only if the server offers it, so the server confirms only what was requested. */
+/* Stores whether the client requests a CRC, and returns the bit that confirms the CRC in the
+ * answer. A client checks the CRC only if the server offers one, so the server confirms only a
+ * requested CRC. */
 static uint8_t agree_crc(const sdo_request_t *request) {
   const uint8_t wanted = request->data[0] & WITH_CRC;
   request->server->with_crc = (wanted != 0) ? 1 : 0;
@@ -78,7 +83,8 @@ void sdo_block_offer(const sdo_request_t *request) {
   }
 }
 
-/* Begins the next block at `offset`. */
+/* Begins the next block of an upload. `offset` is the number of bytes that the client has
+ * acknowledged. */
 static void begin_block(const sdo_request_t *request, uint32_t offset) {
   sdo_server_t *server = request->server;
   server->state = SDO_BLOCK_SENDING;
@@ -89,7 +95,7 @@ static void begin_block(const sdo_request_t *request, uint32_t offset) {
   sdo_await(request->canopen, request->number);
 }
 
-/* All segments are acknowledged: ends the upload. */
+/* Ends an upload whose segments are all acknowledged. */
 static void end_upload(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const uint32_t last =
@@ -153,7 +159,7 @@ static void send_segment(canopen_t *canopen, const dictionary_t *objects, uint8_
       sdo_answer(canopen, number, (uint8_t)(server->sequence | (last ? LAST : 0)), 0, 0);
   if (frame != NULL) {
     sdo_read(canopen, objects, number, frame->data + 1, count);
-    /* A segment that is sent again counts once in the CRC. */
+    /* A segment that is sent again is not added to the CRC a second time. */
     if (server->crc_end == server->offset) {
       server->crc = crc_of(server->crc, frame->data + 1, count);
       server->crc_end += count;
@@ -202,7 +208,7 @@ static void begin_download(const sdo_request_t *request) {
   }
 }
 
-/* Returns 0, or the abort code if the received bytes are not a value of the object. */
+/* Returns 0, or an abort code if the received bytes are not a value of the object. */
 static uint32_t refuse_end(const sdo_request_t *request) {
   const sdo_server_t *server = request->server;
   const uint32_t unused = fx_field(request->data[0], 2, 3);
@@ -246,7 +252,7 @@ static void answer_segment(const sdo_request_t *request) {
   sdo_await(request->canopen, request->number);
   can_frame_t *frame = sdo_answer(request->canopen, request->number, SERVER_DOWNLOAD_SEGMENT, 0, 0);
   if (frame != NULL) {
-    frame->data[1] = DOWNLOAD_BLOCK; /* number of the last segment */
+    frame->data[1] = DOWNLOAD_BLOCK; /* number of the last received segment */
     frame->data[2] = DOWNLOAD_BLOCK;
   }
 }
@@ -259,7 +265,7 @@ bool sdo_block_segment(const sdo_request_t *request) {
     return false;
   }
   if (head == LAST) {
-    return false; /* an abort, because no segment has the number 0 */
+    return false; /* A segment with the number 0 does not exist, so the frame is an abort. */
   }
   if ((head & SEQUENCE) != DOWNLOAD_BLOCK) {
     abort_transfer(request, SDO_ABORT_SEQUENCE);

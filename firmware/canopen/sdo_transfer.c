@@ -7,10 +7,10 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Command specifier of an abort. */
+/* Command specifier of an abort message. */
 enum { SERVER_ABORT = 0x80 };
 
-/* The COB-IDs of a server for requests and answers. */
+/* The COB-IDs that one SDO server uses for requests and for answers. */
 typedef struct {
   uint32_t receive;
   uint32_t transmit;
@@ -53,7 +53,8 @@ bool sdo_transmits(const canopen_t *canopen, uint16_t id) {
   return false;
 }
 
-/* Objects of the servers that can be written, in the order of the object table. */
+/* COB-ID objects of the SDO servers that can be written: COB_IDS objects from COB_ID_FIRST on, in
+ * the order of the object table. */
 enum {
   COB_IDS = 4,
   COB_ID_FIRST = AXIS_OBJ_SDO_MODBUS_RECEIVE,
@@ -66,7 +67,8 @@ bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id) {
   bool found = false;
   for (int i = 0; i < CANOPEN_SDOS; i++) {
     const channel_t channel = channel_of(canopen, (uint8_t)i);
-    const int first = 2 * (i - 1); /* the default server cannot be written */
+    /* negative for the default server, whose COB-IDs cannot be written */
+    const int first = 2 * (i - 1);
     found = found || (place != first && canopen_cob_is(channel.receive, id)) ||
             (place != first + 1 && canopen_cob_is(channel.transmit, id));
   }
@@ -134,7 +136,7 @@ void sdo_await(canopen_t *canopen, uint8_t server) {
 
 uint16_t sdo_index(const uint8_t *data) { return (uint16_t)fx_load_le(data + 1, 2); }
 
-/* Whether any object has this index. */
+/* Returns true if any object has the index `index`. */
 static bool has_index(uint16_t index) {
   return dictionary_address(index, 0) != NULL || dictionary_address(index, 1) != NULL;
 }
@@ -151,7 +153,7 @@ static bool is_above(const axis_object_t *entry, int32_t value, int32_t limit) {
   return (entry->type == AXIS_TYPE_U32) ? (uint32_t)value > (uint32_t)limit : value > limit;
 }
 
-/* Returns the abort code for a refusal: the most specific code of CiA 301. */
+/* Returns the most specific abort code of CiA 301 for a refused write. */
 static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
   const axis_object_t *entry = &axis_objects[object];
   if (refusal == FW_ERROR_RANGE) {
@@ -159,7 +161,7 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
       return SDO_ABORT_SIGNATURE;
     }
     if (object == AXIS_OBJ_ERROR_HISTORY_COUNT) {
-      return SDO_ABORT_VALUE; /* CiA 301 requires this code: only 0 may be written */
+      return SDO_ABORT_VALUE; /* CiA 301 requires this code, because only 0 may be written */
     }
     if (is_above(entry, value, entry->max)) {
       return SDO_ABORT_TOO_HIGH;
@@ -188,14 +190,14 @@ uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes) {
   return (result == FW_OK) ? 0 : abort_of(object, value, result);
 }
 
-/* Returns 0, or the abort code for a download of this length to this address. */
+/* Returns 0, or an abort code if a download of `size` bytes to `address` is not permitted. */
 static uint32_t refuse_download(const sdo_request_t *request, const axis_address_t *address,
                                 bool sized, uint32_t size) {
   if (address == NULL) {
     return has_index(sdo_index(request->data)) ? SDO_ABORT_NO_SUB : SDO_ABORT_NO_OBJECT;
   }
-  /* This check comes first: a write to a read-only object has the same abort code for every
-   * length. */
+  /* The access is checked before the length, so that a write to a read-only object has the same
+   * abort code for every length. */
   if (address->what != AXIS_ADDRESS_OBJECT ||
       axis_objects[address->value].access == AXIS_ACCESS_RO) {
     return SDO_ABORT_READ_ONLY;
@@ -223,13 +225,13 @@ uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t si
   return code;
 }
 
-/* Whether the object is an entry of the error history without an error. */
+/* Returns true if the object is an entry of the error history that contains no error. */
 static bool is_empty(const canopen_t *canopen, uint16_t object) {
   return canopen_element(object, AXIS_OBJ_ERROR_HISTORY_1, EMCY_HISTORY) >=
          canopen->params.error_history_count;
 }
 
-/* Reads a value if possible. Returns FW_OK or the reason for the refusal. */
+/* Reads the value of an object. Returns FW_OK or the reason for the refusal. */
 static int read_value(const sdo_request_t *request, uint16_t object, int32_t *value) {
   return is_empty(request->canopen, object) ? FW_ERROR_NO_DATA
                                             : dictionary_read(request->objects, object, value);
@@ -244,7 +246,8 @@ static uint32_t length_of(const char *text) {
   return length;
 }
 
-/* Finds the bytes at an address, and copies the bytes of a value. Returns 0 or an abort code. */
+/* Finds the data of an upload at an address of the object table, and copies the bytes if the data
+ * are a value. Returns 0 or an abort code. */
 static uint32_t open_address(const sdo_request_t *request, const axis_address_t *address) {
   sdo_server_t *server = request->server;
   if (address->what == AXIS_ADDRESS_TEXT) {

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_SDO_TRANSFER_H_
 #define FIRMWARE_CANOPEN_SDO_TRANSFER_H_
 
-/* Functions that segmented and block transfers share: identifiers of a server, answers, aborts, the
- * time-out, and the bytes that are read or written. */
+/* Functions that segmented transfers and block transfers share: the identifiers of a server,
+ * answers, aborts, the time-out, and access to the data of a transfer. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -10,42 +10,48 @@
 #include "firmware/canopen/state.h"
 #include "firmware/objects/access.h"
 
-/* Abort codes of SDO transfers, with the conditions under which this server sends them. */
+/* Abort codes of SDO transfers. The comment of a code states when this server sends the code. */
 #define SDO_ABORT_TOGGLE UINT32_C(0x05030000)
-#define SDO_ABORT_TIMEOUT UINT32_C(0x05040000) /* no segment for SDO_TIMEOUT_MS */
-/* wrong state of the transfer, or unknown command */
+#define SDO_ABORT_TIMEOUT UINT32_C(0x05040000) /* client sent no request for SDO_TIMEOUT_MS */
+/* The request does not match the state of the transfer, or its command is unknown. */
 #define SDO_ABORT_COMMAND UINT32_C(0x05040001)
 #define SDO_ABORT_BLOCK_SIZE UINT32_C(0x05040002) /* not 1 to 127 */
-#define SDO_ABORT_SEQUENCE UINT32_C(0x05040003)   /* a segment that was not announced or not sent */
+/* The number of a received or acknowledged segment is wrong. */
+#define SDO_ABORT_SEQUENCE UINT32_C(0x05040003)
 #define SDO_ABORT_CRC UINT32_C(0x05040004)
-#define SDO_ABORT_WRITE_ONLY UINT32_C(0x06010001) /* a command cannot be read */
+/* The object is a command, which cannot be read. */
+#define SDO_ABORT_WRITE_ONLY UINT32_C(0x06010001)
 #define SDO_ABORT_READ_ONLY UINT32_C(0x06010002)
-/* no such index, or no object that can be mapped */
+/* No object has this index, or the object of a mapping entry does not exist. */
 #define SDO_ABORT_NO_OBJECT UINT32_C(0x06020000)
-#define SDO_ABORT_MAPPING UINT32_C(0x06040041) /* cannot be mapped into this PDO */
-/* the mapped objects exceed the length of the PDO */
+#define SDO_ABORT_MAPPING UINT32_C(0x06040041) /* object cannot be mapped into this PDO */
+/* The mapped objects together are longer than a PDO. */
 #define SDO_ABORT_PDO_LENGTH UINT32_C(0x06040042)
-#define SDO_ABORT_PARAMETER UINT32_C(0x06040043) /* two heartbeat consumers for one node */
-#define SDO_ABORT_HARDWARE UINT32_C(0x06060000)  /* no memory for parameters */
-#define SDO_ABORT_LENGTH UINT32_C(0x06070010)    /* the length differs from the announced length */
+/* Two heartbeat consumers would monitor the same node. */
+#define SDO_ABORT_PARAMETER UINT32_C(0x06040043)
+#define SDO_ABORT_HARDWARE UINT32_C(0x06060000) /* no memory for stored parameters */
+/* The received length differs from the announced length. */
+#define SDO_ABORT_LENGTH UINT32_C(0x06070010)
 #define SDO_ABORT_TOO_LONG UINT32_C(0x06070012)
 #define SDO_ABORT_TOO_SHORT UINT32_C(0x06070013)
 #define SDO_ABORT_NO_SUB UINT32_C(0x06090011)
-#define SDO_ABORT_VALUE UINT32_C(0x06090030) /* in the range, but not one of the valid values */
+/* The value is within the range of the object, but is not one of its valid values. */
+#define SDO_ABORT_VALUE UINT32_C(0x06090030)
 #define SDO_ABORT_TOO_HIGH UINT32_C(0x06090031)
 #define SDO_ABORT_TOO_LOW UINT32_C(0x06090032)
-#define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* neither "save" nor "load" */
+#define SDO_ABORT_SIGNATURE UINT32_C(0x08000020) /* value is neither "save" nor "load" */
 #define SDO_ABORT_LOCKED UINT32_C(0x08000021)    /* another source owns the axis */
-/* axis, recorder, PDO or store does not permit it now */
+/* The present state of the axis, recorder, PDO or store does not permit the write. */
 #define SDO_ABORT_STATE UINT32_C(0x08000022)
-#define SDO_ABORT_NO_DATA UINT32_C(0x08000024) /* no complete recording; no such error */
+/* There is no complete recording, or the entry of the error history is empty. */
+#define SDO_ABORT_NO_DATA UINT32_C(0x08000024)
 
-/* Longest time to the next request of a transfer, in ms. */
+/* Longest time in ms from one request of a client to its next request in a transfer. */
 enum { SDO_TIMEOUT_MS = 5000 };
 
 enum { SDO_SEGMENT_BYTES = 7 };
 
-/* One SDO request and the server that processes it. */
+/* One SDO request, and the server that processes the request. */
 typedef struct {
   canopen_t *canopen;
   dictionary_t *objects;
@@ -54,50 +60,55 @@ typedef struct {
   uint8_t number;      /* number of the server */
 } sdo_request_t;
 
-/* Returns the server whose requests have this identifier; CANOPEN_SDOS: no server. */
+/* Returns the number of the server whose requests have the identifier `id`, or CANOPEN_SDOS if no
+ * server has this identifier. */
 uint8_t sdo_server_at(const canopen_t *canopen, uint16_t id);
 
-/* Whether a server answers with this identifier. */
+/* Returns true if the answers of a server have the identifier `id`. */
 bool sdo_transmits(const canopen_t *canopen, uint16_t id);
 
-/* Whether an object other than this one gives a server this identifier, in either direction. */
+/* Returns true if a server uses the identifier `id` for its requests or its answers. The COB-ID
+ * `object`, which is to be changed, is not considered. */
 bool sdo_uses(const canopen_t *canopen, uint16_t object, uint16_t id);
 
-/* Whether a COB-ID of 1201h or 1202h may have this value; results as canopen_check_cob_id().
- * Returns FW_OK for every other object. */
+/* Checks whether a COB-ID of 1201h or 1202h may be set to `wanted`. Returns the same codes as
+ * canopen_check_cob_id(), and FW_OK for every other object. */
 int sdo_check(const canopen_t *canopen, uint16_t object, uint32_t wanted);
 
-/* A COB-ID of 1201h or 1202h has changed: discards a transfer of its server. */
+/* Acts on a write to an object: if the object is a COB-ID of 1201h or 1202h, the transfer of the
+ * server with this COB-ID is discarded. */
 void sdo_written(canopen_t *canopen, uint16_t object);
 
-/* Adds an answer with command specifier, index and sub-index to the output queue; the caller fills
- * in its data. NULL: no room in the queue. */
+/* Adds an answer with command specifier, index and sub-index to the output queue; the caller writes
+ * the data of the answer. Returns NULL if the queue has no room. */
 can_frame_t *sdo_answer(canopen_t *canopen, uint8_t server, uint8_t command, uint16_t index,
                         uint8_t sub);
 
-/* Ends the transfer of a server. */
+/* Ends the transfer of a server without a message. */
 void sdo_end(canopen_t *canopen, uint8_t server);
 
-/* Send an abort: for the object of the request, and for the object of the present transfer. */
+/* sdo_abort_request() sends an abort for the object of the request, sdo_abort_transfer() for the
+ * object of the present transfer. */
 void sdo_abort_request(const sdo_request_t *request, uint32_t code);
 void sdo_abort_transfer(canopen_t *canopen, uint8_t server, uint32_t code);
 
-/* The transfer continues: starts the time-out for the next request. */
+/* Continues a transfer: starts the time-out for the next request of the client. */
 void sdo_await(canopen_t *canopen, uint8_t server);
 
-/* Returns the index of a request that begins a transfer. */
+/* Returns the index in a request that begins a transfer. */
 uint16_t sdo_index(const uint8_t *data);
 
-/* Prepares the download that the request begins. Returns 0 or an abort code. */
+/* Prepares the download that a request begins. Returns 0 or an abort code. */
 uint32_t sdo_open_download(const sdo_request_t *request, bool sized, uint32_t size);
 
-/* Writes the bytes of a complete download. Returns 0 or an abort code. */
+/* Writes the bytes of a complete download to the object. Returns 0 or an abort code. */
 uint32_t sdo_write(const sdo_request_t *request, const uint8_t *bytes);
 
-/* Prepares the upload that the request begins. Returns 0 or an abort code. */
+/* Prepares the upload that a request begins. Returns 0 or an abort code. */
 uint32_t sdo_open_upload(const sdo_request_t *request);
 
-/* Copies `count` bytes of the upload, starting at its present offset. */
+/* Copies `count` bytes of the uploaded data into `bytes`, starting at the present offset of the
+ * upload. */
 void sdo_read(const canopen_t *canopen, const dictionary_t *objects, uint8_t server, uint8_t *bytes,
               uint32_t count);
 

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_CANOPEN_STATE_H_
 #define FIRMWARE_CANOPEN_STATE_H_
 
-/* The state of a CANopen node, which all of its services use, and small sets of bits in it. node.h
- * is the interface. */
+/* The state of a CANopen node, which all services of the node use, and functions for small sets of
+ * bits in this state. node.h is the interface of the node. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,15 +20,18 @@ typedef struct {
   uint16_t code;
   uint8_t error_register;
   uint8_t info;
-  uint32_t detail; /* the last four bytes of the message, the lowest byte first */
+  uint32_t detail; /* last four bytes of the message, lowest byte first */
 } emergency_t;
 
 typedef struct {
-  /* messages that wait for the inhibit time or for room in the queue, oldest first */
+  /* emergency messages that wait for the end of the inhibit time or for room in the output queue,
+   * oldest first */
   emergency_t waiting[EMCY_WAITING];
-  uint16_t drive_code;      /* error code of the drive that was last reported */
-  uint8_t count;            /* number of messages in `waiting` */
-  uint8_t overrun_reported; /* 1: 8110h was reported since all frames were last sent */
+  uint16_t drive_code; /* error code of the drive that was reported last */
+  uint8_t count;       /* number of messages in `waiting` */
+  /* 1: lost frames were reported by error code 8110h, and since then the output queue was never
+   * empty */
+  uint8_t overrun_reported;
 } emcy_t;
 
 enum { PDO_ENTRIES = 8, PDO_BYTES = 8, PDO_BITS = 64 };
@@ -36,85 +39,97 @@ enum { PDO_ENTRIES = 8, PDO_BYTES = 8, PDO_BITS = 64 };
 typedef struct {
   uint64_t value;   /* RPDO: value that is applied at the next SYNC */
   uint32_t sent[2]; /* TPDO: bytes of the last frame, least significant first */
-  /* RPDO: number of the object of each entry (AXIS_OBJ_), none for a dummy; TPDO: offset in the
-   * dictionary of each of its 8 bytes */
+  /* RPDO: number of the object (AXIS_OBJ_) of each mapping entry; AXIS_OBJ_NONE for a dummy. TPDO:
+   * offset in the dictionary of each of the 8 bytes of the frame. */
   uint16_t places[PDO_ENTRIES];
-  /* TPDO: ticks at which its event time and inhibit time end, if they run */
+  /* TPDO: ticks at which the event time and the inhibit time end, if these two times run */
   uint32_t event_tick;
   uint32_t inhibit_tick;
-  uint8_t bits;     /* sum of the bits of all mapped objects; 0: the PDO does nothing */
-  uint8_t pending;  /* RPDO: `value` waits for a SYNC; TPDO: must be sent even without a change */
-  uint8_t syncs;    /* TPDO: number of SYNCs since it was last sent, or PDO_SYNC_AWAITED */
-  uint8_t reported; /* RPDO: emergency messages since its last correct frame, PDO_REPORTED_ */
+  uint8_t bits; /* total number of bits of all mapped objects; with 0 the PDO does nothing */
+  /* RPDO: 1 while `value` waits for a SYNC. TPDO: 1 if the TPDO must be sent although its values
+   * have not changed. */
+  uint8_t pending;
+  /* TPDO: number of SYNC messages since the TPDO was last sent, or PDO_SYNC_AWAITED */
+  uint8_t syncs;
+  /* RPDO: emergency messages that were sent since the last correct frame, a set of PDO_REPORTED_ */
+  uint8_t reported;
 } pdo_t;
 
 enum { PDO_REPORTED_SHORT = 1, PDO_REPORTED_LONG = 2, PDO_REPORTED_REFUSED = 4 };
 
-/* States of an SDO transfer: none; by segments; by blocks, first those of an upload in their order,
- * then those of a download. */
+/* States of an SDO transfer: no transfer; segmented transfers; the states of a block upload in
+ * their order; the states of a block download in their order. */
 enum {
   SDO_IDLE,
   SDO_DOWNLOAD,
   SDO_UPLOAD,
-  SDO_BLOCK_OFFERED,  /* the server waits for the client to start the block upload */
-  SDO_BLOCK_SENDING,  /* the server sends segments */
-  SDO_BLOCK_SENT,     /* the server waits for the client to acknowledge the block */
-  SDO_BLOCK_ENDED,    /* the server waits for the client to confirm the end of the upload */
-  SDO_BLOCK_AWAITED,  /* the server waits for a segment of the client */
-  SDO_BLOCK_RECEIVED, /* the server waits for the client to end the download */
+  SDO_BLOCK_OFFERED,  /* server waits for the client to start the block upload */
+  SDO_BLOCK_SENDING,  /* server sends the segments of a block */
+  SDO_BLOCK_SENT,     /* server waits for the client to acknowledge the block */
+  SDO_BLOCK_ENDED,    /* server waits for the client to confirm the end of the upload */
+  SDO_BLOCK_AWAITED,  /* server waits for a segment from the client */
+  SDO_BLOCK_RECEIVED, /* server waits for the client to end the download */
 };
 
-/* An SDO transfer in progress. An expedited transfer needs no state. */
+/* State of an SDO transfer in progress. An expedited transfer needs no such state. */
 typedef struct {
-  uint32_t size;        /* upload: size of all bytes; download: announced size */
-  uint32_t offset;      /* number of bytes transferred */
-  uint32_t block_begin; /* block upload: offset at which the present block begins */
-  uint32_t crc_end;     /* block upload: number of bytes that `crc` includes */
+  uint32_t size;        /* upload: size of all data in bytes; download: announced size in bytes */
+  uint32_t offset;      /* number of bytes that have been transferred */
+  uint32_t block_begin; /* block upload: offset in bytes at which the present block begins */
+  uint32_t crc_end;     /* block upload: number of bytes that are included in `crc` */
   uint16_t index;
   uint16_t object; /* download: AXIS_OBJ_ */
   uint16_t crc;
   uint8_t sub;
-  uint8_t what;       /* upload: AXIS_ADDRESS_TEXT, _DOMAIN, otherwise `data` */
+  /* upload: kind of the data, AXIS_ADDRESS_TEXT or AXIS_ADDRESS_DOMAIN; otherwise a value in
+   * `data` */
+  uint8_t what;
   uint8_t state;      /* SDO_ */
   uint8_t toggle;     /* toggle bit of the next segment */
-  uint8_t sized;      /* 1: download whose size was announced */
-  uint8_t replaced;   /* 1: the recording was replaced after its upload began */
+  uint8_t sized;      /* 1: the client has announced the size of the download */
+  uint8_t replaced;   /* 1: a new recording has replaced the one that is uploaded */
   uint8_t with_crc;   /* 1: block transfer for which the client requests a CRC */
   uint8_t block_size; /* block upload: number of segments in a block */
   uint8_t sequence;   /* block upload: number of the last segment that was sent */
   uint8_t data[8];    /* bytes of a download, or of a value that is uploaded */
 } sdo_server_t;
 
-/* LSS settings, see lss.h. All except `state` keep their values in a reset of communication. */
+/* LSS settings, see lss.h. A reset of communication changes only the fields `state`, `selected`,
+ * `identified` and `scanned`. */
 typedef struct {
-  uint32_t delay_ticks; /* activate bit timing: ticks of each of the two silences */
-  uint32_t ticks;       /* remaining ticks of the present silence */
-  uint16_t rates;       /* set of supported bit rates, a bit for each index; 0: all */
-  uint8_t rate;         /* index of the present bit rate */
-  uint8_t next_rate;    /* index of the bit rate after the next activation */
-  uint8_t node_id;      /* node id after the next reset of communication, or LSS_NO_NODE_ID */
-  uint8_t fixed;        /* 1: the port has fixed the node id */
-  uint8_t state;        /* state waiting or configuration */
-  uint8_t selected;     /* matching parts of the address in switch state selective */
-  uint8_t identified;   /* matching parts of the address in identify remote slave */
-  uint8_t scanned;      /* part of the address that fast scan searches */
-  /* 1 or 2: the first or the second silence of the present change of the bit rate; 0: no change */
+  /* length in ticks of each of the two silences of a change of the bit rate */
+  uint32_t delay_ticks;
+  uint32_t ticks;    /* remaining ticks of the present silence */
+  uint16_t rates;    /* set of supported bit rates, one bit for each index; 0: all rates */
+  uint8_t rate;      /* index of the present bit rate */
+  uint8_t next_rate; /* index of the bit rate that the next command activate bit timing activates */
+  uint8_t node_id;   /* node id after the next reset of communication, or LSS_NO_NODE_ID */
+  uint8_t fixed;     /* 1: the board fixes the node id, so that LSS cannot change it */
+  uint8_t state;     /* LSS state: waiting or configuration */
+  /* number of address parts that have matched in the command switch state selective */
+  uint8_t selected;
+  /* number of address parts that have matched in the command identify remote slave */
+  uint8_t identified;
+  uint8_t scanned; /* number of the address part that fast scan searches */
+  /* phase of a change of the bit rate: 1: silence before the new rate; 2: silence after the new
+   * rate; 0: no change in progress */
   uint8_t silence;
   uint8_t store; /* LSS_STORE_ */
 } lss_t;
 
-/* The part of a tick that is deferred: nothing, the part after the PDOs, or all. */
+/* The part of a tick that is deferred: nothing, the part after the PDOs, or the complete tick. */
 enum { CANOPEN_DEFERRED_NOTHING = 0, CANOPEN_DEFERRED_OUTPUT = 1, CANOPEN_DEFERRED_ALL = 2 };
 
 enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NODE = 2 };
 
-/* Requests of the node to the firmware, see canopen_take_requests(). */
+/* Requests of the node to the firmware, which canopen_take_requests() returns. */
 typedef struct {
   uint16_t frames_lost;
-  uint8_t sources_lost; /* set of FW_SOURCE_ that can no longer reach the axis over this bus */
-  uint8_t fault;        /* reason for the first of these losses: AXIS_FAULT_ */
-  uint8_t stop;         /* 1: this reason must stop the axis for every owner */
-  uint8_t duplicate;    /* 1: another node has the same node id */
+  /* set of sources (FW_SOURCE_) that can no longer reach the axis over this bus */
+  uint8_t sources_lost;
+  uint8_t fault;     /* reason (AXIS_FAULT_) for the loss of the first source in sources_lost */
+  uint8_t stop;      /* 1: the reason in `fault` must stop the axis for every owner */
+  uint8_t duplicate; /* 1: another node has the same node id */
 } canopen_requests_t;
 
 typedef struct canopen {
@@ -128,23 +143,24 @@ typedef struct canopen {
   emcy_t emcy;
   lss_t lss;
   canopen_requests_t requests;
-  /* Sets of bits; element i is bit i. */
+  /* Sets of services: bit i of a set is 1 if the service with the number i belongs to the set. */
   uint8_t heartbeats_lost;
   uint8_t rpdos_late;      /* RPDOs whose deadline expired while the axis was active */
   uint8_t rpdos_waiting;   /* RPDOs whose deadline starts when the axis becomes active */
   uint8_t tpdos_watched;   /* TPDOs that are sent when their values change */
-  uint8_t tpdos_timed;     /* TPDOs of these that are sent at their event_tick at the latest */
+  uint8_t tpdos_timed;     /* TPDOs that are sent at their event_tick at the latest */
   uint8_t tpdos_inhibited; /* TPDOs that are not sent before their inhibit_tick */
   uint8_t sdos_sending;    /* SDO servers that have segments of a block to send */
-  uint8_t sync_reported;   /* 1: 8240h was reported since the last correct SYNC */
+  uint8_t sync_reported;   /* 1: error code 8240h was reported since the last correct SYNC */
   uint8_t bus;             /* CAN_BUS_ */
-  uint8_t reset;           /* CANOPEN_RESET_ that the firmware has not fetched yet */
+  uint8_t reset;           /* reset (CANOPEN_RESET_) that the firmware has not yet fetched */
   uint8_t deferred;        /* CANOPEN_DEFERRED_ */
-  uint8_t late;            /* number of ticks that began before the deferred tick was computed */
+  uint8_t late;            /* number of ticks that have begun since a tick was deferred */
   uint8_t node_id;         /* 1..127, LSS_NO_NODE_ID */
 } canopen_t;
 
-/* Whether a set contains element i; and the changes of one element. */
+/* canopen_has() returns true if a set contains element i. canopen_put() adds element i to a set,
+ * and canopen_drop() removes element i. */
 static inline bool canopen_has(uint8_t set, uint32_t i) { return (set & fx_bit(i)) != 0; }
 static inline void canopen_put(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set | fx_bit(i)); }
 static inline void canopen_drop(uint8_t *set, uint32_t i) { *set = (uint8_t)(*set & ~fx_bit(i)); }
@@ -164,8 +180,8 @@ static inline void canopen_lose_all(canopen_t *canopen, uint8_t fault) {
   canopen_lose(canopen, FW_SOURCE_LCM, fault);
 }
 
-/* Returns the position of an object in an array of `count` objects that begins with `first`, or
- * -1. */
+/* Returns the position of an object in an array of `count` objects whose first object is `first`,
+ * or -1 if the object is not in the array. */
 static inline int canopen_element(uint16_t object, uint16_t first, uint16_t count) {
   return (object >= first && object < first + count) ? object - first : -1;
 }

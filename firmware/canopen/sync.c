@@ -21,11 +21,13 @@ void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *
   }
 }
 
-/* The COB-ID of SYNC has no bit that makes it invalid; bit 30 would make the node produce SYNC. */
+/* Checks a new COB-ID of SYNC. No bit makes this COB-ID invalid; bit 30 is refused, because with it
+ * the node would have to produce SYNC. */
 int sync_check_cob_id(uint32_t wanted) {
   const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
   return fits ? FW_OK : FW_ERROR_RANGE;
 }
 
-/* A counter with the only value 1 would have no meaning. */
+/* Checks a new overflow value of the SYNC counter. The value 1 is refused, because the counter
+ * would then always be 1. */
 int sync_check_overflow(uint32_t wanted) { return (wanted == 1) ? FW_ERROR_RANGE : FW_OK; }

@@ -26,7 +26,8 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
     if (at == timers->now) {
       due |= bit;
     } else {
-      *canopen_timer_slot(timers, at) |= bit; /* the new slot may be the same slot */
+      /* The new slot of the timer may be the slot that is checked now. */
+      *canopen_timer_slot(timers, at) |= bit;
     }
   }
   return due;

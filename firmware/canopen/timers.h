@@ -3,9 +3,10 @@
 
 /* Timers of the node, in ticks; pdo.h has the timers of TPDOs. The list of timers has
  * CANOPEN_TIMER_SLOTS slots, and a tick checks only the timers in its slot (tick modulo
- * CANOPEN_TIMER_SLOTS). If the slot is empty, this costs one comparison. A timer is in the slot of
- * the tick in which it expires, or in an earlier one: a timer that is restarted before it expires,
- * as most are, keeps its slot and moves when that slot is checked. */
+ * CANOPEN_TIMER_SLOTS). If this slot is empty, the check costs one comparison. A timer is in the
+ * slot of the tick in which it expires, or in the slot of an earlier tick. Most timers are
+ * restarted before they expire: a restarted timer stays in its slot, and moves to a later slot when
+ * its slot is checked. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -30,14 +31,14 @@ enum {
 
 enum { CANOPEN_TIMER_SLOTS = 32 };
 
-/* A set of timers has one bit for each timer. */
+/* All timers of a node. A set of timers has one bit for each timer. */
 typedef struct {
-  /* number of the next tick, or of the present tick while it runs; wraps */
+  /* number of the present tick while a tick runs, otherwise of the next tick; wraps at 2^32 */
   uint32_t now;
   uint32_t running; /* set of the running timers */
-  /* sets of timers: all running timers and some that were stopped */
+  /* set of timers in each slot: all running timers and some stopped timers */
   uint32_t slots[CANOPEN_TIMER_SLOTS];
-  uint32_t at[CANOPEN_TIMERS]; /* tick in which each timer expires */
+  uint32_t at[CANOPEN_TIMERS]; /* number of the tick in which each timer expires */
 } canopen_timers_t;
 
 void canopen_timers_init(canopen_timers_t *timers);
@@ -46,7 +47,7 @@ static inline bool canopen_timer_runs(const canopen_timers_t *timers, uint32_t t
   return (timers->running & fx_bit(timer)) != 0;
 }
 
-/* Returns the slot that a tick checks. */
+/* Returns the slot that the tick `tick` checks. */
 static inline uint32_t *canopen_timer_slot(canopen_timers_t *timers, uint32_t tick) {
   return &timers->slots[tick & (CANOPEN_TIMER_SLOTS - 1)];
 }
@@ -55,8 +56,8 @@ static inline void canopen_timer_stop(canopen_timers_t *timers, uint32_t timer) 
   timers->running &= ~fx_bit(timer);
 }
 
-/* Starts a timer that expires `ticks` (1..2^30) ticks after the next or present tick; 0 ticks stop
- * the timer. */
+/* Starts a timer that expires `ticks` (1..2^30) ticks after the tick `timers->now`. If `ticks` is
+ * 0, the timer is stopped. */
 static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer, uint32_t ticks) {
   const uint32_t at = timers->now + ticks;
   if (ticks == 0) {
@@ -70,23 +71,24 @@ static inline void canopen_timer_start(canopen_timers_t *timers, uint32_t timer,
   timers->at[timer] = at;
 }
 
-/* Returns the timers that expire in this tick; a timer that is started or stopped before
- * canopen_timer_take() does not expire. Call it once in each tick, because the timers of a skipped
- * slot would never be checked. */
+/* Returns the set of timers that expire in this tick. A timer in this set that is started or
+ * stopped before canopen_timer_take() does not expire. Call this function once in each tick,
+ * because the timers of a skipped slot would never be checked. */
 uint32_t canopen_timers_due(canopen_timers_t *timers);
 
 /* Accounts for `ticks` ticks that did not run. Timers of transmission that were due in these ticks
- * expire in the next tick; timers of reception (CONSUMER and above) expire later by `ticks`. */
+ * expire in the next tick; timers of reception (CANOPEN_TIMER_CONSUMER and above) expire `ticks`
+ * ticks later. */
 void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
 
-/* Returns a time in the future unchanged, or the present time if the given time lies within the
- * `ticks` missed ticks. */
+/* Adapts the time `at` to `ticks` missed ticks that began at `now`. Returns `at` if it lies after
+ * the missed ticks, otherwise the first tick after them. */
 static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32_t ticks) {
   return (at - now < ticks) ? now + ticks : at;
 }
 
-/* Whether a timer that is due has not been restarted or stopped meanwhile; this call then stops the
- * timer. */
+/* Stops a timer that is due. Returns false if the timer is not due, because it was restarted or
+ * stopped meanwhile. */
 static inline bool canopen_timer_take(canopen_timers_t *timers, uint32_t timer) {
   const bool due = canopen_timer_runs(timers, timer) && timers->at[timer] == timers->now;
   if (due) {
