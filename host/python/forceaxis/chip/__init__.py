@@ -1,1 +1,1 @@
-"""Images for chips: emulation, flashing."""
+"""Reads images of the firmware, writes them to chips, and runs them on an emulator."""

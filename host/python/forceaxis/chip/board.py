@@ -1,5 +1,6 @@
-"""Boards: each is a folder with a board.toml, which describes it for building, measuring,
-emulating and flashing its image. Sources and scripts are named from that folder.
+"""The description of a board, read from board.toml in the folder of the board: how the firmware
+image of the board is built, measured, emulated and flashed. Paths in board.toml are relative to
+this folder.
 
     name            of `--link pil-NAME`
     image           of the files build/image/IMAGE.{elf,hex,bin}
@@ -40,9 +41,9 @@ PORTS = _checkout if _checkout.is_dir() else _package / "port"
 
 @dataclass(frozen=True)
 class Build:
-    """The compiler of a board, and the sources of each of its images."""
+    """The compiler for a board, its options, and the source files of every image."""
 
-    tools: str  # prefix of the compiler's programs
+    tools: str  # prefix of the names of the compiler's programs
     package: str
     flags: list[str]
     script: str
@@ -51,7 +52,8 @@ class Build:
 
 @dataclass(frozen=True)
 class Released:
-    """The image that is flashed."""
+    """The image of the firmware that is released for a board: its name and its additional source
+    files."""
 
     identity: str
     sources: list[str]
@@ -59,17 +61,17 @@ class Released:
 
 @dataclass(frozen=True)
 class Memory:
-    """The memories of the chip, as addresses; the sizes of the flash's sectors in bytes."""
+    """The memories of a chip as address ranges, and the sizes of the flash sectors in bytes."""
 
     flash: range
     sectors: list[int]
-    parameters: range  # of the parameter store
+    parameters: range  # addresses of the parameter store in flash
     ram: range
 
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of the released image."""
+    """The largest instruction counts and memory sizes that are permitted for the released image."""
 
     interrupt_instructions: int
     adc_to_dac_instructions: int
@@ -80,7 +82,8 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stack:
-    """The facts from which tools/image_report computes the deepest stack."""
+    """Facts about the image from which tools/image_report computes the largest depth of the
+    stack."""
 
     thread: str
     levels: list[list[str]]
@@ -91,7 +94,7 @@ class Stack:
 
 @dataclass(frozen=True)
 class EmulatedImage:
-    """The image for the emulator, and the command line of the emulator."""
+    """The image of a board for the emulator QEMU, and the options with which QEMU is started."""
 
     identity: str
     sources: list[str]
@@ -104,7 +107,7 @@ class EmulatedImage:
 
 @dataclass(frozen=True)
 class ProbeOptions:
-    """Bits of a register that a flashing sets and reads back."""
+    """Bits of a chip register, such as option bytes, that a flashing sets and then reads back."""
 
     title: str
     address: int
@@ -120,11 +123,12 @@ class ProbeOptions:
 
 @dataclass(frozen=True)
 class Probe:
-    """The debug probe that writes the flash, and the chip that it must find."""
+    """The debug probe that writes the flash memory, and the type of chip that must be connected to
+    the probe."""
 
     title: str
     config: str
-    version: str  # pattern of the version in openocd's output
+    version: str  # regular expression for the version in the output of openocd
     chip: str
     chip_id: int
     chip_id_address: int
@@ -133,7 +137,8 @@ class Probe:
 
 @dataclass(frozen=True)
 class Registers:
-    """The vendor's register descriptions, and the names in them that differ."""
+    """The vendor's register descriptions, and the register names in them that differ from the names
+    in the firmware."""
 
     header: str
     package: str
@@ -147,7 +152,7 @@ class Registers:
 
 @dataclass(frozen=True)
 class Board:
-    """A board.toml; `folder` is where it is."""
+    """The content of the file board.toml in `folder`."""
 
     name: str
     image: str
@@ -166,12 +171,14 @@ TYPE_TEXTS = {str: "a text", int: "a number"}
 
 
 class BoardError(ValueError):
-    """A board.toml is missing or wrong; the text has one line."""
+    """Error: a file board.toml is missing or has a wrong entry. The text of the error is one
+    line."""
 
 
 def _read_value(where: str, value: Any, kind: Any) -> Any:
-    """A value of the file as the type `kind`. Raises BoardError for a value of another type."""
-    if isinstance(kind, types.UnionType):  # an optional table or list that is there
+    """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of another
+    type."""
+    if isinstance(kind, types.UnionType):  # an optional table or list that the file contains
         kind = typing.get_args(kind)[0]
     if dataclasses.is_dataclass(kind):
         return _read_table(where, value, kind)
@@ -200,7 +207,8 @@ def _table(where: str, value: Any) -> dict[str, Any]:
 
 
 def _read_table(where: str, value: Any, kind: Any, **given: Any) -> Any:
-    """A table of the file as the dataclass `kind`; given: fields that the file does not have."""
+    """Returns a table of board.toml as the dataclass `kind`. given: values of the fields that are
+    not in the file."""
     table = _table(where, value)
     kinds = {k: v for k, v in typing.get_type_hints(kind).items() if k not in given}
     if unknown := sorted(table.keys() - kinds.keys()):
@@ -216,7 +224,7 @@ def _read_table(where: str, value: Any, kind: Any, **given: Any) -> Any:
 
 
 def read(folder: Path | str) -> Board:
-    """The board of a folder. Raises BoardError."""
+    """Returns the board that a folder describes. Raises BoardError."""
     path = Path(folder) / BOARD_FILE
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -233,12 +241,13 @@ def read(folder: Path | str) -> Board:
 
 
 def folders() -> list[Path]:
-    """The folders of all known boards."""
+    """Returns the folders of all known boards."""
     return sorted(path.parent for path in PORTS.glob(f"*/{BOARD_FILE}"))
 
 
 def known() -> list[Board]:
-    """All boards whose description can be read; tools/image reports the errors of others."""
+    """Returns all boards whose board.toml is correct. tools/image reports the errors of the other
+    boards."""
     boards = []
     for folder in folders():
         try:

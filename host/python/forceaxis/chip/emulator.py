@@ -1,4 +1,4 @@
-"""The image of a board on its emulator, QEMU, with two pipes to the plant.
+"""Runs the image of a board on QEMU, an emulator. Two pipes connect the emulated chip to the plant.
 
 Only code for peripherals that the emulator lacks is replaced: start-up, interrupt and firmware are
 those of the image that is flashed.
@@ -16,23 +16,24 @@ from forceaxis import paths
 from forceaxis._core import InputError
 from forceaxis.chip import board as boards
 
-LINK_PREFIX = "pil-"  # processor in the loop
+LINK_PREFIX = "pil-"  # pil: "processor in the loop"
 IMAGES = Path(__file__).resolve().parents[4] / "build/image"
 
 
 def links() -> tuple[str, ...]:
-    """Names of the links to the boards that have an emulator."""
+    """Returns the names of the links to the boards that have an emulator."""
     return tuple(LINK_PREFIX + board.name for board in boards.known() if board.emulator)
 
 
 def board_of(link: str) -> boards.Board:
-    """The board of a link."""
+    """Returns the board to which a link name such as "pil-NAME" belongs."""
     (board,) = [b for b in boards.known() if b.emulator and LINK_PREFIX + b.name == link]
     return board
 
 
 def emulated_image(board: boards.Board) -> boards.EmulatedImage:
-    """The image for the emulator of a board. Raises InputError for a board without one."""
+    """Returns the image of a board for its emulator. Raises InputError if the board has no
+    emulator."""
     if board.emulator is None:
         raise InputError(
             f"{board.name}: expected a board that has an emulator; choose another board"
@@ -47,7 +48,8 @@ def command(
     arguments: Iterable[str | Path] = (),
     **lines: str,
 ) -> list[str]:
-    """The emulator's command line for an image, with a command line of its own.
+    """Returns the command line that starts the emulator with an image, which also gets a command
+    line.
 
     lines: QEMU's options for the serial lines `modbus` and `can` (frames, since QEMU models no
     chip with CAN: {identifier u16, length u8, remote u8, data 8 bytes}).
@@ -76,9 +78,9 @@ def command(
 
 
 class Emulator:
-    """A board at power-up, with the image that tools/image built; counts instructions instead of
-    time, so a run is the same every time. `pipes`: file descriptors to it and from it. Raises as
-    command() does."""
+    """An emulated board at power-up with an image that tools/image has built. The emulator counts
+    instructions instead of time, so equal runs have equal results. `pipes`: file descriptors to and
+    from the board. Raises the errors of command()."""
 
     def __init__(self, board: boards.Board) -> None:
         self.board = board
@@ -97,7 +99,8 @@ class Emulator:
             raise
         for name in names:
             os.mkfifo(name)
-        # Opened so that neither blocks on the other end nor fails when that closes.
+        # Opened in modes in which the two programs do not wait for each other when they open a
+        # pipe, and in which a pipe that one program closes causes no error in the other program.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)
@@ -113,12 +116,12 @@ class Emulator:
         try:
             self.process.wait(0.5)
         except subprocess.TimeoutExpired:
-            self.process.kill()  # it ignores other signals while it waits in a pipe
+            self.process.kill()  # QEMU ignores other signals while it waits for a pipe
             self.process.wait()
         self._stack.close()
 
     def last_words(self) -> str:
-        """The last line that the emulator printed, for a message."""
+        """Returns the last line that the emulator printed, for an error message."""
         self._log.flush()
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().split("\n") if line.strip()]

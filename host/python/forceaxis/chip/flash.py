@@ -1,4 +1,5 @@
-"""Checks an image of the firmware; writes it to its board by openocd, which also verifies it."""
+"""Checks an image of the firmware and writes the image to a board with the program openocd, which
+then verifies the flash memory."""
 
 import re
 import shutil
@@ -15,7 +16,8 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import json_field
 
 OPENOCD_TIMEOUT_S = 120
-# Patterns of openocd's output and their meaning; the first match counts.
+# Regular expressions for error lines of openocd, each with the message for the user. The first
+# expression that matches the output selects the message.
 FAILURES = (
     (
         r"LIBUSB_ERROR_ACCESS|Permission denied",
@@ -42,12 +44,12 @@ FAILURES = (
 
 
 class FlashError(Exception):
-    """Probe or chip failed: exit status 1."""
+    """Error: the debug probe or the chip failed. The exit status of the verb is 1."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The changes that a write of an image makes on the board."""
+    """What `forceaxis flash` will change on a board: image, flash sectors, parameter store."""
 
     board: boards.Board
     probe: boards.Probe
@@ -59,7 +61,7 @@ class Plan:
 
     @property
     def warning(self) -> str | None:
-        """A warning about an image that can be written, or None."""
+        """Returns a warning about an image that can be written to the board, or None."""
         ours = objects.OBJECTS_HASH[:8]
         if self.identity.table_hash == ours:
             return None
@@ -70,7 +72,8 @@ class Plan:
 
 
 def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Board, boards.Probe]:
-    """The board that the image is for, and its probe. Raises InputError."""
+    """Returns the board for which an image was built, and the debug probe of this board. Raises
+    InputError."""
     flashable = [(board, board.probe) for board in boards.known() if board.probe]
     for board, probe in flashable:
         if board.released.identity == identity.board:
@@ -84,7 +87,8 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
 def plan(
     path: Path, address: int | None = None, erase_parameters: bool = False, serial: str = ""
 ) -> Plan:
-    """The Plan of a write. Raises InputError for a file that is not an image for its chip."""
+    """Returns the Plan for writing a file to a board. Raises InputError if the file is not an image
+    for the chip of the board."""
     image = images.load(path, address)
     identity = images.identity(image)
     board, probe = board_of(image, identity)
@@ -119,7 +123,7 @@ def plan(
             f"expected for {path}, which would write over the stored parameters "
             f"{span(parameters)}{hint}",
         )
-    # Within its braces Tcl reads every other character literally.
+    # Between braces, the language Tcl of openocd gives no character a special meaning.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
         raise InputError("expected a file name without { } \\ and control characters, for openocd")
     if not re.fullmatch(r"[0-9A-Za-z]*", serial):
@@ -134,7 +138,7 @@ def plan(
 
 
 def sectors_of(board: boards.Board) -> list[range]:
-    """The addresses of each sector of the flash, in order."""
+    """Returns the address range of each sector of the flash memory, in ascending order."""
     sectors, first = [], board.memory.flash.start
     for size in board.memory.sectors:
         sectors.append(range(first, first + size))
@@ -152,7 +156,8 @@ def span(addresses: range) -> str:
 
 @dataclass(frozen=True)
 class FlashSummary:
-    """What a write changes: `forceaxis flash --json`; probe and chip after a write only."""
+    """The result that `forceaxis flash --json` prints. probe and chip are present only after an
+    image was written."""
 
     version: str
     git: str
@@ -163,13 +168,14 @@ class FlashSummary:
     sectors: list[int]
     erase_parameters: bool
     warning: str | None
-    command: list[str]  # of openocd
+    command: list[str]  # command line of openocd
     probe: str | None = json_field(omit_none=True)
     chip: str | None = json_field(omit_none=True)
 
 
 def summary(plan: Plan, probe: str | None = None, chip: str | None = None) -> FlashSummary:
-    """The plan as a result; probe, chip: texts about probe and chip after a write."""
+    """Returns the plan as a result. probe, chip: texts about probe and chip after an image was
+    written."""
     return FlashSummary(
         *plan.identity,
         file=plan.image.path,
@@ -188,7 +194,8 @@ def probe_options(probe: boards.Probe, serial: str) -> list[str]:
 
 
 def command(plan: Plan) -> list[str]:
-    """The command line that sets the option bytes, writes, verifies and resets."""
+    """Returns the openocd command line that sets the option bytes, writes and verifies the image,
+    and resets the chip."""
     steps = []
     options = plan.probe.options
     if options or plan.erase_parameters:
@@ -205,8 +212,9 @@ def command(plan: Plan) -> list[str]:
 
 
 def options_steps(options: boards.ProbeOptions) -> list[str]:
-    """openocd's commands that set option bytes where they are not right, and print the register: it
-    is opened by its keys, written, started by a write of its own, awaited and locked."""
+    """Returns the openocd commands that correct wrong option bytes and print their register. To
+    write the register, openocd writes its keys, the new value and a start bit, waits until the chip
+    is not busy, and locks the register again."""
     at, held = f"{options.address:#x}", f"[mrw {options.address:#x}]"
     wanted, ours = f"{options.value:#x}", f"{options.mask | options.start | options.lock:#x}"
     writes = [
@@ -223,7 +231,8 @@ def options_steps(options: boards.ProbeOptions) -> list[str]:
 
 
 def expect_options(plan: Plan, output: str) -> None:
-    """Raises FlashError unless the option bytes were read back as they are wanted."""
+    """Raises FlashError if the option bytes that were read back differ from the required option
+    bytes."""
     options = plan.probe.options
     if options is None:
         return
@@ -243,7 +252,7 @@ def expect_openocd() -> None:
 
 
 def find_probe(plan: Plan) -> tuple[str, str]:
-    """(probe, chip) as texts, nothing changed on the chip. Raises FlashError."""
+    """Returns (probe, chip) as texts without a change of the chip. Raises FlashError."""
     probe = plan.probe
     output = run(
         probe,
@@ -272,7 +281,7 @@ def find_probe(plan: Plan) -> tuple[str, str]:
 
 
 def write(plan: Plan) -> None:
-    """Erases, writes, verifies and resets the chip. Raises FlashError."""
+    """Erases, writes, verifies and resets the chip with openocd. Raises FlashError."""
     output = run(plan.probe, command(plan))
     if "** Verified OK **" not in output:
         raise FlashError("openocd: expected `Verified OK`; " + last_line(output))
@@ -280,7 +289,7 @@ def write(plan: Plan) -> None:
 
 
 def run(probe: boards.Probe, words: Sequence[str]) -> str:
-    """Runs openocd and returns its output. Raises FlashError with the reason of a failure."""
+    """Runs openocd and returns its output. Raises FlashError with the reason if openocd fails."""
     done = subprocess.run(
         words,
         stdin=subprocess.DEVNULL,
@@ -300,7 +309,8 @@ def run(probe: boards.Probe, words: Sequence[str]) -> str:
 
 
 def last_line(output: str) -> str:
-    """The last error in the output of openocd, otherwise its last line."""
+    """Returns the last error line in the output of openocd. Without an error line, returns the last
+    line."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")]
     return "last output: " + (errors or lines or ["nothing"])[-1]

@@ -1,4 +1,5 @@
-"""Images of the firmware as files (.elf, .hex, .bin): their contents of flash and their identity.
+"""Image files of the firmware (.elf, .hex, .bin): the bytes for the flash memory, and the version
+and board that an image contains.
 
 The identity is a structure that every port places in flash; firmware/port/identity.h defines it.
 """
@@ -13,65 +14,69 @@ from forceaxis.errors import ParameterError
 
 IDENTITY_MAGIC = b"FAXI"
 IDENTITY_STRUCT = struct.Struct("<4sI16s16sI16s")
-ARM_MACHINE, LINKED_TYPE, LOADED_SEGMENT = 40, 2, 1  # ELF: e_machine, e_type, p_type
-BYTES_MAX = 16 << 20  # no larger file is an image: reading one by mistake ends soon
+# values of the fields e_machine, e_type, p_type of an ELF file
+ARM_MACHINE, LINKED_TYPE, LOADED_SEGMENT = 40, 2, 1
+# largest size of an image file in bytes; a larger file is refused before it is read completely
+BYTES_MAX = 16 << 20
 
 
 class Identity(NamedTuple):
-    """The identity in an image: version, git revision, object table, board."""
+    """The identity that an image contains: firmware version, git revision, hash of the object
+    table, name of the board."""
 
     version: str
     git: str
-    table_hash: str  # eight digits, as objects.OBJECTS_HASH begins
+    table_hash: str  # the first eight digits of objects.OBJECTS_HASH
     board: str
 
 
 class Segment(NamedTuple):
-    """Bytes of flash from an address on."""
+    """Consecutive bytes of the flash memory that begin at `address`."""
 
     address: int
     data: bytes
 
     @property
     def end(self) -> int:
-        """The first address behind the segment."""
+        """The address after the last byte of the segment."""
         return self.address + len(self.data)
 
 
 class Image(NamedTuple):
-    """An image file: its contents of flash."""
+    """The content of an image file: the bytes for the flash memory."""
 
     path: Path
     kind: str  # elf, hex or bin
-    address: int | None  # of a .bin, which has none of its own
-    segments: tuple[Segment, ...]  # in the order of their addresses, apart from each other
+    address: int | None  # start address of a .bin file; None for other kinds
+    segments: tuple[Segment, ...]  # in ascending order of addresses, with gaps between the segments
 
     @property
     def size(self) -> int:
-        """Bytes of all segments."""
+        """Number of bytes in all segments."""
         return sum(len(s.data) for s in self.segments)
 
     def moved(self, address: int) -> "Image":
-        """The image of a .bin file, moved to begin at `address`."""
+        """Returns the image of a .bin file with `address` as its start address."""
         by = address - (self.address or 0)
         segments = tuple(Segment(s.address + by, s.data) for s in self.segments)
         return self._replace(address=address, segments=segments)
 
     def word(self, address: int) -> int | None:
-        """The 32-bit word at `address`; None where the image has no bytes."""
+        """Returns the 32-bit word at `address`, or None if the image does not contain all of its
+        bytes."""
         for s in self.segments:
             if s.address <= address and address + 4 <= s.end:
                 return int.from_bytes(s.data[address - s.address :][:4], "little")
         return None
 
     def has_byte(self, address: int) -> bool:
-        """Whether the image has a byte at `address`."""
+        """Returns True if the image contains a byte for `address`."""
         return any(s.address <= address < s.end for s in self.segments)
 
 
 def load(path: Path | str, address: int | None = None) -> Image:
-    """The image in a file, whose suffix is its kind; a .bin begins at `address`, by default at 0.
-    Raises InputError, OSError."""
+    """Reads an image file, whose suffix selects its format. `address` is the start address of a
+    .bin file, by default 0. Raises InputError, OSError."""
     path = Path(path)
     kind = path.suffix.lower().lstrip(".")
     if kind not in READERS:
@@ -85,7 +90,7 @@ def load(path: Path | str, address: int | None = None) -> Image:
     data = path.read_bytes()
     if kind == "bin":
         address = address or 0
-        if data.startswith(b"\x7fELF"):  # openocd would read it as one
+        if data.startswith(b"\x7fELF"):  # without this check openocd would read the file as ELF
             raise InputError(
                 f"{path}: expected a binary image, the file is an ELF file; rename it to .elf"
             )
@@ -98,8 +103,8 @@ def load(path: Path | str, address: int | None = None) -> Image:
 
 
 def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
-    """The segments in the order of their addresses; neighbours become one segment. Raises
-    InputError for two bytes with the same address."""
+    """Returns the segments in ascending order of addresses, with adjacent segments joined. Raises
+    InputError if two segments contain the same address."""
     runs: list[list[Segment]] = []
     for s in sorted(segments):
         end = runs[-1][-1].end if runs else -1
@@ -115,13 +120,13 @@ def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
 
 
 def read_bin(_path: Path, data: bytes, address: int | None) -> list[Segment]:
-    """The whole file, as one segment at `address`."""
+    """Returns the whole file as one segment that begins at `address`."""
     return [Segment(address or 0, data)] if data else []
 
 
 def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
-    """The bytes that a loader writes: the part of the file of every PT_LOAD entry, at its physical
-    address."""
+    """Returns the bytes of all PT_LOAD entries of an ELF file, which a loader writes to the
+    physical addresses of these entries."""
     if not data.startswith(b"\x7fELF"):
         raise InputError(f"{path}: expected an ELF file")
     try:
@@ -154,20 +159,21 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
 
 
 class HexRecord(NamedTuple):
-    """A record of Intel HEX."""
+    """A record of a file in the format Intel HEX."""
 
-    address: int  # its lower 16 bits
+    address: int  # lower 16 bits of the address
     kind: int
     data: bytes
 
 
 DATA_RECORD, END_RECORD, SEGMENT_RECORD, LINEAR_RECORD = 0, 1, 2, 4
-START_RECORDS = (3, 5)  # start addresses, which the vector table contains too
+# types of records with a start address; the vector table also contains this address
+START_RECORDS = (3, 5)
 
 
 def hex_record(where: str, line: bytes) -> HexRecord:
-    """The record :nnaaaattdd..cc in a line of Intel HEX. Raises InputError, whose text begins with
-    `where`."""
+    """Decodes a line of an Intel HEX file, which is a record :nnaaaattdd..cc. Raises InputError
+    with a text that begins with `where`."""
     try:
         record = bytes.fromhex(line.decode("ascii").removeprefix(":"))
     except ValueError:
@@ -180,8 +186,8 @@ def hex_record(where: str, line: bytes) -> HexRecord:
 
 
 def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
-    """The data records of Intel HEX; the upper bits of their addresses follow from records of the
-    types 2 and 4."""
+    """Returns the data records of an Intel HEX file. Records of the types 2 and 4 define the upper
+    bits of the addresses of the records that follow."""
     segments: list[Segment] = []
     base, ended = 0, False
     for number, line in enumerate(map(bytes.strip, data.split(b"\n")), 1):
@@ -208,7 +214,8 @@ READERS = {"elf": read_elf, "hex": read_hex, "bin": read_bin}
 
 
 def identity(image: Image) -> Identity:
-    """The identity of an image. Raises InputError unless the image has exactly one identity."""
+    """Returns the identity that an image contains. Raises InputError if the image contains no
+    identity or several identities."""
     found: list[Identity] = []
     for s in image.segments:
         for match in re.finditer(IDENTITY_MAGIC, s.data):
@@ -216,8 +223,8 @@ def identity(image: Image) -> Identity:
             if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
-            # A newer firmware may have more fields. Machine code that contains the magic number is
-            # not followed by such a size.
+            # Newer firmware may append fields to the identity, which contains its size. The magic
+            # number may also occur in machine code, where no valid size follows.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:
@@ -229,5 +236,5 @@ def identity(image: Image) -> Identity:
 
 
 def text(field: bytes) -> str:
-    """The text of a field; a control character becomes "?"."""
+    """Returns the text of a field of the identity, with "?" for each control character."""
     return "".join(chr(b) if 32 <= b < 127 else "?" for b in field.split(b"\0")[0])
