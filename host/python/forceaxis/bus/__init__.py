@@ -1,1 +1,1 @@
-"""Axes on buses: LCM, sessions through the gateway, the monitor, logs."""
+"""Access to axes on buses: LCM messages, commands through a gateway, the monitor, and logs."""

@@ -1,4 +1,5 @@
-"""Assembles a capture of the recorder from the blocks that the gateway publishes."""
+"""Assembles a capture, a recording of the axis, from the message blocks that the gateway
+publishes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,24 +9,25 @@ from forceaxis.objects import BY_NAME
 
 Samples = NDArray[np.float64]
 
-# More samples than any recorder can store, so that a corrupted number allocates no memory.
+# Limit above the size of every recording of the firmware. A corrupted number of samples is
+# therefore refused and allocates no memory.
 SAMPLES_MAX = 1_000_000
 
 
 class Assembly:
-    """One capture: `raw` has the raw values, (samples, signals), and `have` tells which samples
-    were received."""
+    """The samples of one capture. `raw` contains the raw values in the shape (samples, signals),
+    and `have` is True for each sample that was received."""
 
     def __init__(self) -> None:
         self.signals: tuple[str, ...] = ()
         self.raw = np.zeros((0, 0), np.int64)
         self.have = np.zeros(0, np.bool_)
         self.decimation = self.trigger_sample = 0
-        self.first_tick: int | None = None  # of sample 0
+        self.first_tick: int | None = None  # tick of the first sample
         self.newest_us = 0
 
     def take(self, block: axis_capture_t) -> bool:
-        """Adds a block; returns False if the block does not match the earlier blocks."""
+        """Adds a block of samples. Returns False if the block does not match the earlier blocks."""
         shape = (block.total_samples, block.num_signals)
         decimation = self.decimation or max(1, block.decimation)
         stop = block.first_sample + block.num_samples
@@ -41,7 +43,8 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
-        # The size is set first, so that a capture without a received sample misses all samples.
+        # The size is set before samples are copied, so that `missing` is also correct if no sample
+        # arrives.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:
@@ -65,15 +68,16 @@ class Assembly:
         return int((~self.have).sum())
 
     def ticks(self) -> NDArray[np.int64]:
-        """The tick of each sample; the trigger is tick 0 if the gateway reported no tick."""
+        """Returns the tick of each sample. If the gateway reported no tick, the sample at the
+        trigger has tick 0."""
         first = self.first_tick
         if first is None:
             first = -self.trigger_sample * self.decimation
         return first + np.arange(self.total, dtype=np.int64) * self.decimation
 
     def values(self, name: str) -> Samples | NDArray[np.int64]:
-        """A signal in engineering units, (n,), NaN for lost samples; integers if the scale is 1 and
-        no sample was lost."""
+        """Returns a signal in engineering units as an array (n,), with NaN for lost samples. The
+        values are integers if the scale is 1 and no sample was lost."""
         column = self.raw[:, self.signals.index(name)]
         known = BY_NAME.get(name)
         if known is None or known.scale == 1:
@@ -84,13 +88,13 @@ class Assembly:
 
 
 def fits(first_tick: int, samples: int, decimation: int) -> bool:
-    """Whether the tick of each of `samples` samples fits into a 64-bit integer. Ticks of a
-    corrupted message may not fit."""
+    """Checks whether the ticks of all samples fit into 64-bit integers. In a corrupted message they
+    may not fit."""
     ends = first_tick, first_tick + max(0, samples - 1) * decimation
     return all(-(2**63) <= tick < 2**63 for tick in ends)
 
 
 def unit_of(name: str) -> str:
-    """The unit of an object, or "" for an object without a unit."""
+    """Returns the unit of an object, or "" if the object has no unit."""
     known = BY_NAME.get(name)
     return known.unit if known and known.unit != "1" else ""

@@ -1,4 +1,4 @@
-"""Draws line charts for the terminal with braille characters of two by four dots.
+"""Draws line charts in a terminal with braille characters, each of which has two by four dots.
 
 Available widgets need three lines of each chart for its time axis, so that three charts would not
 fit into a terminal of 24 lines.
@@ -15,14 +15,15 @@ from forceaxis.bus.capture_assembly import Samples
 Span = tuple[float, float]  # low, high
 Line = tuple[Samples, Samples, str]  # x, y, colour
 
-# Bit of the dot at (row, column) of a braille character, U+2800 on.
+# Bit that sets the dot at (row, column) of a braille character. The characters begin at U+2800.
 DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uint8)
 
 
 def draw(
     width: int, height: int, lines: Sequence[Line], x_span: Span, y_span: Span
 ) -> list[list[tuple[str, str]]]:
-    """Draws `lines` of (x, y, colour) as rows of (character, colour); the first line is on top.
+    """Draws `lines`, a list of (x, y, colour), as rows of (character, colour). The first line
+    covers the others.
 
     NaN interrupts a line. Points outside the spans are not drawn.
     """
@@ -47,20 +48,21 @@ def draw(
 def _pixels(
     x: Samples, y: Samples, x_span: Span, y_span: Span, columns: int, rows: int
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """(columns, rows) of the dots of a line that joins the samples, as far as they are in the
-    picture."""
+    """Returns (columns, rows) of the dots of a line through the samples, without the dots outside
+    the chart."""
     if not x.size:
         return np.zeros(0, int), np.zeros(0, int)
     fx = (x - x_span[0]) / (x_span[1] - x_span[0]) * (columns - 1)
     fy = (y_span[1] - y) / (y_span[1] - y_span[0]) * (rows - 1)
     good = np.isfinite(fx) & np.isfinite(fy)
-    # Clipped before rasterising: a value far outside would need millions of dots.
+    # Values are limited before dots are computed, because a value far outside needs millions of
+    # dots.
     fx, fy = np.clip(fx, -columns, 2 * columns), np.clip(fy, -rows, 2 * rows)
     px = np.rint(np.where(good, fx, 0)).astype(int)
     py = np.rint(np.where(good, fy, 0)).astype(int)
     joined = good[:-1] & good[1:]
     steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
-    # The dots of each segment without its end, then the dots of all samples.
+    # First the dots of each line segment without its end point, then the dots of all samples.
     which = np.repeat(np.arange(len(steps)), steps)
     part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     share = part / np.maximum(steps[which], 1)
@@ -72,8 +74,8 @@ def _pixels(
 
 
 def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
-    """(low, high): round numbers that include all finite values, with a difference of at least
-    `least`."""
+    """Returns (low, high), two round numbers whose range includes all finite values. Their
+    difference is at least `least`."""
     values = [a[np.isfinite(a)] for a in arrays]
     values = [v for v in values if v.size]
     low = min((float(v.min()) for v in values), default=0.0)
@@ -86,17 +88,17 @@ def span(arrays: Iterable[Samples], least: float = 1.0) -> Span:
 
 
 def _step(rough: float) -> float:
-    """The smallest number of the sequence 1, 2, 5, 10, ... that is not below `rough`."""
+    """Returns the smallest number of the sequence 1, 2, 5, 10, ... that is at least `rough`."""
     ten = 10.0 ** np.floor(np.log10(rough))
     return float(next(ten * k for k in (1, 2, 5, 10) if ten * k >= rough * 0.999))
 
 
 def number(value: float, digits: int = 6) -> str:
-    """Short text of a number for a label."""
+    """Returns a number as a short text for a label of a chart."""
     return f"{value:.{digits}g}"
 
 
-SCALE_WIDTH = 9  # characters left of a chart, for the ends of its scale
+SCALE_WIDTH = 9  # number of characters on the left of a chart for the labels of its scale
 
 
 def panel(
@@ -108,8 +110,8 @@ def panel(
     style: str = "",
     least: float = 1.0,
 ) -> Text:
-    """A chart with its title and the limits of its scale on the left, as a Text of `height` lines.
-    `lines` as in draw(); they have the same scale."""
+    """Returns a chart as a Text of `height` lines, with the title and the two end values of the
+    scale on the left. `lines` is a list as in draw(); all lines have the same scale."""
     inner, rows = max(1, width - SCALE_WIDTH), max(1, height - 1)
     y_span = span([np.asarray(y, float) for _, y, _ in lines], least)
     text = title.copy()
@@ -130,7 +132,8 @@ def panel(
 
 
 def time_axis(width: int, seconds: float, right: str = "now") -> Text:
-    """The line of text below charts with the times at their left end and in their middle."""
+    """Returns the line of text below a chart that states the times at the left end and in the
+    middle."""
     inner = max(1, width - SCALE_WIDTH)
     left = f"-{seconds:g} s"
     middle = f"-{seconds / 2:g} s"

@@ -1,4 +1,5 @@
-"""Sends commands to an axis through its gateway over LCM and waits for the acknowledgements.
+"""Sends commands to an axis through its gateway over LCM, and waits until the axis acknowledges
+them.
 
     from forceaxis.bus.client import AxisClient
 
@@ -40,18 +41,19 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.words import suggestion
 
-LATE_BLOCKS_WAIT_S = 1.0  # time for blocks of a capture that arrive after its final event
-SILENCE_S = 1.0  # a gateway publishes states in shorter intervals
+# time in s in which blocks of a capture may still arrive after the event that ends the capture
+LATE_BLOCKS_WAIT_S = 1.0
+SILENCE_S = 1.0  # time in s; a running gateway publishes states of each axis more often
 
 T = TypeVar("T")
-Value = float | str  # in engineering units, or the text of an enumeration
+Value = float | str  # engineering value, or the text of an enumeration
 ADDRESS = re.compile(r"0x[0-9a-fA-F]{1,4}(:[0-9]{1,3})?")
 
 
 class Refused(Exception):
-    """The axis or the connection refused a command or an access. The text states the reason. `code`
-    is the SDO abort code, 0 if there is none. `event` is the answer of the gateway, None without a
-    gateway."""
+    """Error: the axis or the connection refused a command or an access. The text states the reason.
+    `code` is the SDO abort code, or 0 without an abort code. `event` is the answer of the gateway,
+    or None for a connection without a gateway."""
 
     def __init__(self, text: str, code: int = 0, event: axis_event_t | None = None) -> None:
         super().__init__(text)
@@ -59,13 +61,13 @@ class Refused(Exception):
 
 
 class NoAnswer(TimeoutError):
-    """The axis did not answer, or an expected state or event did not occur within its time
+    """Error: the axis did not answer, or an expected state or event did not occur within the time
     limit."""
 
 
 def object_named(name: str) -> AxisObject | None:
-    """The object of this name, or None if `name` is a CANopen address such as 0x6040:0. Raises
-    InputError for an unknown name."""
+    """Returns the object of this name. Returns None if `name` is a CANopen address such as
+    0x6040:0. Raises InputError for an unknown name."""
     if ADDRESS.fullmatch(name):
         return None
     if name not in BY_NAME:
@@ -77,9 +79,9 @@ def object_named(name: str) -> AxisObject | None:
 
 
 def to_raw(name: str, value: Value) -> int:
-    """Converts an engineering value or the text of an enumeration to a raw value. For a CANopen
-    address the value is already raw. Raises InputError for a value that the object table does not
-    permit."""
+    """Converts an engineering value or the text of an enumeration to a raw value. The value for a
+    CANopen address is already a raw value. Raises InputError for a value outside the range of the
+    object."""
     known = object_named(name)
     if known and isinstance(value, str) and value in texts(known):
         return texts(known)[value]
@@ -103,8 +105,8 @@ def to_raw(name: str, value: Value) -> int:
 
 
 def from_raw(name: str, raw: int) -> Value:
-    """Converts a raw value to the engineering value, which is an integer if the scale is 1, or to
-    the text of an enumeration."""
+    """Converts a raw value to an engineering value or to the text of an enumeration. If the scale
+    is 1, the engineering value is an integer."""
     known = BY_NAME.get(name)
     if known is None:
         return raw
@@ -115,7 +117,7 @@ def from_raw(name: str, raw: int) -> Value:
 
 
 class AxisClient(Closable):
-    """Commands one axis through its gateway and waits for the acknowledgements."""
+    """Sends commands to one axis through its gateway and waits until the axis acknowledges them."""
 
     def __init__(
         self, axis: int, url: str | None = None, timeout_s: float = 2.0, retry_s: float = 0.25
@@ -143,45 +145,45 @@ class AxisClient(Closable):
         return self.write_all({name: value})
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
-        """Writes {name: value} in order, as write(). If a value is refused, the values before it
-        remain written and the values after it are not written. Returns the event that acknowledges
-        the command."""
+        """Writes {name: value} in order. After a refused value, the earlier values remain written
+        and the later values are not written. Returns the event that acknowledges the command."""
         return self.write_raw({name: to_raw(name, value) for name, value in values.items()})
 
     def write_raw(self, values: Mapping[str, int]) -> axis_event_t:
-        """Writes {name: raw value}, otherwise as write_all()."""
+        """Writes {name: raw value} in order; see write_all()."""
         return self._command(axis_command_t.KIND_WRITE, list(values.items()))
 
     def read(self, name: str) -> Value:
-        """Reads one object: engineering value or text of an enumeration; raw value of an
-        address."""
+        """Reads one object and returns an engineering value or the text of an enumeration. For a
+        CANopen address, returns the raw value."""
         return self.read_all([name])[name]
 
     def read_all(self, names: Sequence[str]) -> dict[str, Value]:
-        """Reads {name: value} of several objects. The values belong to one tick if the gateway can
-        read the objects together."""
+        """Reads several objects and returns {name: value}. All values belong to the same tick if
+        the gateway can read these objects together."""
         return {name: from_raw(name, raw) for name, raw in self.read_raw(names).items()}
 
     def read_raw(self, names: Sequence[str]) -> dict[str, int]:
-        """Reads {name: raw value}, otherwise as read_all()."""
+        """Reads several objects and returns {name: raw value}; see read_all()."""
         for name in names:
             object_named(name)
         answer = self._command(axis_command_t.KIND_READ, [(name, 0) for name in names])
         return dict(zip(answer.object, answer.value, strict=True))
 
     def take(self) -> axis_event_t:
-        """Acquires the axis: LCM becomes its command source. The axis remains owned while writes
-        follow within the time of its watchdog."""
+        """Acquires the axis: LCM becomes the command source of the axis. The program stays the
+        owner as long as it writes within the time of the watchdog."""
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self) -> axis_event_t:
-        """Releases the axis; CANopen is then its command source."""
+        """Releases the axis. CANopen then becomes the command source of the axis."""
         return self._command(axis_command_t.KIND_RELEASE)
 
     def capture(
         self, signals: Sequence[str], samples: int = 0, timeout_s: float = 30.0, **settings: Value
     ) -> Assembly:
-        """Records `signals` in each tick and waits for the samples: arm(), then captured().
+        """Records `signals` in each tick and waits for the samples: calls arm() and then
+        captured().
 
         samples 0: as many as the recorder can store. `settings` are further objects of the recorder
         without their prefix: decimation=3, pretrigger=100, trigger_edge="rising",
@@ -190,7 +192,8 @@ class AxisClient(Closable):
         return self.captured(self.arm(signals, samples, **settings), timeout_s)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> int:
-        """Starts a recording as capture() does; returns its number for captured()."""
+        """Starts a recording with the arguments of capture(). Returns the number of the recording,
+        which captured() needs."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:
@@ -202,14 +205,14 @@ class AxisClient(Closable):
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
-        """Loads the incident of the black box, which has these signals, into the recorder; returns
-        the number of this recording for captured()."""
+        """Loads an incident of the black box, which has recorded these signals, into the recorder.
+        Returns the number of this recording, which captured() needs."""
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         return self._command_id
 
     def captured(self, number: int, timeout_s: float = 30.0) -> Assembly:
-        """Waits for the samples of a recording and returns them as capture_assembly.Assembly, whose
-        `missing` is the number of samples that were lost in transit."""
+        """Waits for the samples of a recording and returns a capture_assembly.Assembly, whose
+        `missing` is the number of samples lost between gateway and client."""
 
         def complete() -> Assembly | None:
             held = self._captures.get(number)
@@ -218,7 +221,8 @@ class AxisClient(Closable):
         with self._news:
             found = self._await(lambda: complete() or self._ended(number), timeout_s)
             if found is not None:
-                # Blocks may arrive after the final event; lost blocks never arrive.
+                # Blocks of samples may arrive after the event that ends the capture. A block that
+                # was lost is never sent again.
                 self._await(complete, LATE_BLOCKS_WAIT_S)
             held, ended = self._captures.pop(number, None), self._ended(number)
         if ended and ended.code < 0:
@@ -228,7 +232,7 @@ class AxisClient(Closable):
         return held
 
     def _no_capture(self, timeout_s: float) -> NoAnswer:
-        """The error of a capture that was acknowledged but has no samples."""
+        """Returns the error for a capture that the axis acknowledged but that has no samples."""
         try:
             state = self.read("recorder_state")
         except (NoAnswer, Refused):
@@ -242,7 +246,7 @@ class AxisClient(Closable):
         return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
     def _event_of(self, command_id: int, *kinds: int) -> axis_event_t | None:
-        """The latest event of one of these kinds that belongs to a command of this client."""
+        """Returns the latest event of one of these kinds that answers a command of this client."""
         own = (self._bus.run_id, command_id)
         for _, event in reversed(self._events):
             if event.kind in kinds and (event.command_run_id, event.command_id) == own:
@@ -250,14 +254,14 @@ class AxisClient(Closable):
         return None
 
     def _ended(self, command_id: int) -> axis_event_t | None:
-        """The event that ends a capture of this client."""
+        """Returns the event that ends a capture of this client."""
         return self._event_of(command_id, axis_event_t.EVENT_CAPTURE)
 
     def _command(
         self, kind: int, items: Sequence[tuple[str, int]] = (), signals: Sequence[str] = ()
     ) -> axis_event_t:
-        """Sends a command repeatedly until its acknowledgement arrives, and returns that event.
-        Raises Refused, NoAnswer."""
+        """Sends a command again and again until the event arrives that acknowledges the command,
+        and returns this event. Raises Refused, NoAnswer."""
         self._command_id += 1
         command = axis_command_t()
         command.utime = NOT_AVAILABLE
@@ -304,8 +308,8 @@ class AxisClient(Closable):
         timeout_s: float | None = None,
     ) -> axis_event_t:
         """Waits for an event of `kind` (None: of any kind) for which where(event) is True, and
-        returns it. Events since the latest command count too, so that effects of this command are
-        found. Raises NoAnswer."""
+        returns the event. Events that have arrived since the latest command are also searched,
+        because the command may have caused them. Raises NoAnswer."""
 
         def ready() -> axis_event_t | None:
             for received, event in self._events:
@@ -336,13 +340,13 @@ class AxisClient(Closable):
                 self._heard += 1
             elif isinstance(message, axis_capture_t) and message.command_run_id == self._bus.run_id:
                 self._captures.setdefault(message.command_id, Assembly()).take(message)
-                if len(self._captures) > 16:  # no caller waits for the oldest capture any more
+                if len(self._captures) > 16:  # no caller waits any longer for the oldest capture
                     del self._captures[min(self._captures)]
             self._news.notify_all()
 
     def _await(self, ready: Callable[[], T | None], timeout_s: float) -> T | None:
-        """The first result of ready() that is not None, or None after timeout_s. The caller holds
-        the lock `_news`."""
+        """Returns the first result of ready() that is not None, or None after timeout_s. The caller
+        must hold the lock `_news`."""
         end = time.monotonic() + timeout_s
         while (found := ready()) is None and (remaining := end - time.monotonic()) > 0:
             self._news.wait(remaining)

@@ -1,4 +1,4 @@
-"""Threads that write to the watchdog of an axis or send the heartbeat of its owner."""
+"""Threads that repeatedly write the watchdog of an axis or send the heartbeat of its owner."""
 
 import contextlib
 import socket
@@ -12,9 +12,9 @@ KEEP_PERIOD_S = 0.2
 
 
 class Keeper:
-    """Calls feed() repeatedly in its own thread until close(). feed() returns the time in s until
-    its next call. The thread continues after a refusal or a missing answer, because the other
-    accesses of the owner report them."""
+    """A thread that calls feed() repeatedly until close(). feed() returns the time in s until the
+    next call. A refused or unanswered write does not end the thread, because other accesses of the
+    owner report the error."""
 
     def __init__(self, feed: Callable[[], float]) -> None:
         self._feed, self._stop = feed, threading.Event()
@@ -35,8 +35,8 @@ class Keeper:
 
 
 class HeartbeatKeeper(Keeper):
-    """Sends a CANopen heartbeat, one byte with the identifier `can_id`, every `period_s`. It begins
-    in the constructor.
+    """Sends a CANopen heartbeat, one byte with the identifier `can_id`, every `period_s`. The
+    constructor starts the heartbeat.
 
     On a CAN interface the kernel sends the heartbeat (broadcast manager of SocketCAN). It continues
     for BRIDGED_S after the last call of this thread, because a long call of another thread may
@@ -79,8 +79,8 @@ class HeartbeatKeeper(Keeper):
 
 
 def _broadcast_manager(interface: str | None) -> socket.socket:
-    """A socket for cyclic frames that the kernel sends. Raises OSError if the kernel or the
-    interface does not support them."""
+    """Returns a socket for cyclic frames that the kernel sends. Raises OSError if the kernel or the
+    interface does not support cyclic frames."""
     if interface is None:
         raise OSError
     made = socket.socket(socket.PF_CAN, socket.SOCK_DGRAM, socket.CAN_BCM)
@@ -93,8 +93,8 @@ def _broadcast_manager(interface: str | None) -> socket.socket:
 
 
 def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
-    """The command of linux/can/bcm.h that sends a frame `count` times, the first one at once, every
-    `period_us`."""
+    """Returns the command for the kernel (linux/can/bcm.h) to send a frame `count` times with the
+    period `period_us`. The kernel sends the first frame immediately."""
     set_and_start = socket.CAN_BCM_SETTIMER | socket.CAN_BCM_STARTTIMER
     head = (socket.CAN_BCM_TX_SETUP, set_and_start, count, 0, period_us, 0, 0, can_id, 1)
     frame = struct.pack("=IB3x8s", can_id, len(data), data.ljust(8, b"\0"))
@@ -102,8 +102,9 @@ def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
 
 
 class WatchdogKeeper(Keeper):
-    """Writes the value of the object `watchdog` back several times within the time of the watchdog.
-    Only writes of the owner count, so an axis that another client has acquired is not affected.
+    """Writes the present value of the object `watchdog` several times within the time of the
+    watchdog. The firmware ignores a write that does not come from the owner of the axis, so an axis
+    that another client has acquired is not affected.
 
     read() returns the watchdog in ms, write(ms) writes it; this thread calls both. `unchanged` is
     locked from reading to writing. A caller that changes the watchdog must hold this lock.
@@ -122,7 +123,7 @@ class WatchdogKeeper(Keeper):
 
 
 class GatewayKeeper(WatchdogKeeper):
-    """The WatchdogKeeper for an axis behind a gateway. It has its own client, so that it also works
+    """A WatchdogKeeper for an axis behind a gateway. It has its own client, so that it can write
     while the client of the owner waits for a capture."""
 
     def __init__(self, axis: int, url: str | None) -> None:

@@ -36,7 +36,8 @@ DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 AXES = range(1, 128)
 CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
 
-# Messages that liblcm queues while the thread is busy. Its default of 30 overflows in a burst.
+# Number of messages that liblcm queues while the thread is busy. A burst of messages exceeds the
+# default of liblcm, which is 30.
 QUEUE_MESSAGES = 20_000
 
 M = TypeVar("M", bound=Message)
@@ -49,7 +50,8 @@ _TYPES: dict[str | None, type[Message]] = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
-# Includes the messages of the lock-step, because a log may contain them; the monitor ignores them.
+# These types include the messages of the lock-step, because a log may contain them. The monitor
+# ignores these messages.
 _BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()
@@ -59,12 +61,12 @@ _CHANNEL = re.compile(r"AXIS_([1-9][0-9]{0,2})_(STATE|COMMAND|EVENT|CAPTURE)|SIM
 
 
 class Undecodable(Exception):
-    """Data of another type than that of its channel."""
+    """Error: the data have another message type than the type of their channel."""
 
 
 def channel_of(name: str) -> tuple[int | None, str | None]:
-    """(number of the axis or None, kind) of the name of a channel; (None, None) for a channel of
-    another program."""
+    """Returns (number of the axis or None, kind) from the name of a channel. Returns (None, None)
+    for a channel of another program."""
     match = _CHANNEL.fullmatch(name)
     if not match or int(match[1] or 1) not in AXES:
         return None, None
@@ -72,15 +74,16 @@ def channel_of(name: str) -> tuple[int | None, str | None]:
 
 
 def type_of(channel: str, data: bytes = b"") -> type[Message] | None:
-    """The message type of a channel by its name, otherwise by the fingerprint at the beginning of
-    the data; None for a type of another program."""
+    """Returns the message type of a channel. The name of the channel selects the type, otherwise
+    the fingerprint at the beginning of the data. Returns None for a message type of another
+    program."""
     return _TYPES.get(channel_of(channel)[1]) or _BY_FINGERPRINT.get(bytes(data[:8]))
 
 
 def decode(channel: str, data: bytes) -> Message:
-    """Decodes a message. Raises Undecodable for data of an unknown or another type. Control
-    characters in its texts are replaced, because any program on the bus can write them and a
-    terminal would execute them."""
+    """Decodes a message. Raises Undecodable if the data have an unknown or a wrong type. Control
+    characters in texts of the message are replaced, because any program on the bus can send them
+    and a terminal would execute them."""
     carried = type_of(channel, data)
     if carried is None:
         raise Undecodable(f"{channel}: expected a channel of forceaxis")
@@ -93,12 +96,13 @@ def decode(channel: str, data: bytes) -> Message:
                 several = isinstance(value, list)
                 setattr(message, name, list(map(printable, value)) if several else printable(value))
         return message
-    except Exception as error:  # generated code may raise any exception for other bytes
+    except Exception as error:  # the generated code can raise any exception for wrong data
         raise Undecodable(f"{channel}: expected {carried.__name__}, got another type") from error
 
 
 def blank(message_type: type[M]) -> M:
-    """A message whose integers are NOT_AVAILABLE, except wall_utime, which is the present time."""
+    """Returns a message with the value NOT_AVAILABLE in all integers except wall_utime, which is
+    the present time."""
     message = message_type()
     for name, kind in zip(message_type.__slots__, message_type.__typenames__, strict=True):
         if kind == "int64_t" and not isinstance(getattr(message, name), list):
@@ -120,12 +124,12 @@ def default_url() -> str:
 
 
 def connect(url: str | None = None) -> lcm.LCM:
-    """Connects to an LCM bus. Raises InputError, whose text states the remedy in one line."""
+    """Connects to an LCM bus. Raises InputError with a text of one line that states the remedy."""
     url = url or default_url()
     _expect_route(url)
     if "\0" in url:
         raise ParameterError("url", f"expected an LCM URL such as {DEFAULT_URL}")
-    # liblcm prints its errors to file descriptor 2, in up to a dozen lines.
+    # liblcm prints up to a dozen lines about an error to file descriptor 2.
     with tempfile.TemporaryFile() as errors:
         saved = os.dup(2)
         try:
@@ -145,7 +149,7 @@ def _expect_route(url: str) -> None:
     """Raises InputError for a multicast URL if the machine has no route to its group."""
     match = re.match(r"udpm://([0-9.]+)(?::([0-9]+))?", url)
     if not match or not 0 < int(match[2] or 7667) < 65536:
-        return  # liblcm reports the error in the URL
+        return  # liblcm reports an error in the URL
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((match[1], int(match[2] or 7667)))
@@ -158,25 +162,27 @@ def _expect_route(url: str) -> None:
 
 @dataclass
 class _Run:
-    """Sequence numbers of the messages of one publisher."""
+    """The sequence number that is expected next from one publisher, and the numbers of missing
+    messages."""
 
     next_seq: int
     missing: set[int] = field(default_factory=set)
 
 
 class Gaps:
-    """Counts messages that are lost, duplicated or late, by their run_id and sequence number."""
+    """Counts lost, duplicated and late messages by their run_id and sequence number."""
 
-    MISSING_KEPT = 4096  # numbers of missing messages, to recognise a late message
+    # largest number of missing sequence numbers that are stored to recognise late messages
+    MISSING_KEPT = 4096
 
     def __init__(self) -> None:
         self.received = self.lost = self.doubled = self.late = self.restarts = 0
-        self.rivals = False  # True: two publishers send on this channel
+        self.rivals = False  # True if two publishers send on this channel
         self._runs: dict[int, _Run] = {}
         self._latest: int | None = None
 
     def take(self, run_id: int, seq: int) -> bool:
-        """Counts one message; returns False for a duplicate."""
+        """Counts one message. Returns False if the message is a duplicate."""
         run = self._runs.get(run_id)
         if run is None:
             self.restarts += bool(self._runs)
@@ -186,7 +192,7 @@ class Gaps:
             self.received += 1
             return True
         if run_id != self._latest:
-            # An earlier publisher of this channel still sends.
+            # An earlier publisher of this channel is still sending.
             self.rivals, self._latest = True, run_id
         missing = run.missing
         if seq >= run.next_seq:
@@ -207,7 +213,7 @@ class Gaps:
 
 
 class Closable(abc.ABC):
-    """A connection that a `with` block closes at its end."""
+    """A connection to an LCM bus that a `with` block closes at its end."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -222,13 +228,13 @@ class Closable(abc.ABC):
 
 class Bus(Closable):
     """A connection with its own thread, which calls handle(channel, data, wall_us) for each
-    message. data: bytes; wall_us: time of reception in us since 1970."""
+    message. data: bytes of the message; wall_us: time of reception in us since 1970."""
 
     def __init__(
         self, url: str | None, handle: Callable[[str, bytes, int], None], channels: str = CHANNELS
     ) -> None:
         self.url = url or default_url()
-        self.trouble: str | None = None  # the error that ended the thread
+        self.trouble: str | None = None  # text of the error that ended the thread
         self._lcm, self._handle, self._run = connect(self.url), handle, True
         self._seq: dict[str, int] = {}
         self._run_id, self._lock = new_run_id(), threading.Lock()
@@ -242,8 +248,8 @@ class Bus(Closable):
         return self._run_id
 
     def publish(self, channel: str, message: Message) -> None:
-        """Publishes a message with the run_id of this connection, the next sequence number of the
-        channel and the present time."""
+        """Publishes a message on a channel. The message gets the run_id of this connection, the
+        next sequence number of the channel and the present time."""
         with self._lock:
             message.run_id = self._run_id
             message.seq = self._seq.get(channel, 0)
@@ -262,6 +268,6 @@ class Bus(Closable):
         while self._run:
             try:
                 self._lcm.handle_timeout(100)
-            except Exception as error:  # reported by the user of this connection
+            except Exception as error:  # the user of this connection reports the error
                 self.trouble = f"{self.url}: {error}"
                 return

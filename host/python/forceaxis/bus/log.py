@@ -1,4 +1,4 @@
-"""Writes, reads and summarises LCM logs in the format of lcm-logger.
+"""Writes, reads and summarises log files of LCM messages in the format of lcm-logger.
 
 The reader of liblcm stops at the first damaged byte without a message. This reader continues at the
 next entry and reports the number of skipped bytes.
@@ -19,13 +19,14 @@ from forceaxis.bus.lcm import Gaps, Undecodable, channel_of, decode, type_of
 
 SYNC_MARK = 0xEDA1DA01
 SYNC_BYTES = struct.pack(">I", SYNC_MARK)
-# mark, number of the entry, time in us since 1970, bytes of the channel's name, bytes of the data
+# Header of a log entry: sync mark, number of the entry, time in us since 1970, size of the
+# channel's name in bytes, size of the data in bytes.
 HEADER = struct.Struct(">IqqII")
 LONGEST_CHANNEL, LONGEST_DATA = 255, 1 << 28
 
 
 class LogEntry(NamedTuple):
-    """One received message of a log."""
+    """One message in a log: time of reception, channel and data."""
 
     wall_us: int
     channel: str
@@ -34,8 +35,8 @@ class LogEntry(NamedTuple):
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """The messages of one channel of a log. The numbers of lost and repeated messages are None for
-    a channel of another program."""
+    """Counts and rate of the messages of one channel of a log. The numbers of lost and repeated
+    messages are None for a channel of another program."""
 
     type: str | None
     count: int
@@ -50,19 +51,19 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """The contents of a log: `forceaxis log info --json`."""
+    """Summary of a log, the result of `forceaxis log info --json`."""
 
     file: Path
     messages: int
     span_s: float
     start_wall_us: int
     damage: str | None
-    channels: dict[str, ChannelSummary]  # in the order of axes and names
+    channels: dict[str, ChannelSummary]  # channels sorted by axis and name
 
 
 @dataclass
 class _ChannelCount:
-    """Numbers of one channel while a log is read."""
+    """Message counts of one channel, updated while a log is read."""
 
     first_us: int
     last_us: int = 0
@@ -73,7 +74,7 @@ class _ChannelCount:
     gaps: Gaps = field(default_factory=Gaps)
 
     def summary(self) -> ChannelSummary:
-        """The numbers as a result."""
+        """Returns the message counts as a result."""
         span_s = (self.last_us - self.first_us) / 1e6
         ours = self.type is not None
         return ChannelSummary(
@@ -91,7 +92,7 @@ class _ChannelCount:
 
 class LogWriter:
     """Writes a log that lcm-logplayer and other LCM tools can read. The file is flushed twice a
-    second, so that a killed process loses few messages."""
+    second, so that few messages are lost if the process is killed."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count = path, 0
@@ -120,8 +121,8 @@ class LogWriter:
 
 
 class LogReader:
-    """Iterates over the entries of a log. Afterwards `damage` describes skipped bytes in one line,
-    or is None."""
+    """Iterates over the entries of a log. After the iteration, `damage` describes skipped bytes in
+    one line, or is None without skipped bytes."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.count, self.skipped, self.cut = path, 0, 0, False
@@ -144,7 +145,7 @@ class LogReader:
                 sane = (
                     mark == SYNC_MARK and name_size <= LONGEST_CHANNEL and data_size <= LONGEST_DATA
                 )
-                # A corrupted length would hide the entries that follow.
+                # A corrupted length would skip correct entries that follow.
                 if sane and stop <= size and self._whole(data, start, stop):
                     self.count += 1
                     at, middle = stop, start + name_size
@@ -159,14 +160,15 @@ class LogReader:
 
     @staticmethod
     def _whole(data: memoryview, start: int, stop: int) -> bool:
-        """Whether an entry ends at `stop`: another entry or the end of the file follows, or no
-        entry begins between `start` and `stop`."""
+        """Checks whether an entry ends at `stop`: another entry or the end of the file follows
+        there, or no other entry begins between `start` and `stop`."""
         follows = bytes(data[stop : stop + 4])
         return SYNC_BYTES.startswith(follows) or _find(data, start, stop) < 0
 
     @property
     def damage(self) -> str | None:
-        """The number of skipped bytes as one line of text; None if no byte was skipped."""
+        """Returns one line of text with the number of skipped bytes, or None if no byte was
+        skipped."""
         if not self.skipped:
             return None
         what = "is cut off" if self.cut else "is damaged"
@@ -177,8 +179,8 @@ class LogReader:
 
 
 def _find(data: memoryview, start: int, stop: int) -> int:
-    """The position of the next entry between `start` and `stop`, or -1. The data are searched in
-    pieces, because a log may be large."""
+    """Returns the position of the next entry between `start` and `stop`, or -1 without an entry.
+    The data are searched in pieces, because a log may be large."""
     piece = 1 << 20
     while start < stop:
         found = bytes(data[start : min(stop, start + piece + 3)]).find(SYNC_BYTES)
@@ -193,18 +195,18 @@ def _why(error: Exception) -> str:
 
 
 def expect_messages(reader: LogReader) -> None:
-    """Raises InputError for a log without a message."""
+    """Raises InputError if a log contains no message."""
     if not reader.count:
         raise no_messages(reader)
 
 
 def no_messages(reader: LogReader) -> InputError:
-    """The error of a log without a message."""
+    """Returns the error for a log that contains no message."""
     return InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
 
 
 def info(path: Path) -> LogSummary:
-    """Channels, counts, time span and lost messages of a log."""
+    """Returns the summary of a log: channels, counts, time span and lost messages."""
     reader, counts = LogReader(path), dict[str, _ChannelCount]()
     for entry in reader:
         seen = counts.setdefault(entry.channel, _ChannelCount(entry.wall_us))

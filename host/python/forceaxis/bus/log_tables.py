@@ -1,4 +1,4 @@
-"""Tables of the messages of an LCM log, as CSV and NPZ."""
+"""Exports the messages of an LCM log as tables in CSV and NPZ files."""
 
 import csv
 from array import array
@@ -30,12 +30,13 @@ from forceaxis.objects import BY_NAME
 
 Row = dict[str, int | float | str | None]
 Table = dict[str, NDArray[Any]]
-Column = MutableSequence[Any]  # an array of integers or doubles, or a list of texts
+# values of a column: an array of integers or doubles, or a list of texts
+Column = MutableSequence[Any]
 
 
 @dataclass(frozen=True)
 class WrittenTable:
-    """The files of one exported table, its number of rows and the names of its columns."""
+    """One exported table: its files, its number of rows and the names of its columns."""
 
     files: list[str]
     rows: int
@@ -51,12 +52,12 @@ class ExportSummary:
     messages: int
     damage: str | None
     undecodable: int
-    not_exported: list[str]  # channels of other programs
+    not_exported: list[str]  # names of channels of other programs
     tables: list[WrittenTable]
 
 
 class Columns:
-    """A table to which rows of {column: value} are added. A missing value remains empty."""
+    """A table that grows by rows of {column: value}. A missing value leaves an empty field."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -64,7 +65,8 @@ class Columns:
 
     def add(self, row: Row) -> None:
         for name, value in row.items():
-            # the column also exists without a value, so that tables of one message type are equal
+            # a column is also created without a value, so that all tables of a message type have
+            # equal columns
             if value is None:
                 self._columns.setdefault(name, array("q"))
                 continue
@@ -80,8 +82,8 @@ class Columns:
         self.rows += 1
 
     def arrays(self) -> Table:
-        """{column: array}. A column of numbers has integers if no value is missing, otherwise
-        doubles with NaN."""
+        """Returns {column: array}. An array of numbers contains integers if no value is missing,
+        otherwise doubles with NaN for a missing value."""
         made: Table = {}
         for name, column in self._columns.items():
             kind = _kind(column)
@@ -102,8 +104,8 @@ def _kind(column: Column | None) -> str | None:
 
 
 def _changed(column: Column | None, wanted: str | None) -> Column:
-    """Converts a column so that it can contain values of another kind: a column of doubles also
-    contains integers, a column of texts contains all values."""
+    """Converts a column if a new value has another kind: a column of integers to doubles, and a
+    column of numbers to texts."""
     if column is None:
         return [] if wanted is None else array(wanted)
     if wanted == "d":
@@ -112,7 +114,7 @@ def _changed(column: Column | None, wanted: str | None) -> Column:
 
 
 class _Exporter:
-    """Collects the tables of a log while its messages are read."""
+    """Collects the messages of a log in tables while the log is read."""
 
     def __init__(self) -> None:
         self.tables: dict[str, Columns] = {}
@@ -122,7 +124,7 @@ class _Exporter:
         self.undecodable = 0
 
     def take(self, entry: LogEntry) -> None:
-        """Adds the message of one entry to its table."""
+        """Adds the message of a log entry to the table of its channel."""
         if type_of(entry.channel, entry.data) is None:
             self.others.add(entry.channel)
             return
@@ -132,7 +134,7 @@ class _Exporter:
             self.undecodable += 1
             return
         if not self.gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
-            return  # a duplicated datagram
+            return  # the network delivered this message twice
         _, kind = channel_of(entry.channel)
         if kind == "CAPTURE" and isinstance(message, axis_capture_t):
             key = (entry.channel, message.run_id, message.capture_id)
@@ -150,7 +152,7 @@ class _Exporter:
             self.tables.setdefault(channel, Columns()).add(row)
 
     def named(self) -> dict[str, Table]:
-        """{name: table}; the tables of the captures of a channel are numbered."""
+        """Returns {name: table}. The tables of several captures on one channel are numbered."""
         numbers: dict[str, int] = {}
         named = {channel: table.arrays() for channel, table in self.tables.items()}
         for (channel, _, _), held in self.captures.items():
@@ -161,14 +163,15 @@ class _Exporter:
 
 
 def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> ExportSummary:
-    """Writes tables of a log into folder `out`."""
+    """Writes all tables of a log to the folder `out`."""
     reader, exporter = LogReader(path), _Exporter()
     for entry in reader:
         exporter.take(entry)
     expect_messages(reader)
     written = []
     for name, columns in sorted(exporter.named().items()):
-        files = [f"{quote(name, safe=' ')}.{kind}" for kind in kinds]  # a channel may be named a/b
+        # the name of a channel may contain "/"
+        files = [f"{quote(name, safe=' ')}.{kind}" for kind in kinds]
         with paths.replacing(out, *files) as places:
             for kind, place in zip(kinds, places, strict=True):
                 (write_csv if kind == "csv" else write_npz)(place, columns)
@@ -186,8 +189,9 @@ def export(path: Path, out: Path, kinds: Sequence[str] = ("csv", "npz")) -> Expo
 
 
 def message_row(message: Message, wall_us: int) -> Row:
-    """The fields of a message as a row. The name of a field contains its unit. The further objects
-    of the message follow under their names, then texts for numbers that are codes."""
+    """Returns the fields of a message as a row of a table. Names of columns contain the unit. After
+    the fields follow further objects of the message by name, and texts for fields with numbered
+    states."""
     row: Row = {"received_wall_us": wall_us}
     for name, kind in zip(message.__slots__, message.__dimensions__, strict=True):
         value = getattr(message, name)
@@ -211,7 +215,7 @@ def message_row(message: Message, wall_us: int) -> Row:
 
 
 def event_word(kind: int) -> str:
-    """The kind of an event as text, such as "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
+    """Returns the kind of an event as text, such as "heartbeat lost" for EVENT_HEARTBEAT_LOST."""
     for name, value in vars(axis_event_t).items():
         if name.startswith("EVENT_") and value == kind:
             return name.removeprefix("EVENT_").lower().replace("_", " ")
@@ -219,7 +223,7 @@ def event_word(kind: int) -> str:
 
 
 def state_words(state: axis_state_t) -> dict[str, str]:
-    """State, modes, fault and limit of an axis as texts; a text is empty if the value is not
+    """Returns state, modes, fault and limit of an axis as texts, with "" for a value that is not
     available."""
     texts = {
         "drive_state": (state.statusword, state_names.drive_state),
@@ -232,7 +236,7 @@ def state_words(state: axis_state_t) -> dict[str, str]:
 
 
 def truth_rows(message: sim_truth_t) -> Iterator[Row]:
-    """The samples of a sim_truth_t block as rows in SI."""
+    """Returns the samples of a sim_truth_t message as rows in SI units."""
     names = [_with_unit(n, u) for n, u in zip(message.signal, message.unit, strict=True)]
     for i, values in enumerate(message.value):
         tick = message.first_tick + i * message.decimation
@@ -242,8 +246,8 @@ def truth_rows(message: sim_truth_t) -> Iterator[Row]:
 
 
 def capture_columns(held: Assembly) -> Table:
-    """The columns of a capture: tick, time in s, and each signal in engineering units, with the
-    unit in its name. Samples that were lost in transit are NaN."""
+    """Returns the columns of a capture: tick, time in s, and each signal in engineering units with
+    the unit in its name. Samples that the network lost are NaN."""
     ticks = held.ticks()
     columns = {"tick": ticks, "time_s": ticks / TICKS_PER_SECOND}
     for name in held.signals:
@@ -252,8 +256,9 @@ def capture_columns(held: Assembly) -> Table:
 
 
 def column_name(name: str) -> str:
-    """The name of an object with its unit: force_count, velocity_count_per_tick. A name without a
-    unit or with the unit at its end, such as dac_code, is unchanged."""
+    """Returns the name of an object with its unit, such as force_count or velocity_count_per_tick.
+    The name is unchanged if the object has no unit or if the name already ends with the unit, such
+    as dac_code."""
     return _with_unit(name, unit_of(name))
 
 
@@ -272,7 +277,8 @@ def _engineering(name: str, raw: int) -> float | None:
 
 
 def write_csv(path: Path, columns: Table) -> None:
-    """Writes a table as CSV. A NaN becomes an empty field; doubles have all digits."""
+    """Writes a table as CSV. A NaN becomes an empty field, and doubles are written with all
+    digits."""
 
     def texts(values: NDArray[np.generic]) -> list[str]:
         exact = values.dtype.kind == "f"

@@ -1,4 +1,5 @@
-"""Shows axes live in the terminal (`forceaxis monitor`). The program writes nothing to an axis."""
+"""The terminal program `forceaxis monitor`, which shows the state of axes live. It sends nothing to
+an axis."""
 
 import contextlib
 import math
@@ -39,7 +40,8 @@ REFRESH_PERIOD_S = 0.2
 
 
 class Monitor(App[None]):
-    """Shows the axes of one source: panels of all axes above, charts of the selected axis below."""
+    """The screen for the axes of one source: a panel for each axis above, charts of the selected
+    axis below."""
 
     TITLE = "forceaxis monitor"
     ENABLE_COMMAND_PALETTE = False
@@ -79,7 +81,7 @@ class Monitor(App[None]):
         self.source, self.watched, self.only, self.chosen = source, watch, axis, axis
         self.folder = Path(folder or ".")
         self.codes, self.may_record = codes, may_record
-        self.frozen: str | None = None  # the time of day at which the display was frozen
+        self.frozen: str | None = None  # time of day at which the user stopped the display, or None
         self.span_s, self.capture_shown = 20, False
         self._captures_seen: dict[int, int] = {}
         self._started, self.panel_height = time.monotonic(), FULL
@@ -111,7 +113,8 @@ class Monitor(App[None]):
         self.draw_head()
 
     def watch_app_focus(self, focused: bool) -> None:
-        if not focused:  # the keys are also shown before the user has clicked the page
+        # a page in a browser shows the keys also before the user has clicked the page
+        if not focused:
             self.app_focus = True
             self.refresh_bindings()
 
@@ -177,7 +180,7 @@ class Monitor(App[None]):
             self.draw()
 
     def draw(self) -> None:
-        # A timer may still fire while the screen is being closed.
+        # The timer may call this function while the screen closes.
         with contextlib.suppress(NoMatches):
             self._draw()
 
@@ -219,8 +222,8 @@ class Monitor(App[None]):
         self.draw_chart(now)
 
     def arrange(self, shown: Sequence[int], width: int, room: int) -> None:
-        """Sets the number of columns and the largest height of the panels that leaves enough lines
-        for the charts."""
+        """Sets the number of columns of the panels and their largest height so that enough lines
+        remain for the charts."""
         grid = self.query_one("#panels", Grid)
         there = {p.number for p in self.query(AxisPanel)}
         for number in shown:

@@ -1,5 +1,5 @@
-"""The received data of each axis: latest state, history for charts, events, captures, lost
-messages.
+"""Received data of each axis for the monitor: latest state, history for the charts, events,
+captures, and numbers of lost messages.
 
 The thread of a connection or a replayed log adds the messages, and the monitor reads the data. One
 lock protects all data.
@@ -27,9 +27,10 @@ from forceaxis.bus.messages import (
 )
 from forceaxis.results import json_field
 
-HISTORY_STATES = 12_000  # number of states for the charts: two minutes at 100 per second
-STALE_AFTER_S = 1.0  # an axis without a message for this long is shown as silent
-RATE_WINDOW_S = 3.0  # span of time over which the message rate is computed
+# number of states stored for the charts: two minutes at 100 states per second
+HISTORY_STATES = 12_000
+STALE_AFTER_S = 1.0  # time in s; an axis that sends no message for this time is shown as silent
+RATE_WINDOW_S = 3.0  # time span in s over which the rate of messages is computed
 
 COMMAND_KINDS = {
     axis_command_t.KIND_WRITE: "write",
@@ -40,10 +41,11 @@ COMMAND_KINDS = {
 }
 VOLT_PER_CODE = 20 / 4096  # of the DAC
 T = TypeVar("T")
-# {unit of CiA 303-2: (unit that is shown, its number in one unit)}: metre, radian, degree.
+# {unit of CiA 303-2: (displayed unit, number of displayed units in one unit)} for metre, radian and
+# degree.
 POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
-REPETITION_MARK = " x"  # in the text of a routine event, before the number of its repetitions
-# Kinds of events that are shown as alarms.
+REPETITION_MARK = " x"  # text in a repeated event before the number of repetitions
+# Kinds of events that the monitor shows as alarms.
 ALARM_EVENTS = {
     axis_event_t.EVENT_REFUSED,
     axis_event_t.EVENT_EMCY,
@@ -55,13 +57,13 @@ ALARM_EVENTS = {
 
 
 def known(value: T) -> T | None:
-    """The value of a message, or None if it is not available."""
+    """Returns the value of a field of a message, or None if the value is not available."""
     return None if value == NOT_AVAILABLE else value
 
 
 @dataclass(frozen=True)
 class AxisSnapshot:
-    """The state of an axis as texts and numbers. A value that is not available is None.
+    """The state of an axis as texts and numbers. A value is None if it is not available.
 
     position, target_position and velocity_per_s are in position_unit (mm, deg, user unit or count).
     """
@@ -107,7 +109,7 @@ class AxisSnapshot:
 
 @dataclass(frozen=True)
 class ClockSnapshot:
-    """The clock of the simulator. `speed` is simulated time divided by real time."""
+    """The clock of the simulator. `speed` is the ratio of simulated time to real time."""
 
     tick: int | None
     state: str
@@ -117,7 +119,7 @@ class ClockSnapshot:
 
 @dataclass(frozen=True)
 class WatchedEvent:
-    """One line of the list of events; axis None: the event belongs to no axis."""
+    """One line of the list of events. `axis` is None if the event belongs to no axis."""
 
     wall_us: int
     axis: int | None
@@ -127,7 +129,7 @@ class WatchedEvent:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The state of all axes at one moment."""
+    """State of all axes, and the latest events, at one moment."""
 
     axes: dict[str, AxisSnapshot]
     clock: ClockSnapshot | None
@@ -139,18 +141,18 @@ class Snapshot:
 
 
 def text(value: int, words: Callable[[int], T]) -> T | None:
-    """words(value), or None if the value is not available."""
+    """Returns words(value), or None if the value is not available."""
     return None if known(value) is None else words(value)
 
 
 def volt(code: int) -> float:
-    """The voltage of a DAC code."""
+    """Returns the voltage in V of a DAC code."""
     return code * VOLT_PER_CODE
 
 
 @dataclass(frozen=True)
 class TraceColumns:
-    """The states of a span of time, (n,) each, nan for a value that is not available: time in s
+    """History of one axis as arrays (n,), with NaN for a value that is not available: time in s
     since 1970, forces in the unit of AxisWatch.forces(), positions in encoder counts."""
 
     time_s: Samples
@@ -164,7 +166,8 @@ class TraceColumns:
 
 
 class Trace:
-    """The last HISTORY_STATES states. A row has the order of TraceColumns."""
+    """Buffer for the last HISTORY_STATES states. The columns of a row have the order of
+    TraceColumns."""
 
     def __init__(self) -> None:
         columns = len(dataclasses.fields(TraceColumns))
@@ -178,14 +181,15 @@ class Trace:
         self._end += 1
 
     def since(self, time_s: float) -> TraceColumns:
-        """The states from time_s on, copied."""
+        """Returns a copy of the states from time_s to the present."""
         rows = self._rows[max(0, self._end - HISTORY_STATES) : self._end]
         rows = rows[np.searchsorted(rows[:, 0], time_s) :].copy()
         return TraceColumns(*rows.T)
 
 
 class AxisWatch:
-    """The received data of one axis. `state` is the latest axis_state_t or None."""
+    """Received data of one axis. `state` is the latest axis_state_t, or None before the first
+    message."""
 
     def __init__(self, number: int, mm_per_count: float | None = None) -> None:
         self.number, self.mm_per_count = number, mm_per_count
@@ -194,7 +198,8 @@ class AxisWatch:
         self.trace = Trace()
         self.gaps: dict[str, Gaps] = {}
         self.arrivals: deque[int] = deque(maxlen=1000)
-        self.capture: tuple[tuple[int, int], Assembly] | None = None  # ((run, number), samples)
+        # the latest capture: ((run_id, number), samples)
+        self.capture: tuple[tuple[int, int], Assembly] | None = None
         self.captures = 0
 
     def take_state(self, state: axis_state_t, wall_us: int) -> None:
@@ -218,14 +223,14 @@ class AxisWatch:
         )
 
     def _heard(self) -> axis_state_t:
-        """The latest state. Raises LookupError before the first one."""
+        """Returns the latest state. Raises LookupError before the first state."""
         if self.state is None:
             raise LookupError(f"axis {self.number}: no state was received")
         return self.state
 
     def forces(self) -> tuple[float | None, float | None, str]:
-        """(force, target, unit): in N if the scale or the rated force is known, otherwise in
-        counts. A value that is not available is None."""
+        """Returns (force, target force, unit). The unit is N if the scale or the rated force is
+        known, otherwise the count. A force is None if it is not available."""
         state = self._heard()
         count, share = known(state.force_cnt_q8), known(state.force_permille)
         wanted, rated = self.force_wanted(), known(state.rated_force_mN)
@@ -240,14 +245,14 @@ class AxisWatch:
         return force, target, "N" if in_newtons else unit
 
     def more(self) -> dict[str, int]:
-        """{name: raw value} of the further objects in the state."""
+        """Returns {name: raw value} of the additional objects that the latest state contains."""
         state = self._heard()
         return dict(zip(state.more_name, state.more_value, strict=True))
 
     def length(self) -> tuple[str, float]:
-        """(unit of lengths, number of these units in one position unit of the axis). The unit
-        follows from 60A8h, otherwise it is mm if the encoder of a model is known, otherwise the
-        count of the encoder."""
+        """Returns (unit of lengths, number of these units in one position unit of the axis). Object
+        60A8h selects the unit. Without 60A8h the unit is mm if the encoder of a model is known,
+        otherwise the encoder count."""
         more = self.more() if self.state else {}
         if more.get("feed"):
             exponent, unit = divmod(more.get("position_unit", 0) >> 16, 256)
@@ -257,8 +262,8 @@ class AxisWatch:
         return ("mm", self.mm_per_count) if self.mm_per_count else ("count", 1)
 
     def force_wanted(self) -> int | None:
-        """The demanded force of the active mode of operation in per mille of the rated force; None
-        in a mode that does not control the force."""
+        """Returns the demanded force of the active mode of operation in per mille of the rated
+        force. Returns None in a mode that does not control the force."""
         state = self._heard()
         if known(state.mode_display) not in (None, *state_names.FORCE_MODES):
             return None
@@ -268,8 +273,8 @@ class AxisWatch:
         return demand
 
     def position_target(self) -> int | None:
-        """The demanded position of the active mode of operation in counts; None in a mode that
-        controls the force."""
+        """Returns the demanded position of the active mode of operation in counts. Returns None in
+        a mode that controls the force."""
         state = self._heard()
         mode = known(state.mode_display)
         if mode in state_names.PROFILE_MODES:
@@ -278,37 +283,37 @@ class AxisWatch:
         return known(state.target_position_cnt) if in_position else None
 
     def age_s(self, now_us: float) -> float | None:
-        """Age of the values of the drive in s: time since the reception of the message, plus the
-        age in the message."""
+        """Returns the age of the drive's values in s: the time since reception of the message plus
+        the age that the message states."""
         if self.received_us is None:
             return None
         return max(0, now_us - self.received_us + (known(self._heard().age_us) or 0)) / 1e6
 
     def rate(self, now_us: float) -> float:
-        """Received states per second over the last RATE_WINDOW_S."""
+        """Returns the number of received states per second, over the last RATE_WINDOW_S."""
         recent = [t for t in self.arrivals if t > now_us - RATE_WINDOW_S * 1e6]
         if len(recent) < 2 or recent[-1] == recent[0]:
             return 0.0
         return (len(recent) - 1) / ((recent[-1] - recent[0]) / 1e6)
 
     def lost(self) -> int:
-        """Number of messages from the gateway of this axis that were lost; commands of clients do
-        not count."""
+        """Returns the number of lost messages from the gateway of this axis. Lost commands of
+        clients are not included."""
         return sum(g.lost for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def rivals(self) -> bool:
         return any(g.rivals for kind, g in self.gaps.items() if kind != "COMMAND")
 
     def mismatch(self) -> str | None:
-        """Text that names the object tables of the firmware and of this program if they differ,
-        otherwise None."""
+        """Returns a text with the object tables of the firmware and of this program if the two
+        tables differ, otherwise None."""
         theirs = self.state and known(self.state.objects_hash)
-        if not theirs or theirs == TABLE_HASH:  # 0: not read yet
+        if not theirs or theirs == TABLE_HASH:  # 0: the table hash was not read yet
             return None
         return f"object table {theirs:08x} in the firmware, {TABLE_HASH:08x} here"
 
     def words(self, now_us: float) -> AxisSnapshot | None:
-        """The latest state as texts and numbers; None before the first state."""
+        """Returns the latest state as texts and numbers, or None before the first state."""
         state = self.state
         if state is None:
             return None
@@ -364,9 +369,9 @@ class AxisWatch:
 
 
 class Watch:
-    """The received data of all axes. Ages refer to `now_us`, the present time or the time in a
-    replayed log, in us since 1970. mm_per_count: size of an encoder count of axes without user
-    units."""
+    """Received data of all axes. `now_us` is the present time, or the time within a replayed log,
+    in us since 1970; ages are relative to `now_us`. `mm_per_count` is the size of an encoder count
+    for axes without user units."""
 
     def __init__(self, mm_per_count: float | None = None) -> None:
         self.mm_per_count = mm_per_count
@@ -375,7 +380,7 @@ class Watch:
         self.clock: sim_clock_t | None = None
         self.events: deque[WatchedEvent] = deque(maxlen=500)
         self.received = self.undecodable = 0
-        self.gaps: dict[str, Gaps] = {}  # of the simulator's channels
+        self.gaps: dict[str, Gaps] = {}  # lost messages of each channel of the simulator
 
     def axis(self, number: int) -> AxisWatch:
         if number not in self.axes:
@@ -424,9 +429,9 @@ class Watch:
                 self._take_capture(self.axis(number), message, wall_us)
 
     def _routine(self, wall_us: int, number: int | None, text: str) -> None:
-        """Adds a command of a client or its acknowledgement to the events. A repeated command, such
-        as the write to the watchdog, is one line with the number of repetitions, so that other
-        events remain visible."""
+        """Adds a command of a client, or the answer to a command, to the list of events. A repeated
+        command, such as the write to the watchdog, stays one line with the number of repetitions,
+        so that other events remain visible."""
         for i, event in enumerate(self.events):
             base, _, count = event.text.rpartition(REPETITION_MARK)
             if event.alarm or event.axis != number or text not in (base, event.text):
@@ -448,8 +453,8 @@ class Watch:
     def snapshot(
         self, source: str, now_us: float, axis: int | None = None, trouble: str | None = None
     ) -> Snapshot:
-        """The state of all axes or of one axis. source: name of the source of the messages;
-        trouble: the error that ended the source."""
+        """Returns the state of all axes, or of one axis. source: name of the source of the
+        messages; trouble: text of the error that ended the source."""
         with self.lock:
             return Snapshot(
                 axes={
@@ -482,7 +487,7 @@ def clock_word(clock: sim_clock_t) -> str:
 
 
 def command_text(command: axis_command_t) -> str:
-    """A command as one line of text, such as "write force_gain=1792"."""
+    """Returns a command as one line of text, such as "write force_gain=1792"."""
     words = [COMMAND_KINDS.get(command.kind, f"command kind {command.kind}")]
     if command.kind == axis_command_t.KIND_READ:
         words += command.object

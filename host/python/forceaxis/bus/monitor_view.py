@@ -1,4 +1,4 @@
-"""The monitor's display of an axis: its panel, strip charts and captures as coloured text."""
+"""Draws panels of axes, charts and captures as coloured text for the monitor."""
 
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from forceaxis.bus.monitor_state import (
     TraceColumns,
 )
 
-# Heights of a panel with its border, in lines.
+# Numbers of lines of a panel of an axis, including its border.
 FULL, COMPACT, SLIM = 8, 4, 3
 
 GOOD, WARN, BAD, QUIET = "#5fd7a7", "#e5c07b", "#ff5f5f", "#8a8a8a"
@@ -34,7 +34,7 @@ STATE_COLOURS = {
 
 
 def signed(value: float | None, unit: str = "", digits: int | None = None) -> str:
-    """A number as text with thin spaces between groups of three digits; "-" without a number."""
+    """Returns a number as text with thin spaces between groups of three digits, or "-" for None."""
     if value is None:
         return "-"
     text = f"{value:,.{digits}f}" if digits is not None else f"{value:,}"
@@ -42,8 +42,8 @@ def signed(value: float | None, unit: str = "", digits: int | None = None) -> st
 
 
 def spread(width: int, left: Text, right: Text) -> Text:
-    """One line of `width` characters with `left` at its beginning, which may be cut, and `right` at
-    its end."""
+    """Returns a line of `width` characters with the text `left` at its beginning and the text
+    `right` at its end. `left` is shortened if the line is too short."""
     room = width - left.cell_len - right.cell_len
     if room < 1:
         left = left.copy()
@@ -53,10 +53,11 @@ def spread(width: int, left: Text, right: Text) -> Text:
 
 
 class AxisPanel(Static):
-    """The panel of one axis: state, mode of operation, fault, values, active limit."""
+    """The panel of one axis, which shows state, mode of operation, fault, values and active
+    limit."""
 
     class Chosen(Message):
-        """The panel was clicked."""
+        """Event: the user has clicked the panel."""
 
         def __init__(self, number: int) -> None:
             super().__init__()
@@ -72,7 +73,7 @@ class AxisPanel(Static):
     def show(
         self, words: AxisSnapshot | None, silent_s: float, height: int, chosen: bool, codes: bool
     ) -> None:
-        """Draws the state of the axis; `words` is None before the first state."""
+        """Draws the state of the axis in the panel. `words` is None before the first state."""
         width = max(10, self.content_size.width)
         silent = words is None or silent_s > STALE_AFTER_S
         state = (words and words.drive_state) or "no state yet"
@@ -124,7 +125,7 @@ def fault_text(words: AxisSnapshot) -> Text:
     if fault in (None, "none"):
         if not code:
             return Text("fault -" if fault is None else "no fault", style=QUIET)
-        # an error of the drive profile or of a bus, no fault of the axis
+        # an error of the drive profile or of a bus that is not a fault of the axis
         return Text(f"FAULT {state_names.emergency(code)}", f"bold {BAD}")
     return Text(f"FAULT {fault}" + (f" {code:04X}h" if code else ""), f"bold {BAD}")
 
@@ -157,7 +158,7 @@ def force_value(words: AxisSnapshot, codes: bool) -> str:
 
 
 def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
-    """(name, position, speed): of the axis in its unit, or of the encoder in counts."""
+    """Returns (name, position, speed), in the position unit of the axis or in encoder counts."""
     unit = words.position_unit
     if codes or unit == "count":
         speed = signed(words.velocity_cnt_per_s, "count/s")
@@ -168,7 +169,7 @@ def position_values(words: AxisSnapshot, codes: bool) -> tuple[str, str, str]:
 
 
 def command_values(words: AxisSnapshot, codes: bool) -> tuple[str, str]:
-    """(command of the law, output) as voltage or DAC codes."""
+    """Returns (command of the control law, output) as voltages or as DAC codes."""
     if codes:
         return signed(words.command_code, "code"), signed(words.dac_code, "code")
     return signed(words.command_V, "V", 3), signed(words.output_V, "V", 3)
@@ -201,7 +202,8 @@ def full(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 def trouble_text(words: AxisSnapshot) -> Text:
-    """The first of fault, limit cycle and active limit that is present, otherwise the contact."""
+    """Returns a text about the first condition that is present: fault, limit cycle, active limit,
+    contact."""
     if words.fault not in (None, "none") or words.error_code:
         return fault_text(words)
     if words.limit_cycle:
@@ -212,7 +214,8 @@ def trouble_text(words: AxisSnapshot) -> Text:
 
 
 def numbers(words: AxisSnapshot, codes: bool) -> Text:
-    """Force, position and output in one line; codes: as counts and codes with names."""
+    """Returns force, position and output in one line. codes: True for counts and codes with their
+    names."""
     if codes:
         force = "-" if words.force_cnt is None else f"{words.force_cnt:.2f}"
         return Text.assemble(
@@ -243,21 +246,21 @@ def slim(words: AxisSnapshot, width: int, codes: bool) -> list[Text]:
 
 
 class StripChart(NamedTuple):
-    """One chart over time with two lines, which have the same scale."""
+    """A chart over time with two lines on the same scale."""
 
     name: str
     unit: str
     actual: Samples
     target: Samples
     legend: tuple[str, str]
-    least_span: float  # of the scale, in the unit
+    least_span: float  # smallest range of the scale, in the unit of the chart
 
 
 def strip_charts(
     axis: AxisWatch, width: int, height: int, now_us: float, span_s: float, codes: bool = False
 ) -> Text:
-    """Charts of force, position and command over the last span_s seconds; a low terminal shows
-    fewer charts."""
+    """Charts of force, position and command over the last span_s seconds. A terminal with few lines
+    shows fewer charts."""
     now = now_us / 1e6
     data = axis.trace.since(now - span_s)
     time_s = data.time_s - now
@@ -286,7 +289,7 @@ def strip_charts(
 
 
 def plots_of(axis: AxisWatch, data: TraceColumns, codes: bool) -> list[StripChart]:
-    """The charts of force, position and command."""
+    """Returns the charts of force, position and command."""
     force = axis.forces()[2] if axis.state else ""
     forces = data.force, data.force_target
     if codes:
@@ -304,7 +307,7 @@ def plots_of(axis: AxisWatch, data: TraceColumns, codes: bool) -> list[StripChar
 
 
 def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
-    """Interrupts a line where several consecutive messages are missing."""
+    """Interrupts the line of a chart where several consecutive messages are missing."""
     if len(time_s) < 3:
         return time_s, values
     steps = np.diff(time_s)
@@ -313,8 +316,8 @@ def broken(time_s: Samples, values: Samples) -> tuple[Samples, Samples]:
 
 
 def capture_chart(axis: AxisWatch, width: int, height: int) -> Text:
-    """Charts of the signals of the latest capture over the time in ms from the trigger; a low
-    terminal shows fewer signals."""
+    """Charts of the signals of the latest capture, over the time in ms from the trigger. A terminal
+    with few lines shows fewer signals."""
     if axis.capture is None:
         return Text("capture: none yet", style=QUIET)
     (_, number), held = axis.capture

@@ -1,4 +1,4 @@
-"""Shows the screen of the monitor in browsers, with the server of Textual.
+"""Serves the screen of the monitor to web browsers with the server of Textual.
 
 Each page runs its own process (`python -m forceaxis.bus.monitor_web`), a monitor that cannot
 record. A page loads nothing from other servers.
@@ -26,8 +26,9 @@ from forceaxis._core import InputError
 from forceaxis.results import from_json, to_json
 
 PAGE = Path(__file__).with_name("monitor.html")
-PAGES_MAX = 8  # largest number of open pages; each page is a process
-QUIT_TIMEOUT_S = 3.0  # time in which a process ends after a request
+# largest number of pages that are open at the same time; each page has its own process
+PAGES_MAX = 8
+QUIT_TIMEOUT_S = 3.0  # longest time in s that a process may need to end after a request
 POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "frame-ancestors 'none'"
@@ -39,7 +40,7 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """Settings of the screen of a page, which its process receives as JSON."""
+    """Settings for the screen of a page, which the process of the page receives as JSON."""
 
     url: str | None
     axis: int | None
@@ -50,11 +51,11 @@ class MonitorSettings:
 
 
 class AddressError(InputError):
-    """The server cannot listen at this address and port."""
+    """Error: the server cannot listen at this address and port."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address or name is reachable from this machine only."""
+    """Returns True if only this machine can reach the address or name."""
     if host == "localhost":
         return True
     try:
@@ -64,7 +65,7 @@ def is_loopback(host: str) -> bool:
 
 
 def authority(url: str) -> tuple[str, str]:
-    """(host with its port, host) of a URL. Raises HTTPBadRequest for an invalid URL."""
+    """Returns (host with port, host) of a URL. Raises HTTPBadRequest for an invalid URL."""
     try:
         parts = urlsplit(url)
         return parts.netloc, parts.hostname or ""
@@ -73,18 +74,18 @@ def authority(url: str) -> tuple[str, str]:
 
 
 class Screen(AppService):
-    """The process of one page; `stop` returns when the process has ended, so that pages that are
-    opened and closed in a loop never have more processes than PAGES_MAX."""
+    """The process of one page. `stop` returns after the process has ended, so that never more than
+    PAGES_MAX processes run, even if pages are opened and closed quickly."""
 
     async def stop(self) -> None:
-        """Ask the process to end. Terminate a process that does not end within QUIT_TIMEOUT_S: one
-        that is still starting does not."""
+        """Asks the process to end, and terminates it after QUIT_TIMEOUT_S, because a process that
+        is still starting ignores the request."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(super().stop(), QUIT_TIMEOUT_S)
         if (process := self._process) is None:
             return
         if process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):  # it has ended by now
+            with contextlib.suppress(ProcessLookupError):  # the process may already have ended
                 process.terminate()
         await process.wait()
 
@@ -93,7 +94,7 @@ textual_server.AppService = Screen  # type: ignore[misc]  # the server has no ot
 
 
 class MonitorServer(textual_server.Server):
-    """Serves one page and its screens; a request from a page of another site is refused."""
+    """Serves one page and its screens. Refuses a request from a page of another web site."""
 
     def __init__(self, settings: MonitorSettings, host: str, port: int) -> None:
         command = [sys.executable, "-m", "forceaxis.bus.monitor_web", json.dumps(to_json(settings))]
@@ -113,8 +114,8 @@ class MonitorServer(textual_server.Server):
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuses a request for a foreign host name that resolves to this machine, and a request
-        from a page of another site."""
+        """Refuses a request for an unknown host name that a name server resolves to this machine,
+        and a request from a page of another web site."""
         _, host = authority(f"//{request.host}")
         origin = request.headers.get("Origin")
         foreign = origin is not None and authority(origin)[0] != request.host
@@ -145,8 +146,8 @@ class MonitorServer(textual_server.Server):
             task.cancel()
 
     async def run(self, ready: Callable[[str], None]) -> int:
-        """Serves until SIGINT or SIGTERM and returns the number of the signal. Calls ready(url) as
-        soon as the server listens."""
+        """Serves the monitor until SIGINT or SIGTERM, and returns the number of the signal. Calls
+        ready(url) when the server begins to listen."""
         loop = asyncio.get_running_loop()
         ended: asyncio.Future[int] = loop.create_future()
 
@@ -168,8 +169,8 @@ class MonitorServer(textual_server.Server):
 
 
 def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str], None]) -> int:
-    """Serves the monitor until SIGINT or SIGTERM and returns the number of the signal. Raises
-    AddressError."""
+    """Serves the monitor to web browsers until SIGINT or SIGTERM, and returns the number of the
+    signal. Raises AddressError."""
     logging.getLogger("textual-serve").setLevel(logging.CRITICAL)
     try:
         return asyncio.run(MonitorServer(settings, host, port).run(ready))
@@ -181,7 +182,7 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
 
 
 def main() -> None:
-    """The process of one page. It ends when the page is closed or when the server ends."""
+    """Runs the process of one page, which ends when the page is closed or the server ends."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
     from forceaxis.bus.monitor import Monitor
     from forceaxis.bus.monitor_state import Watch

@@ -1,4 +1,5 @@
-"""Sources of the messages of a monitor: a live bus, which can be recorded, or a replayed log."""
+"""Sources of messages for a monitor: a live bus, whose messages can be recorded, or a log that is
+replayed."""
 
 import threading
 import time
@@ -12,14 +13,15 @@ from forceaxis.bus.monitor_state import Watch
 
 
 class LiveSource:
-    """Passes the messages of a bus to `watch`, in the thread of the connection."""
+    """Source of messages from a live bus, which passes each message to `watch` in the thread of the
+    connection."""
 
     replayed = ended = False
 
     def __init__(self, watch: Watch, url: str | None = None, axis: int | None = None) -> None:
         self.watch, self.url = watch, url or default_url()
         self.writer: LogWriter | None = None
-        self.unwritten: str | None = None  # the error that ended a recording
+        self.unwritten: str | None = None  # text of the error that ended a recording
         self._lock = threading.Lock()
         which = "[0-9]+" if axis is None else str(axis)
         channels = f"(AXIS_{which}_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
@@ -41,19 +43,20 @@ class LiveSource:
             if self.writer:
                 try:
                     self.writer.write(channel, data, wall_us)
-                except OSError as error:  # a full disk ends the recording, not the monitor
+                # an error such as a full disk ends only the recording; the monitor continues
+                except OSError as error:
                     path, self.writer = self.writer.path, None
                     self.unwritten = f"recording ended: {paths.display(path)}: {error.strerror}"
         self.watch.take(channel, data, wall_us)
 
     def record(self, path: Path) -> None:
-        """Begins to record the messages in a new file. Raises InputError if the file exists."""
+        """Starts to record the messages in a new file. Raises InputError if the file exists."""
         writer = LogWriter(path)
         with self._lock:
             self.writer, self.unwritten = writer, None
 
     def stop_recording(self) -> LogWriter | None:
-        """Ends the recording and returns its LogWriter; None without a recording."""
+        """Ends the recording and returns its LogWriter. Returns None if no recording is active."""
         with self._lock:
             writer, self.writer = self.writer, None
         if writer:
@@ -69,8 +72,8 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Passes the messages of a log to `watch` at `speed` times the rate of their reception; speed
-    None: without waiting."""
+    """Source of messages from a log, which passes them to `watch` at `speed` times their original
+    rate. Without a speed (None) it does not wait between messages."""
 
     replayed = True
     writer: LogWriter | None = None
@@ -101,7 +104,7 @@ class ReplaySource:
         self._thread.start()
 
     def play_all(self) -> None:
-        """Passes all messages without waiting, in the thread of the caller."""
+        """Passes all messages of the log without waiting, in the thread of the caller."""
         self.speed = None
         self._play()
 
@@ -112,13 +115,13 @@ class ReplaySource:
         return (self._at_us - self._start_us) / 1e6
 
     def record(self, path: Path) -> None:
-        """Raises InputError, because the messages of a replay are in a log already."""
+        """Raises InputError, because the messages of a replay already are in a log."""
         raise InputError(
             "expected a live bus to record; the messages of a replay are in a log already"
         )
 
     def stop_recording(self) -> LogWriter | None:
-        """Returns None, because a replay is never recorded."""
+        """Returns None, because a replay cannot be recorded."""
         return None
 
     def pause(self, paused: bool) -> None:
@@ -142,7 +145,8 @@ class ReplaySource:
                 clock, ahead = now, (entry.wall_us - self._at_us) / 1e6 / self.speed
                 if ahead <= 0 or not self._run:
                     break
-                # Short sleeps, so that ages advance and a pause or the end takes effect soon.
+                # The sleeps are short, so that the displayed ages stay correct and a pause or the
+                # end of the program acts soon.
                 time.sleep(min(ahead, 0.05))
             if not self._run:
                 return

@@ -1,8 +1,10 @@
-"""Texts for the numbers of a drive: CiA 402 state, mode of operation, EMCY code, enumerations."""
+"""Texts for the numbers of a drive: CiA 402 state, mode of operation, EMCY code and
+enumerations."""
 
 from forceaxis.objects import BY_NAME, AxisObject
 
-# CiA 402: (mask, value, state of the drive); exactly one matches a correct statusword.
+# States of CiA 402: (mask, value, state of the drive). A valid statusword matches exactly one
+# entry.
 STATES = (
     (0x4F, 0x00, "not ready to switch on"),
     (0x4F, 0x40, "switch on disabled"),
@@ -14,14 +16,14 @@ STATES = (
     (0x4F, 0x08, "fault"),
 )
 
-# States in which the amplifier is on.
+# States of CiA 402 in which the amplifier is on.
 POWERED = ("operation enabled", "quick stop active", "fault reaction active")
 
 # Names from the object table.
 MODES = {
     value: text.replace("_", " ") for value, text in BY_NAME["modes_of_operation_display"].values
 }
-# NMT states of a node (CiA 301); the gateway adds -1 for a node that sends nothing.
+# NMT states of a node (CiA 301). The gateway adds -1 for a node that sends no messages.
 NODE_STATES = {
     0: "booting",
     4: "stopped",
@@ -30,14 +32,14 @@ NODE_STATES = {
     -1: "silent",
 }
 
-# (bit, text) of the statusword bits that have the same meaning in each mode of operation.
+# (bit, text) for the bits of the statusword whose meaning does not depend on the mode of operation.
 STATUS_BITS = (
     (7, "warning"),
     (10, "target reached"),
     (11, "internal limit"),
     (14, "stopped by another"),
 )
-# {mode of operation: text} of bits 12 and 13 of the statusword.
+# {mode of operation: texts} for bits 12 and 13 of the statusword.
 BIT_12 = {
     1: "set-point acknowledged",
     3: "speed zero",
@@ -56,7 +58,7 @@ PROFILE_MODES = {-4, 3, 6, 9}
 
 
 def drive_state(statusword: int) -> str:
-    """The CiA 402 state of a statusword, or the number if no state has this pattern."""
+    """Returns the CiA 402 state of a statusword as text, or the number if no state matches."""
     for mask, value, text in STATES:
         if statusword & mask == value:
             return text
@@ -64,8 +66,9 @@ def drive_state(statusword: int) -> str:
 
 
 def condition(statusword: int, fault: str) -> str:
-    """State and fault of a drive as a sentence, such as "it is operation enabled without a fault"
-    or "it has the fault no_contact". fault: the text of the object, "none" without a fault."""
+    """Returns state and fault of a drive as a sentence, such as "it is operation enabled without a
+    fault" or "it has the fault no_contact". fault: the text of the object `fault`, "none" without a
+    fault."""
     state = drive_state(statusword)
     if fault == "none":
         return f"it is {state} without a fault"
@@ -75,7 +78,8 @@ def condition(statusword: int, fault: str) -> str:
 
 
 def status_bits(statusword: int, mode: int | None = None) -> list[str]:
-    """The names of the set bits 7 and 10 to 14 of a statusword in a mode of operation."""
+    """Returns the names of bits 7 and 10 to 14 of a statusword that are set, in a mode of
+    operation."""
     names = [text for bit, text in STATUS_BITS if statusword >> bit & 1]
     for bit, texts in ((12, BIT_12), (13, BIT_13)):
         if statusword >> bit & 1 and mode in texts:
@@ -84,7 +88,7 @@ def status_bits(statusword: int, mode: int | None = None) -> list[str]:
 
 
 def mode(number: int) -> str:
-    """The mode of operation (6061h) as text."""
+    """Returns the mode of operation (object 6061h) as text."""
     return MODES.get(number, f"mode {number}")
 
 
@@ -93,18 +97,20 @@ def node_state(number: int) -> str:
 
 
 def emergency(code: int) -> str:
-    """An EMCY code as text, with its number."""
+    """Returns the text of an EMCY code, with its number."""
     text = _named("error_code", code) if code else "error reset"
     return f"EMCY {code:04X}h {text.replace('_', ' ')}" if text else f"EMCY {code:04X}h"
 
 
 def enum(name: str, raw: int) -> str:
-    """The text of a raw value of an object, or the number if the object has no text for it."""
+    """Returns the text for a raw value of an object, or the number if the object has no text for
+    this value."""
     return _named(name, raw) or str(raw)
 
 
 def texts(known: AxisObject) -> dict[str, int]:
-    """{text: raw value} of an object whose values have names, otherwise empty."""
+    """Returns {text: raw value} for an object whose values have names, otherwise an empty
+    dictionary."""
     return {t: i for i, t in enumerate(known.enum)} | {text: value for value, text in known.values}
 
 

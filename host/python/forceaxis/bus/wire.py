@@ -1,4 +1,5 @@
-"""Checks that bytes are a complete message of an LCM type before the generated code decodes them.
+"""Checks that bytes are a complete message of an LCM type, before the generated code decodes the
+bytes.
 
 The generated code does not check counts. A few bytes that announce 2^31 empty rows would fill the
 memory, and a truncated string would be decoded as a shorter string.
@@ -15,7 +16,7 @@ _SIZES = {
 
 
 class Message(Protocol):
-    """The members of each generated message type."""
+    """The functions and fields that each generated message type has."""
 
     __slots__: ClassVar[list[str]]
     __typenames__: list[str]
@@ -30,24 +31,25 @@ class Message(Protocol):
 
     @classmethod
     def _get_packed_fingerprint(cls) -> bytes:
-        """The first eight bytes of each message of this type."""
+        """Returns the first eight bytes of each message of this type."""
 
     def encode(self) -> bytes:
         """Encodes the message."""
 
 
-# One step through a message: a number of bytes that contain no count; (name, bytes) of a count; or
-# (names of the counts, bytes of one element) of an array, with 0 bytes for strings.
+# One step of reading a message: the size of fields in bytes, which contain no count; (name, size in
+# bytes) of a count; or (names of the counts, size of one element in bytes) of an array. The size of
+# a string is 0.
 Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 
 class Torn(ValueError):
-    """A count or length that does not fit the data."""
+    """Error: a count or length in a message does not fit the size of the data."""
 
 
 @functools.cache
 def _plan(message_type: type[Message]) -> list[Step]:
-    """The steps through a message behind its fingerprint."""
+    """Returns the steps for reading the part of a message that follows the fingerprint."""
     dimensions = message_type.__dimensions__
     counting = {name for each in dimensions if each for name in each}
     steps: list[Step] = []
@@ -67,7 +69,8 @@ def _plan(message_type: type[Message]) -> list[Step]:
 
 
 class _Reader:
-    """Position `at` in the bytes of a message. Its methods raise Torn behind the last byte."""
+    """Reads a message from the position `at`. The methods raise Torn if they would read beyond the
+    last byte."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -91,7 +94,7 @@ class _Reader:
 
 
 def expect_whole(message_type: type[Message], data: bytes) -> None:
-    """Raises Torn unless all counts and lengths match the data and no bytes remain."""
+    """Raises Torn unless all counts and lengths in a message match the size of the data exactly."""
     reader = _Reader(bytes(data))
     counts: dict[str, int] = {}
     reader.skip(8)
@@ -109,7 +112,7 @@ def expect_whole(message_type: type[Message], data: bytes) -> None:
             continue
         elements = math.prod(counts[dimension] for dimension in what)
         if elements == 0 and any(counts[dimension] for dimension in what[:1]):
-            raise Torn("rows of nothing")  # they have no bytes but would cost time and memory
+            raise Torn("rows of nothing")  # rows without bytes would cost time and memory
         if size:
             reader.skip(elements * size)
             continue

@@ -16,7 +16,7 @@ IDENTITY_MAGIC = b"FAXI"
 IDENTITY_STRUCT = struct.Struct("<4sI16s16sI16s")
 # values of the fields e_machine, e_type, p_type of an ELF file
 ARM_MACHINE, LINKED_TYPE, LOADED_SEGMENT = 40, 2, 1
-# largest size of an image file in bytes; a larger file is refused before it is read completely
+# largest size of an image file in bytes; a larger file is refused before it is read
 BYTES_MAX = 16 << 20
 
 
