@@ -1,1 +1,1 @@
-"""One axis over any connection: gateway, CAN, Modbus or simulation."""
+"""Access to one axis over any connection: gateway, CAN, Modbus or simulation."""

@@ -17,20 +17,23 @@ from forceaxis.bus.state_names import POWERED
 from forceaxis.errors import ParameterError
 
 QUICK_STOP = 0x02
-QUICK_STOP_MAX_S = 10.0  # longest duration of a quick stop
-FIRST_DAY = datetime.date(1984, 1, 1)  # of CiA 301's dates
+QUICK_STOP_MAX_S = 10.0  # longest duration of a quick stop in s
+FIRST_DAY = datetime.date(1984, 1, 1)  # first day of dates in CiA 301
 CALIBRATION_POINTS = range(2, 9)
-FORCE_MAX_COUNTS = 512  # of force_max
-COAST_MAX_S = 5.0  # longest time for which a disabled axis may coast
-RETRACT_FORCE_COUNTS = 8  # counts by which the force may exceed its initial value during a retract
-# steps of the target down to 0; longest wait until the force is released
+FORCE_MAX_COUNTS = 512  # largest value of force_max in force counts
+COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
+# force counts by which the force may exceed its initial value during a retract
+RETRACT_FORCE_COUNTS = 8
+# To release the force, the target decreases to 0 in this number of steps, and the axis has this
+# time in s until the force is released.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
-# {mode of operation: the target that sets the force in it}
+# {mode of operation: the object that sets the target force in this mode}
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
-RETRACT_EXTRA_S = 10.0  # time that a retract may take in addition to the time for its distance
-# force counts, a quarter of a signed range: a move ends if the force reaches this value
+RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
+# Force limit of a move in force counts, a quarter of a signed range; a force of this magnitude ends
+# the move.
 MOVE_COUNTS = 32
 
 
@@ -50,7 +53,7 @@ class AxisStatus:
 
 
 def state(axis: Drive) -> AxisStatus:
-    """The present AxisStatus. Raises NoAnswer, Refused."""
+    """Returns the present AxisStatus of an axis. Raises NoAnswer, Refused."""
     now = axis.record(DriveObjects)
     return AxisStatus(
         state=now.state,
@@ -64,10 +67,10 @@ def state(axis: Drive) -> AxisStatus:
 
 
 def stop(axis: Drive) -> AxisStatus:
-    """Commands a quick stop, which acts for every owner, and waits until the axis is disabled, or
-    at standstill if quick_stop_option keeps it enabled; returns its state(). Raises NoAnswer,
-    Refused."""
-    for remaining in (2, 1, 0):  # another master may interrupt a transfer
+    """Commands a quick stop, which also stops an axis that another client owns. Waits until the
+    axis is disabled, or at standstill if quick_stop_option keeps it enabled. Returns the state of
+    the axis. Raises NoAnswer, Refused."""
+    for remaining in (2, 1, 0):  # another CANopen master may interrupt a transfer
         try:
             axis.link.write({"controlword": QUICK_STOP})
             break
@@ -88,7 +91,8 @@ def stop(axis: Drive) -> AxisStatus:
 
 
 def wait_to_stand(axis: Drive) -> None:
-    """Waits while a disabled axis coasts, at most COAST_MAX_S. Raises NoAnswer, Refused."""
+    """Waits until a disabled axis no longer coasts, at most COAST_MAX_S. Raises NoAnswer,
+    Refused."""
     before, passed = None, 0.0
     while (now := axis.read("position")) != before and passed < COAST_MAX_S:
         before = now
@@ -106,14 +110,15 @@ class TareResult:
 
 @dataclass(frozen=True)
 class TareObjects:
-    """Progress of the tare: idle, running, done, or the reason of a failure; latched fault."""
+    """State of the tare (idle, running, done, or the reason of a failure), and the latched
+    fault."""
 
     tare_state: str
     fault: str
 
 
 def tare(axis: Drive) -> TareResult:
-    """Tares a disabled axis at standstill. Raises Refused with the reason from the axis."""
+    """Tares a disabled axis at standstill. Raises Refused with the reason that the axis states."""
     axis.set(tare=1)
     axis.link.wait(POLL_PERIOD_S)
     found = axis.wait_for(
@@ -126,7 +131,7 @@ def tare(axis: Drive) -> TareResult:
 
 
 def reading(axis: Drive, seconds: float = 0.5) -> float:
-    """Mean of the measured force in counts over `seconds` of the axis' time."""
+    """Returns the mean of the measured force in counts over `seconds` in the time of the axis."""
     return statistics.fmean(axis.read("force") for _ in axis.link.polls(seconds))
 
 
@@ -141,7 +146,7 @@ class CalibrationResult:
 
 @dataclass(frozen=True)
 class CalibrationObjects:
-    """Progress of a calibration, linearity error in per mille of the span, force_scale in uN per
+    """State of a calibration, linearity error in per mille of the span, and force_scale in uN per
     8-bit count."""
 
     calibration_state: str
@@ -150,9 +155,9 @@ class CalibrationObjects:
 
 
 def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> CalibrationResult:
-    """Calculates and sets force_scale of a disabled axis from a line through 2 to 8 `points`, each
-    (measured force in counts, reference force in N). Raises InputError, and Refused with the reason
-    from the axis."""
+    """Computes and sets force_scale of a disabled axis from a straight line through 2 to 8
+    `points`. Each point is (measured force in counts, reference force in N). Raises InputError, and
+    Refused with the reason that the axis states."""
     if len(points) not in CALIBRATION_POINTS:
         raise InputError(f"calibrate: expected 2 to 8 calibration points, got {len(points)}")
     values: dict[str, float] = {}
@@ -165,7 +170,7 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
     try:
         axis.set(calibrate=1)
         axis.link.wait(POLL_PERIOD_S)
-    except Refused as error:  # calibration_state contains the reason
+    except Refused as error:  # the object calibration_state contains the reason
         refusal = error
     found = axis.record(CalibrationObjects)
     if refusal or found.calibration_state != "done":
@@ -183,9 +188,9 @@ def calibrate(axis: Drive, points: Sequence[tuple[float, float]]) -> Calibration
 
 @contextlib.contextmanager
 def bounded(axis: Drive, counts: float) -> Iterator[None]:
-    """Context with a lower force limit: a measured force above `counts`, or above force_max if that
-    is less, disables the axis in the same tick. At the end the axis is disabled and force_max is
-    restored."""
+    """Context with a lower limit for the measured force. If the force exceeds `counts`, or
+    force_max if force_max is smaller, the axis is disabled in the same tick. At the end of the
+    context the axis is disabled and force_max is restored."""
     own = axis.read("force_max")
     axis.set(force_max=min(counts, own) if own else counts)
     try:
@@ -196,8 +201,8 @@ def bounded(axis: Drive, counts: float) -> Iterator[None]:
 
 
 def expect_position_gain(axis: Drive) -> None:
-    """Raises Refused for an axis whose position_gain is 0, because it cannot approach or follow a
-    position."""
+    """Raises Refused if position_gain of the axis is 0, because such an axis cannot approach or
+    follow a position."""
     if axis.read("position_gain") == 0:
         raise Refused(
             f"{axis.link.where}: expected a position_gain above 0, the axis neither approaches nor "
@@ -207,7 +212,8 @@ def expect_position_gain(axis: Drive) -> None:
 
 
 def most_counts(axis: Drive, force_max: float | str | None) -> float | None:
-    """A force limit in counts, from "120 N" or counts; None stays None. Raises InputError."""
+    """Converts a force limit such as "120 N" to counts; a number already is in counts, and None
+    stays None. Raises InputError."""
     if force_max is None:
         return None
     try:
@@ -231,11 +237,11 @@ def move(
     timeout_s: float = 60.0,
     counts: float = MOVE_COUNTS,
 ) -> AxisStatus:
-    """Moves to a position in profile position mode and then disables the axis; returns its state()
-    before that. position: in user units of the axis or "10 mm"; speed: in user units per second or
-    "5 mm/s", None: trajectory_velocity; counts: force limit. Raises InputError before the motion if
-    the axis would limit a target; Refused; NoAnswer, which names the fault if the force limit was
-    exceeded."""
+    """Moves to a position in profile position mode and then disables the axis. Returns the state of
+    the axis before it is disabled. position: in user units of the axis or "10 mm"; speed: in user
+    units per second or "5 mm/s", None: trajectory_velocity; counts: force limit. Raises InputError
+    before the motion if the axis would limit a target; Refused; NoAnswer, which names the fault if
+    the force limit was exceeded."""
     expect_position_gain(axis)
     given: dict[str, Value] = {} if speed is None else {"trajectory_velocity": speed}
     settings = expect(axis, {**given, "target_position": position})
@@ -251,8 +257,8 @@ def move(
 
 
 def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
-    """Converts targets and quantities to engineering values and checks that the axis limits none of
-    them. Raises InputError with the bound and its object."""
+    """Converts targets and quantities to engineering values. Raises InputError if the axis would
+    limit a target; the text states the bound and its object."""
     raw = quantity.all_raw(axis, values)
     bounds.expect_raw(axis, raw)
     return {name: from_raw(name, value) for name, value in raw.items()}
@@ -260,8 +266,8 @@ def expect(axis: Drive, values: Mapping[str, Value]) -> dict[str, Value]:
 
 @dataclass(frozen=True)
 class PressOrder:
-    """Options of a press besides its force; see Axis.press(). A value of None has the default that
-    is stated there."""
+    """Options of a press besides its force; see Axis.press(). An option that is None has the
+    default stated there."""
 
     seconds: float = 3.0
     speed: float | str | None = None
@@ -282,8 +288,8 @@ class PressSample:
 
 @dataclass(frozen=True)
 class PressResult:
-    """Measured force of a press: mean, smallest and largest value in the second half of the time,
-    and the peak since the first contact. Positions are in encoder counts."""
+    """Result of a press. Measured force: mean, smallest and largest value in the second half of the
+    time, and the peak since the first contact. Positions are in encoder counts."""
 
     force_count: float
     force_N: float
@@ -291,12 +297,13 @@ class PressResult:
     most_N: float
     peak_N: float
     position: int
-    retracted_position: int | None = None  #: after a retract, otherwise None
+    # state of the axis after a retract; None without a retract
+    retracted_position: int | None = None
 
 
 @dataclass(frozen=True)
 class ContactObjects:
-    """Whether the axis is in contact (1), and the measured force in 8-bit counts."""
+    """The object `contact`, which is 1 in contact, and the measured force in 8-bit counts."""
 
     contact: int
     force: float
@@ -308,8 +315,8 @@ def press(
     order: PressOrder,
     shown: Callable[[PressSample], None] | None = None,
 ) -> PressResult:
-    """Presses with `force` as `order` specifies, then disables the axis. Errors as in Axis.press().
-    shown(sample) is called a few times per second."""
+    """Presses with `force` as `order` specifies, then disables the axis. Raises the errors of
+    Axis.press(). shown(sample) is called a few times per second."""
     speed = order.speed
     expect_position_gain(axis)
     bound = "approach_velocity_max" if force.newton else "touch_velocity_max"
@@ -356,8 +363,8 @@ def press(
 
 
 def _force_bound(axis: Drive, counts: float, force_max: float | str | None) -> float:
-    """Force limit of a press in counts, which has to exceed the force of the press. Raises
-    InputError."""
+    """Returns the force limit of a press in counts, which is larger than the force of the press.
+    Raises InputError."""
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.read("force_max")
     for limit, by, remedy in (
@@ -379,8 +386,9 @@ def _hold(
     target: Mapping[str, Value],
     shown: Callable[[PressSample], None] | None,
 ) -> list[PressSample]:
-    """Samples the axis while it presses; calls shown(sample) a few times per second. Raises Refused
-    if the axis becomes disabled, or if it limits the target because a bound has changed."""
+    """Samples the axis while it presses, and calls shown(sample) a few times per second. Raises
+    Refused if the axis becomes disabled, or if the axis limits the target because a bound has
+    changed."""
     samples: list[PressSample] = []
     was_limited = False
     for _ in axis.link.polls(seconds):
@@ -398,7 +406,8 @@ def _hold(
 
 
 def _distance(axis: Drive, distance: float | str) -> float:
-    """A distance in user units of the axis. Raises InputError."""
+    """Returns a distance in user units of the axis. Raises InputError if the distance is not above
+    0."""
     value = quantity.number(axis, "target_position", str(distance))
     if not value > 0:
         raise InputError(f'retract: expected a distance above 0 as "5 mm", got {distance}')
@@ -406,8 +415,8 @@ def _distance(axis: Drive, distance: float | str) -> float:
 
 
 def retract(axis: Drive, distance: float | str, speed: float | str | None = None) -> AxisStatus:
-    """Moves back from a contact by a distance and disables the axis; returns its state() before
-    that. Arguments and errors as in Axis.retract()."""
+    """Moves the axis back from a contact by a distance and disables it. Returns the state of the
+    axis before it is disabled. Arguments and errors are those of Axis.retract()."""
     expect_position_gain(axis)
     way = _distance(axis, distance)
     if speed is not None:
@@ -422,8 +431,8 @@ def retract(axis: Drive, distance: float | str, speed: float | str | None = None
 
 @dataclass(frozen=True)
 class RetractObjects:
-    """The objects from which a retract follows: velocity and position in user units, forces in
-    8-bit counts."""
+    """Objects from which the motion of a retract is computed: velocity and position in user units,
+    forces in 8-bit counts."""
 
     trajectory_velocity: float
     contact_force: float
@@ -433,9 +442,9 @@ class RetractObjects:
 
 
 def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
-    """Releases the force, if a target presses, then moves in the opposite direction of the force by
-    `way`, measured from the position of the press. Returns the state() there; the axis is still
-    enabled."""
+    """Lowers `target` to 0 if it presses, then moves the axis against the direction of the force to
+    the distance `way` from the position of the press. Returns the state of the axis at the end of
+    the move, where the axis is still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     if speed is None:
         most = axis.read("approach_velocity_max")
@@ -449,13 +458,13 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
     place = round(before.position_actual + sign * way)
     if target:
         _release(axis, target, counts)
-    here = axis.read("position_actual")  # the axis does not move toward the workpiece
+    here = axis.read("position_actual")  # the retract never moves the axis toward the workpiece
     place = max(place, here) if sign > 0 else min(place, here)
     try:
         axis.enable("profile position", trajectory_velocity=per_s)
         try:
             axis.move(place, way / per_s + RETRACT_EXTRA_S)
-        except InputError as error:  # a limit in the way
+        except InputError as error:  # a position limit is within the distance of the retract
             raise Refused(f"{axis.link.where}: it cannot be retracted: {error}") from None
         found = axis.record(ContactObjects)
         if found.contact or abs(found.force) > counts:
@@ -470,8 +479,8 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
 
 
 def _release(axis: Drive, target: str, counts: float) -> None:
-    """Lowers a target to 0 in steps and waits until the measured force is below `counts`. In one
-    step, the contact spring would accelerate the axis away from the workpiece."""
+    """Lowers a target force to 0 in steps and waits until the measured force is below `counts`.
+    With a single step, the contact spring would accelerate the axis away from the workpiece."""
     value = axis.read(target)
     for step in range(1, RELEASE_MAX_STEPS + 1):
         axis.put_back(**{target: value * (1 - step / RELEASE_MAX_STEPS)})

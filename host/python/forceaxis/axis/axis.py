@@ -37,7 +37,8 @@ class OwnerObjects(StatusObjects):
 
 
 class Axis(Drive):
-    """A connected axis. __enter__ acquires it; close() disables and releases it."""
+    """An axis over a connection. A `with` block acquires the axis; close() disables and releases
+    it."""
 
     def __init__(self, link: Link) -> None:
         super().__init__(link)
@@ -45,8 +46,8 @@ class Axis(Drive):
 
     @classmethod
     def sim(cls, experiment: str | Path, overrides: Sequence[str] = (), store: str = "") -> Axis:
-        """The simulated axis of an experiment, in its own time. Raises InputError. Warns if the
-        axis' force scale differs from that of its model."""
+        """Returns the simulated axis of an experiment, which has its own time. Raises InputError.
+        Warns if force_scale of the axis differs from the scale of the sensor in the model."""
         from forceaxis.axis.sim import SimLink
 
         link = SimLink(experiment, overrides, store)
@@ -56,8 +57,8 @@ class Axis(Drive):
 
     @classmethod
     def can(cls, interface: str = "can0", node: int = 1, model: str | Path | None = None) -> Axis:
-        """A node of a CAN interface. model: a file whose encoder gives the size of a count in mm.
-        Raises InputError, NoAnswer."""
+        """Returns the axis of a node on a CAN interface. model: a model file whose encoder gives
+        the size of a count in mm. Raises InputError, NoAnswer."""
         from forceaxis.axis.can import CanLink
 
         return cls(_with_model(CanLink(interface, node), model))
@@ -66,16 +67,16 @@ class Axis(Drive):
     def gateway(
         cls, axis: int = 1, url: str | None = None, model: str | Path | None = None
     ) -> Axis:
-        """An axis at the gateway of an LCM bus; url None: the default of LCM. model: as in can().
-        Raises InputError."""
+        """Returns an axis at the gateway of an LCM bus. url: URL of the bus, or None for the
+        default of LCM. model: as in can(). Raises InputError."""
         from forceaxis.axis.gateway import GatewayLink
 
         return cls(_with_model(GatewayLink(axis, url), model))
 
     @classmethod
     def modbus(cls, url: str, unit: int = 1, model: str | Path | None = None) -> Axis:
-        """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". model: as in can(). Raises
-        InputError, NoAnswer."""
+        """Returns the axis of a Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". model: as
+        in can(). Raises InputError, NoAnswer."""
         from forceaxis.axis.modbus import ModbusLink
 
         return cls(_with_model(ModbusLink(url, unit), model))
@@ -88,9 +89,9 @@ class Axis(Drive):
         self.close()
 
     def acquire(self, shared: bool = False) -> None:
-        """Acquires the axis. Raises Refused if another client has enabled it. shared: if that
-        client is on the same bus, it keeps the axis; this program may write to it and does not
-        disable it in close()."""
+        """Acquires the axis. Raises Refused if another client has enabled the axis. shared: if that
+        client is on the same bus, it stays the owner; this program may then write to the axis, and
+        close() does not disable the axis."""
         now = self.record(OwnerObjects)
         if now.state in POWERED:
             is_this_bus = now.command_source == COMMAND_SOURCES[self.link.source]
@@ -107,7 +108,7 @@ class Axis(Drive):
 
     def close(self) -> str:
         """Disables and releases an owned axis and ends the connection, also after an error. Returns
-        the result as text."""
+        a text about the result."""
         done = "was not owned"
         try:
             if self._owned:
@@ -152,8 +153,8 @@ class Axis(Drive):
     def retract(
         self, distance: float | str, speed: float | str | None = None
     ) -> actions.AxisStatus:
-        """Moves an axis in contact back by a distance, "5 mm" or in user units, and disables it
-        there; returns its state() before that.
+        """Moves an axis in contact back by a distance, "5 mm" or in user units, and disables the
+        axis there. Returns the state of the axis before it is disabled.
 
         The force is released first. The axis then moves in the opposite direction of the force, or
         away from the workpiece without a force, at most at `speed` (default: approach_velocity_max)
@@ -163,7 +164,7 @@ class Axis(Drive):
         return actions.retract(self, distance, speed)
 
     def arm(self, signals: Sequence[str], samples: int = 0, **settings: Value) -> None:
-        """Starts a recording; see capture()."""
+        """Starts a recording with the arguments of capture()."""
         if not 1 <= len(signals) <= 8:
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:

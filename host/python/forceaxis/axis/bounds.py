@@ -20,29 +20,31 @@ from forceaxis.errors import ParameterError
 from forceaxis.objects import BY_NAME
 
 INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or the output
-# bit of the controlword: a target position is relative to the present position
+# Bit of the controlword: the target position is relative to the present position.
 RELATIVE_TARGET = 1 << 6
 REVERSED_POSITIONS = 0x80  # bit of polarity that reverses the direction of positions
-NO_LIMIT = 2**31 - 1  # a position limit of this magnitude means no limit
+NO_LIMIT = 2**31 - 1  # magnitude of a position limit that means "no limit"
 DAC_CODE_MAX = 2047
 
 
 @dataclass(frozen=True)
 class Bound:
-    """Range of a target that one object permits, in the unit of the target."""
+    """Range that one object permits for a target, in the unit of the target."""
 
     least: float
     most: float
-    by: str  #: the object, and other values from which the bound follows
+    by: str  #: the object that sets the bound, and other values from which the bound is computed
     remedy: str
 
 
-# The objects from which bounds follow. A value is None if the connection cannot access the object.
+# Each class names objects from which bounds are computed. A value is None if the connection cannot
+# access the object.
 
 
 @dataclass(frozen=True)
 class SensorObjects:
-    """Conversion of the ADC code to the measured force; force_tare is in 8-bit counts."""
+    """Objects that define how an ADC code is converted to the measured force; force_tare is in
+    8-bit counts."""
 
     adc_bits: int | None
     force_zero_code: int | None
@@ -52,13 +54,13 @@ class SensorObjects:
 
 @dataclass(frozen=True)
 class ForceLimits:
-    """Limits of the demanded force in per mille of rated_force, which is in mN."""
+    """Limits of the demanded force in per mille of rated_force. rated_force itself is in mN."""
 
     force_limit: float
     force_limit_positive: float | None
     force_limit_negative: float | None
     rated_force: float
-    uncertified_force: float  # per mille of force_limit
+    uncertified_force: float  # force limit without a certificate, in per mille of force_limit
     certificate_required: str | None
     force_bank: int | None
 
@@ -73,8 +75,8 @@ class EncoderLimits:
 
 @dataclass(frozen=True)
 class PositionLimits(EncoderLimits):
-    """Limits of a target in user units, and the present position in user units and in encoder
-    counts."""
+    """Position limits of a target in user units, and the present position in user units and in
+    encoder counts."""
 
     controlword: int
     position_limit_min: int
@@ -91,8 +93,9 @@ def _object(name: str) -> str:
 
 
 def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
-    """Checks raw values that are to be written in this order. Raises InputError, in one line, if
-    the axis would limit one of them. Only the objects from which their bounds follow are read."""
+    """Raises InputError, in one line, if the axis would limit one of the raw values that are to be
+    written in this order. The function reads only the objects from which bounds of these values are
+    computed."""
     targets = [name for name in raw if name in BOUNDS]
     planned = PlannedValues(axis, raw)
     for name in targets:
@@ -103,19 +106,20 @@ def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
 
 
 def expect(axis: AxisValues, values: Mapping[str, Value]) -> None:
-    """Checks engineering values as expect_raw() checks raw values."""
+    """Checks engineering values before they are written; see expect_raw()."""
     expect_raw(axis, {name: to_raw(name, value) for name, value in values.items()})
 
 
 def most_force(axis: AxisValues) -> float:
-    """The largest target_force that the axis does not limit, in per mille of rated_force, an
-    integer."""
+    """Returns the largest target_force that the axis does not limit, an integer in per mille of
+    rated_force."""
     return math.floor(min(b.most for b in BOUNDS["target_force"](PlannedValues(axis, {}))))
 
 
 def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
-    """Checks a force in N that is to be pressed with an excitation. Raises InputError if the axis
-    would limit it, or if expect_readable() does."""
+    """Checks a force in N to which an excitation is added. Raises InputError if the axis would
+    limit the force, or if the force with the excitation is outside the range of
+    expect_readable()."""
     expect_readable(axis, force_N, swing, quantity.force_per_count(axis))
     expect(axis, {"target_force": 1e6 * force_N / axis.read("rated_force")})
 
@@ -123,8 +127,8 @@ def expect_force(axis: AxisValues, force_N: float, swing: float) -> None:
 def expect_readable(
     axis: AxisValues, force_N: float, swing: float, newton_per_count: float
 ) -> None:
-    """Checks that a force stays within the range of the measured force and below force_max.
-    `swing`: range of the force peak to peak, relative to the force. Raises InputError."""
+    """Raises InputError if a force with an excitation leaves the range of the measured force or
+    exceeds force_max. `swing`: range of the force from peak to peak, relative to the force."""
     reading, force_max = of_reading(PlannedValues(axis, {})), axis.read("force_max")
     for counts, by in (
         (reading.most if reading else math.inf, "the end of the reading's range"),
@@ -151,9 +155,9 @@ def _refusal(axis: AxisValues, name: str, value: float, bound: Bound) -> str:
 
 
 def of_reading(planned: PlannedValues) -> Bound | None:
-    """Range of the measured force in counts by its ADC, without the end codes. An end at which the
-    measured force is zero is not a bound: there the axis presses against the end or is out of
-    contact."""
+    """Returns the range of the measured force in counts, from the ADC codes without the two end
+    codes. An end of the range with the force zero is no bound: there the axis presses against the
+    end or has no contact."""
     sensor = planned.record(SensorObjects)
     bits, zero, tare = sensor.adc_bits, sensor.force_zero_code, sensor.force_tare
     sign = sensor.force_sign
@@ -178,8 +182,8 @@ def _force_setpoint(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Bounds of one of the two summands of the demanded force, in per mille of rated_force. other:
-    object of the other summand."""
+    """Returns a function for the bounds of a summand of the demanded force, in per mille of
+    rated_force. other: object of the other summand."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         added = planned.read(other) or 0
@@ -204,7 +208,7 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
         yield from _uncertified(planned, limits, bound)
         reading = of_reading(planned)
         if reading:
-            # uN divided by mN gives per mille
+            # force_scale in uN divided by rated_force in mN gives per mille
             per_count = planned.read("force_scale") / limits.rated_force
             yield bound(
                 reading.most * per_count, reading.least * per_count, reading.by, reading.remedy
@@ -216,11 +220,11 @@ def _target_force(other: str) -> Callable[[PlannedValues], Iterator[Bound]]:
 def _uncertified(
     planned: PlannedValues, limits: ForceLimits, bound: Callable[[float, float, str, str], Bound]
 ) -> Iterator[Bound]:
-    """The bound of a force law without a valid certificate."""
+    """Yields the bound of a target force while the force law has no valid certificate."""
     bank, share = limits.force_bank, limits.uncertified_force
     if not bank and limits.certificate_required != "yes":
         return
-    # the state is None if the connection cannot access it
+    # the certificate state is None if the connection cannot access the object
     state = planned.read(f"certificate_state_{bank}") if bank else "none"
     if state in ("fits", None):
         return
@@ -234,7 +238,7 @@ def _uncertified(
 
 
 def _position(planned: PlannedValues) -> Iterator[Bound]:
-    """Bounds of a target in user units of the axis."""
+    """Yields the bounds of a target position in user units of the axis."""
     limits = planned.record(PositionLimits)
     if limits.controlword & RELATIVE_TARGET:
         return
@@ -261,7 +265,7 @@ def _position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _end(position: float) -> float:
-    """A position limit; infinite if there is no limit."""
+    """Returns a position limit, or infinity if the axis has no such limit."""
     return math.copysign(math.inf, position) if abs(position) >= NO_LIMIT else position
 
 
@@ -273,8 +277,8 @@ def _native_position(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Bounds of a speed in user units per second; other: object that is added to it in cyclic
-    velocity mode."""
+    """Returns a function for the bounds of a speed in user units per second. other: object that is
+    added to the speed in cyclic velocity mode."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         most = planned.read("velocity_max")
@@ -289,7 +293,7 @@ def _velocity(other: str = "") -> Callable[[PlannedValues], Iterator[Bound]]:
 
 
 def _approach(planned: PlannedValues) -> Iterator[Bound]:
-    """Bounds of a speed in encoder counts per second."""
+    """Yields the bounds of a speed in encoder counts per second."""
     most, ratio = planned.read("velocity_max"), quantity.user_per_count(planned.axis)
     if most is not None and ratio is not None:
         yield Bound(
@@ -299,8 +303,8 @@ def _approach(planned: PlannedValues) -> Iterator[Bound]:
 
 
 def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], Iterator[Bound]]:
-    """Bounds of DAC codes. beside: code that the excitation mode adds; it counts in this mode only,
-    unless `always`."""
+    """Returns a function for the bounds of a DAC code. beside: object whose code is added in
+    excitation mode, or in every mode if `always` is True."""
 
     def bounds(planned: PlannedValues) -> Iterator[Bound]:
         limit = planned.read("output_limit")
@@ -316,7 +320,7 @@ def _code(beside: str = "", always: bool = False) -> Callable[[PlannedValues], I
     return bounds
 
 
-# {target: its bounds}.
+# {target: function that yields the bounds of the target}
 BOUNDS: dict[str, Callable[[PlannedValues], Iterator[Bound]]] = {
     "target_force": _target_force("force_offset"),
     "force_offset": _target_force("target_force"),

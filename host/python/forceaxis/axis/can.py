@@ -1,4 +1,5 @@
-"""An axis on a CAN bus, accessed as its CANopen master: SDO, NMT, a supervised heartbeat."""
+"""An axis on a CAN bus. The program is the CANopen master of the axis: SDO, NMT and a monitored
+heartbeat."""
 
 import contextlib
 import errno
@@ -30,23 +31,25 @@ OWN_NODE = 126  # 127 is a gateway's
 RIVAL_LISTEN_S = 0.5
 REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXT_INDICES = range(0x1008, 0x100B)
-# command specifiers of the server's answers (CiA 301, 7.2.4.3)
+# Command specifiers in the answers of an SDO server (CiA 301, 7.2.4.3).
 UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
-# abort codes of a disturbed transfer: toggle bit, time-out, command specifier, block
+# Upper halves of the SDO abort codes of a disturbed transfer: toggle bit, time-out, command
+# specifier, block.
 TRANSFER_ABORTS = (0x0503, 0x0504)
-# longest time to close a bus without traffic; the default of python-canopen is 1 s
+# Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
-HEARTBEAT_MS = 1000  # consumer heartbeat time of the axis; heartbeats are sent ten times as often
+# consumer heartbeat time of the axis in ms; heartbeats are sent ten times as often
+HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
-# Bounds of a transfer, so that a node that sends segments without end does not block a verb: names
-# are short, and the firmware's recorder has 30 KiB.
+# Largest sizes of a transfer in bytes, for names and for recordings. A node that sends segments
+# without end is thus aborted; the recorder of the firmware has 30 KiB.
 MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READ_TRIES = 2
-ABORT_TOO_LONG = 0x06070012  # SDO abort: the length of the object is too high
+ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
 STRUCT_FORMATS = {"u8": "<B", "i8": "<b", "u16": "<H", "i16": "<h", "u32": "<I", "i32": "<i"}
-# {reason: its SDO abort code}.
+# {SDO abort code: error code of the firmware, a key of link.REASONS}
 REASON_OF_ABORT = {
     0x06020000: -1, 0x06090011: -1, 0x06010002: -2, 0x06010001: -3, 0x06090030: -4,
     0x06090031: -4, 0x06090032: -4, 0x08000020: -4, 0x08000021: -7, 0x08000022: -5,
@@ -55,8 +58,8 @@ REASON_OF_ABORT = {
 
 
 def libraries() -> tuple[Any, Any]:
-    """The modules canopen and can, which have no types here. Raises InputError if they are not
-    installed."""
+    """Returns the modules canopen and can, which have no types here. Raises InputError if they are
+    not installed."""
     try:
         import can
         import canopen
@@ -66,7 +69,7 @@ def libraries() -> tuple[Any, Any]:
             "expected python-canopen and python-can; install them with "
             "`pip install 'forceaxis[can]'`",
         ) from None
-    # log messages are suppressed because a verb prints one line
+    # log messages of the libraries are suppressed, because a verb prints an error on one line
     for library in ("can", "canopen"):
         logging.getLogger(library).addHandler(logging.NullHandler())
     return canopen, can
@@ -74,7 +77,8 @@ def libraries() -> tuple[Any, Any]:
 
 @contextlib.contextmanager
 def network(interface: str, bus: Any = None) -> Iterator[Any]:
-    """A canopen.Network; bus: a python-can bus instead of the interface. Raises InputError."""
+    """Returns a canopen.Network. bus: a python-can bus that is used in place of the interface.
+    Raises InputError."""
     canopen, can = libraries()
     made = canopen.Network()
     made.bus = bus
@@ -101,8 +105,8 @@ def network(interface: str, bus: Any = None) -> Iterator[Any]:
 
 
 class CanLink(RecorderLink):
-    """A node of a CAN interface, such as "can0". A gateway that polls the node uses the same SDO
-    channel, and then interrupts recordings (NoAnswer).
+    """A node on a CAN interface such as "can0". A gateway that polls the same node uses the same
+    SDO channel, and then interrupts recordings (NoAnswer).
 
     From the first controlword that enables it, the axis monitors this program's heartbeat by an
     entry of 1016h and becomes disabled HEARTBEAT_MS after the program ends. The entry is restored
@@ -136,19 +140,23 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # (object, previous raw value) of the entry of 1016h with which the axis monitors this
-        # program.
+        # The entry of 1016h with which the axis monitors the heartbeat of this program, as (object,
+        # its previous raw value).
         self._watched: tuple[str, int] | None = None
-        # (command specifier, index, sub-index) of the expected answer.
+        # Expected SDO answer as (command specifier, index, sub-index); None during a longer
+        # transfer.
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
-        self._rival = threading.Event()  # set if another node sends heartbeats with our id
-        # s since the epoch; until then heartbeats with our id are our own
+        # set if another node sends heartbeats with the node id of this program
+        self._rival = threading.Event()
+        # Time in s since 1970 up to which this program has sent heartbeats. Earlier heartbeats with
+        # its node id are its own.
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
     def _answered(self, can_id: int, data: bytes, timestamp: float) -> None:
-        """Ignores an answer to another client of the same channel, such as a gateway that polls."""
+        """Passes an SDO answer to the library. Ignores an answer to another client of the same
+        channel, such as a gateway that polls."""
         if self._expected is not None:
             command, *about = struct.unpack_from("<BHB", data) if len(data) == 8 else (0,)
             kind, *expected = self._expected
@@ -158,8 +166,8 @@ class CanLink(RecorderLink):
 
     @contextlib.contextmanager
     def _asking(self, what: str, about: tuple[int, int, int] | None = None) -> Iterator[None]:
-        """Context of an access `about`, (UPLOAD_ANSWER or DOWNLOAD_ANSWER, index, sub-index), or of
-        a longer transfer."""
+        """Context of an SDO access to `about`, which is (UPLOAD_ANSWER or DOWNLOAD_ANSWER, index,
+        sub-index), or None for a longer transfer."""
         silent, aborted = self._errors
         with self._lock:
             self._expected = about
@@ -194,11 +202,12 @@ class CanLink(RecorderLink):
         return found
 
     def text(self, index: int) -> str:
-        """A text of TEXT_INDICES, such as the name of the device, 1008h."""
+        """Returns a text of TEXT_INDICES, such as the name of the device in 1008h."""
         return self._upload(f"{index:04X}h", index, 0).decode(errors="replace")
 
     def _upload(self, name: str, index: int, sub: int) -> bytes:
-        """The bytes of an object; the request is repeated if a frame may have been lost."""
+        """Returns the bytes of an object. The request is sent again if a frame may have been
+        lost."""
         for remaining in range(READ_TRIES, 0, -1):
             try:
                 with (
@@ -214,8 +223,8 @@ class CanLink(RecorderLink):
         raise AssertionError("READS is at least 1")
 
     def _whole(self, stream: BinaryIO, name: str, most: int) -> bytes:
-        """All bytes of an SDO stream. Aborts the transfer and raises NoAnswer if there are more
-        than `most`."""
+        """Returns all bytes of an SDO stream. If there are more than `most` bytes, aborts the
+        transfer and raises NoAnswer."""
         data = bytearray()
         while piece := stream.read(7):
             data += piece
@@ -230,7 +239,7 @@ class CanLink(RecorderLink):
             if enables and self._owns and self._watched is None:
                 self._be_watched()
             if name in STORING:
-                # the heartbeat entry of this program does not belong to a stored parameter set
+                # a stored parameter set does not contain the heartbeat entry of this program
                 self._be_unwatched()
             self._download(name, raw)
 
@@ -242,11 +251,11 @@ class CanLink(RecorderLink):
     def acquire(self) -> None:
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
-        # a node that missed a heartbeat is in the state pre-operational
+        # A node that missed a heartbeat has left the state operational.
         with self._asking("NMT start"):
             self._network.send_message(0, [NMT_START, self._id])
         place, raw = self._entry()
-        # the entry is from a killed program of this kind
+        # A killed program with the same node id has left this entry.
         if place is not None and raw == self._ours:
             self._expect_alone()
             self._download(place, 0)
@@ -261,15 +270,15 @@ class CanLink(RecorderLink):
         return self._own << 16 | HEARTBEAT_MS
 
     def _entry(self) -> tuple[str | None, int]:
-        """(object, raw value) of the entry of 1016h with our id, otherwise of a free entry,
-        otherwise None."""
+        """Returns (object, raw value) of the entry of 1016h with the node id of this program.
+        Without such an entry, returns a free entry, otherwise (None, 0)."""
         entries = self.read(HEARTBEAT_ENTRIES).items()
         own = [entry for entry in entries if entry[1] >> 16 == self._own]
         free = [entry for entry in entries if not entry[1] & 0xFFFF]
         return next(iter([*own, *free]), (None, 0))
 
     def _expect_alone(self) -> None:
-        """Raises Refused if another node sends heartbeats with our id."""
+        """Raises Refused if another node sends heartbeats with the node id of this program."""
         if self._rival.wait(RIVAL_LISTEN_S):
             raise Refused(
                 f"{self.where}: expected no other node {self._own}, it sends heartbeats; choose "
@@ -281,8 +290,8 @@ class CanLink(RecorderLink):
             self._rival.set()
 
     def _send_beat(self, data: bytes) -> None:
-        # the heartbeat runs in a thread, because a transfer may take longer than the consumer
-        # heartbeat time
+        # A thread sends the heartbeat, because a transfer may take longer than the consumer
+        # heartbeat time.
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
@@ -297,7 +306,8 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        # started first, because the axis monitors the heartbeat from its first message on
+        # The entry is written before the first heartbeat, because the axis monitors the heartbeat
+        # from its first message on.
         self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
             HEARTBEAT_MS / 10_000, self._send_beat,

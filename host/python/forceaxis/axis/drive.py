@@ -14,25 +14,25 @@ from forceaxis.bus.client import Value, to_raw
 from forceaxis.bus.state_names import POWERED
 
 MODES = {text: number for number, text in state_names.MODES.items()}
-# CiA 402: controlwords and bits of the statusword.
+# Controlwords, and bits of the statusword (CiA 402).
 SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
 START_HOMING, FAULT_RESET = 0x1F, 0x80
-DISABLE_VOLTAGE = 0  # the only command that leaves a latched quick stop
+DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
-# End of the text of an error of an axis with a fault. The command line replaces the function by its
-# own command.
+# End of the error text for an axis with a fault. The command line replaces this text by its own
+# command.
 FAULT_REMEDY = "; reset_fault() resets the fault"
-# longest time from the controlword to the disabled state, including the ramp of a stop
+# Longest time in s from the controlword to the disabled state, including the ramp of a stop.
 DISABLE_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True)
 class DriveObjects:
-    """The objects that describe what an axis does: position in encoder counts, force in 8-bit
+    """Objects that describe the state of an axis: position in encoder counts, force in 8-bit
     counts."""
 
     statusword: int
-    modes_of_operation_display: str | int  # a number without a name remains a number
+    modes_of_operation_display: str | int  # a mode without a name stays a number
     fault: str
     position: int
     force: float
@@ -40,18 +40,18 @@ class DriveObjects:
 
     @property
     def state(self) -> str:
-        """The state of the drive, CiA 402."""
+        """Returns the state of the drive (CiA 402)."""
         return state_names.drive_state(self.statusword)
 
     @property
     def mode(self) -> str:
-        """The mode of operation as text."""
+        """Returns the mode of operation as text."""
         return str(self.modes_of_operation_display).replace("_", " ")
 
 
 @dataclass(frozen=True)
 class FaultObjects:
-    """The latched fault; its text is "none" without a fault."""
+    """The latched fault as text, which is "none" without a fault."""
 
     fault: str
 
@@ -65,19 +65,19 @@ class ExcitationObjects:
 
 @dataclass(frozen=True)
 class StatusObjects:
-    """The statusword."""
+    """The statusword of the axis."""
 
     statusword: int
 
     @property
     def state(self) -> str:
-        """The state of the drive, CiA 402."""
+        """Returns the state of the drive (CiA 402)."""
         return state_names.drive_state(self.statusword)
 
 
 @dataclass(frozen=True)
 class StoppedObjects(StatusObjects):
-    """The statusword of an axis that is to be disabled, with or without a fault."""
+    """The statusword and the fault of an axis that is to be disabled."""
 
     fault: str
 
@@ -97,12 +97,14 @@ class ReachedPosition(StatusObjects):
 
 
 class Drive(AxisValues):
-    """An axis that accepts commands; its owner is the program that has acquired the connection."""
+    """An axis that accepts commands from this program. The program owns the axis after it has
+    acquired the connection."""
 
     def set(self, **values: Value) -> None:
         """Writes engineering values, texts of enumerations or quantities ("75 N", "10 mm/s") in
-        order. Raises InputError, before anything is written, for an unknown or read-only object, an
-        invalid value, or a target that the axis would limit (see bounds); Refused; NoAnswer."""
+        order. Raises InputError before anything is written for an unknown or read-only object, an
+        invalid value, or a target that the axis would limit (see bounds). Also raises Refused,
+        NoAnswer."""
         for name in values:
             if known_object(name).access == "ro":
                 raise InputError(
@@ -113,9 +115,9 @@ class Drive(AxisValues):
         self.link.write(raw)
 
     def put_back(self, **values: Value) -> None:
-        """Writes back engineering values that the axis had before, or reduces a value in steps to
-        0. In contrast to set(), the bounds are not checked, so that a bound that has changed
-        meanwhile does not prevent the write. Raises InputError, Refused, NoAnswer."""
+        """Restores earlier engineering values of the axis, or reduces a value in steps to 0. In
+        contrast to set(), this function does not check bounds, because a bound may have changed
+        since. Raises InputError, Refused, NoAnswer."""
         self.link.write({name: to_raw(name, value) for name, value in values.items()})
 
     def wait_for(
@@ -125,10 +127,10 @@ class Drive(AxisValues):
         what: str,
         timeout_s: float = 5.0,
     ) -> R:
-        """Reads the objects that are the fields of the dataclass `kind` until holds(values) is
-        true, for at most timeout_s of the axis' time; returns these values. Raises NoAnswer, whose
-        text names `what` and the state of the axis, at the time limit, or after a fault if `kind`
-        has no field `fault`."""
+        """Reads the fields of the dataclass `kind`, which are objects, again and again until
+        holds(values) is true, and returns these values. Raises NoAnswer after timeout_s of the
+        axis' time, or after a fault if `kind` has no field `fault`. The text names `what` and the
+        state of the axis."""
         names = object_names(kind)
         passed_s = 0.0
         while True:
@@ -147,8 +149,8 @@ class Drive(AxisValues):
             passed_s += POLL_PERIOD_S
 
     def about(self) -> str:
-        """The state of the axis as text: drive, fault, mode, position in encoder counts, force in
-        8-bit counts."""
+        """Returns the state of the axis as text: drive, fault, mode, position in encoder counts,
+        force in 8-bit counts."""
         now = self.record(DriveObjects)
         return (
             f"{state_names.condition(now.statusword, now.fault)}, mode {now.mode}, "
@@ -156,9 +158,9 @@ class Drive(AxisValues):
         )
 
     def enable(self, mode: str | int, **parameters: Value) -> None:
-        """Enables the axis (state operation enabled) in a mode of operation, which is a name
-        (state_names.MODES) or a number. `parameters` are written before the mode changes. Raises
-        InputError for an unknown mode; Refused for an axis with a fault; NoAnswer."""
+        """Enables the axis (state operation enabled) in a mode of operation, a name of
+        state_names.MODES or a number. `parameters` are written before the mode changes. Raises
+        InputError for an unknown mode; Refused if the axis has a fault; NoAnswer."""
         number = MODES.get(mode, mode) if isinstance(mode, str) else mode
         if number not in state_names.MODES:
             raise InputError(f"{mode}: expected a mode of operation: {', '.join(MODES)}")
@@ -179,12 +181,13 @@ class Drive(AxisValues):
         self.wait_for(ModeObjects, is_enabled, f"operation enabled in mode {mode}")
 
     def disable(self) -> None:
-        """Commands the disabled state without waiting for it. Raises Refused, NoAnswer."""
+        """Sends the command to disable the axis and does not wait for the disabled state. Raises
+        Refused, NoAnswer."""
         self.link.write({"controlword": SHUTDOWN})
 
     def off(self) -> None:
-        """Disables the axis if it is enabled, and waits for the disabled state for at most 2 s of
-        the axis' time. Raises Refused, NoAnswer."""
+        """Disables an enabled axis and waits for the disabled state, at most 2 s of the axis' time.
+        Raises Refused, NoAnswer."""
         state = self.record(StatusObjects).state
         if state not in (*POWERED, "switched on"):
             return
@@ -194,15 +197,15 @@ class Drive(AxisValues):
         )
 
     def reset_fault(self) -> None:
-        """Resets a fault; the axis stays disabled. Raises Refused, NoAnswer."""
+        """Resets the fault of the axis, which stays disabled. Raises Refused, NoAnswer."""
         self.link.write({"controlword": 0})
         self.link.write({"controlword": FAULT_RESET})
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> ReachedPosition:
-        """Moves to `position` in profile position mode, in user units of the axis or "10 mm", and
-        waits until the position is reached, for at most timeout_s of the axis' time. Raises
-        InputError for a position beyond a limit; Refused if a limit has changed meanwhile;
-        NoAnswer."""
+        """Moves to `position` in profile position mode and waits until the axis has reached the
+        position, at most timeout_s of the axis' time. position: in user units of the axis, or "10
+        mm". Raises InputError for a position beyond a limit; Refused if a limit has changed
+        meanwhile; NoAnswer."""
         self.set(target_position=position, controlword=NEW_SETPOINT)
         target = self.read("target_position")
         self.wait_for(StatusObjects, lambda s: s.statusword & BIT_12, "the set-point acknowledged")
@@ -217,8 +220,8 @@ class Drive(AxisValues):
         return reached
 
     def expect_unlimited(self, targets: Mapping[str, Value], when: str) -> None:
-        """Raises Refused, in one line, if the axis now limits one of the targets. when: text such
-        as "while it moved"."""
+        """Raises Refused, in one line, if the axis now limits one of the targets. when: a text for
+        the message, such as "while it moved"."""
         try:
             bounds.expect(self, targets)
         except InputError as error:

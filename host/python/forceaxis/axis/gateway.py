@@ -19,21 +19,23 @@ from forceaxis.bus.keeper import GatewayKeeper
 from forceaxis.objects import BY_NAME
 
 READY_S = 10.0
-RECORDING_END_MAX_S = 2.0  # longest time until the gateway's polling detects the end of a recording
-RETRY_PERIOD_S = 0.1  # period in which a refused command is sent again
-# Phrases of the refusals of the gateway (host/gateway/commands.cpp).
+# longest time in s until the polling gateway detects the end of a recording
+RECORDING_END_MAX_S = 2.0
+RETRY_PERIOD_S = 0.1  # period in s in which a refused command is sent again
+# Parts of the texts with which the gateway refuses a command (host/gateway/commands.cpp).
 NOT_SET_UP_TEXT = "not set up yet"
 RECORDER_BUSY_TEXT = "another recording is in progress"
 PRODUCT, REVISION = "product_code", "revision_number"
-DEVICE = "forceaxis"  # 1008h of that product
+DEVICE = "forceaxis"  # name of the device (1008h) of every product with this product code
 OBJECTS_PER_COMMAND = 64  # largest number of objects in one command
-# objects that each gateway sets itself
+# Prefixes of the objects that a gateway sets itself.
 MANAGED_PREFIXES = ("tpdo_", "consumer_heartbeat_", "producer_heartbeat_time")
 
 
 class GatewayLink(Link):
-    """Axis 1 to 127 at the gateway of an LCM bus. client: an existing client, which is not closed
-    here; ready_s: longest time until the axis is operational. Raises InputError."""
+    """Connection to axis 1 to 127 at the gateway of an LCM bus. client: an existing client, which
+    close() does not close; ready_s: longest time until the axis is operational. Raises
+    InputError."""
 
     source = COMMAND_SOURCES.index("lcm")
 
@@ -49,7 +51,7 @@ class GatewayLink(Link):
         self._closes, self._ready_s = client is None, ready_s
         self.where = f"axis {axis} at the gateway"
         self._axis, self._url = axis, url
-        self._armed = 0  # number of the LCM command that started the recording
+        self._armed = 0  # number of the LCM command that started the latest recording
 
     def manages(self, name: str) -> bool:
         return name.startswith(MANAGED_PREFIXES)
@@ -62,7 +64,7 @@ class GatewayLink(Link):
         return {name: unsigned(name, raw) for name, raw in found.items()}
 
     def text(self, index: int) -> str | None:
-        """A text from the numbers of 1018h, because LCM does not carry texts."""
+        """Returns a text that is made from the numbers of 1018h, because LCM transmits no texts."""
         found = self.client.read_raw([PRODUCT, REVISION])
         if index == DEVICE_NAME_INDEX:
             return DEVICE if found[PRODUCT] == BY_NAME[PRODUCT].default else None
@@ -85,7 +87,7 @@ class GatewayLink(Link):
                 if ready and state.statusword != state.NOT_AVAILABLE:
                     self.client.take()
                     break
-            # the axis is operational, but this gateway has not detected it yet
+            # The axis is operational, but the gateway has not detected this state yet.
             except Refused as refusal:
                 if NOT_SET_UP_TEXT not in str(refusal) or time.monotonic() > end:
                     raise
@@ -109,7 +111,7 @@ class GatewayLink(Link):
             try:
                 self._armed = self.client.arm(list(signals), samples, **wanted)
                 return
-            # the recorder still has the recording of another client that has ended
+            # The recorder still contains a finished recording of another client.
             except Refused as refusal:
                 if RECORDER_BUSY_TEXT not in str(refusal) or time.monotonic() > end:
                     raise

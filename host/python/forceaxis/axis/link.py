@@ -1,4 +1,5 @@
-"""Access to the objects of one axis: the common interface of all connections, and their errors.
+"""Access to the objects of one axis: the interface that all connections have in common, and their
+errors.
 
 A connection transfers raw values of named objects, in the axis' own time. From acquire() to
 release() it owns the axis and writes to its watchdog, which disables the axis if the program ends.
@@ -27,15 +28,16 @@ from forceaxis.objects import BY_NAME
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
-POLL_PERIOD_S = 0.02  # period in which a value is read again until it has changed
-COMMAND_SOURCES = BY_NAME["command_source"].enum  # names of the owners, by their raw value
-# relative difference from the force_scale of the sensor that a calibration may have
+POLL_PERIOD_S = 0.02  # period in s in which a value is read until it has changed
+# names of the owners of an axis, indexed by raw value
+COMMAND_SOURCES = BY_NAME["command_source"].enum
+# Largest relative difference between a calibrated force_scale and the force_scale of the sensor.
 FORCE_SCALE_TOLERANCE = 0.1
-# CANopen indices of texts: name of the device, version of its firmware
+# CANopen indices of two texts: name of the device, version of its firmware.
 DEVICE_NAME_INDEX, VERSION_INDEX = 0x1008, 0x100A
 
 
-# {FW_ERROR_ code of the firmware: text}.
+# {FW_ERROR_ code of the firmware: text for the user}
 REASONS = {
     -1: "there is no such object",
     -2: "it cannot be written",
@@ -55,30 +57,32 @@ RawSamples = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Recording:
-    """Content of the recorder: raw values (samples, signals), each `decimation` ticks apart."""
+    """Content of the recorder: raw values in the shape (samples, signals). The samples are
+    `decimation` ticks apart."""
 
     signals: tuple[str, ...]
-    #: (n, len(signals)) int64; unsigned objects have values >= 0
+    #: raw values (n, len(signals)) as int64; values of unsigned objects are >= 0
     raw: RawSamples = field(repr=False)
     decimation: int = 1
     trigger_sample: int = 0  #: index of the first sample at or after the trigger
 
     def values(self, name: str) -> NDArray[Any]:
-        """A signal in engineering units, (n,); integers if the scale of the object is 1."""
+        """Returns a signal in engineering units as an array (n,), of integers if the scale of the
+        object is 1."""
         known = BY_NAME[name]
         column = self.raw[:, self.signals.index(name)]
         return column if known.scale == 1 else column * known.scale
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """(n,) time in s from the trigger."""
+        """Returns the time in s from the trigger as an array (n,)."""
         samples = np.arange(len(self.raw)) - self.trigger_sample
         return np.asarray(samples * (self.decimation / TICKS_PER_S))
 
 
 class Link(abc.ABC):
-    """A connection to one axis; `where` is its name in messages ("axis 1 at the gateway"). Several
-    threads may use it.
+    """A connection to one axis. `where` is the name of the axis in messages, such as "axis 1 at the
+    gateway". Several threads may use a connection.
 
     `source` is the raw command_source of its writes. `warning` is one line for the user, or None.
     `counts_per_metre` is the scale of the encoder if a model gives it.
@@ -88,11 +92,11 @@ class Link(abc.ABC):
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None
-    _keeper: Keeper | None = None  # from acquire() to release()
+    _keeper: Keeper | None = None  # True from acquire() to release()
 
     def use_model(self, model: str | Path) -> None:
-        """Sets the encoder's scale from a model (a path). Raises InputError if the model has
-        none."""
+        """Sets the size of an encoder count from the encoder of a model (a path). Raises InputError
+        if the model has no encoder."""
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
             raise InputError(
@@ -102,29 +106,31 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def read(self, names: Iterable[str]) -> dict[str, int]:
-        """{name: raw value} of objects. Raises Refused, NoAnswer."""
+        """Returns {name: raw value} of objects. Raises Refused, NoAnswer."""
 
     def read_one(self, name: str) -> int:
-        """The raw value of one object. Raises Refused, NoAnswer."""
+        """Returns the raw value of one object. Raises Refused, NoAnswer."""
         return self.read([name])[name]
 
     def reaches(self, name: str) -> bool:
-        """Whether this connection can access an object; over Modbus it needs a register."""
+        """Returns True if this connection can access an object. Over Modbus the object needs a
+        register."""
         return True
 
     def manages(self, name: str) -> bool:
-        """Whether the gateway sets a parameter for its own use, for example for process data."""
+        """Returns True if the gateway sets this parameter for its own use, for example for process
+        data."""
         return False
 
     def text(self, index: int) -> str | None:
-        """A CANopen text: name of the device (1008h) or version of its firmware (100Ah); None if
-        the connection does not carry texts."""
+        """Returns a CANopen text: name of the device (1008h) or version of the firmware (100Ah).
+        Returns None if the connection transmits no texts."""
         return None
 
     @abc.abstractmethod
     def write(self, values: Mapping[str, int]) -> None:
-        """Writes {name: raw value} in order and stops at the first refused value. Raises Refused,
-        NoAnswer."""
+        """Writes {name: raw value} in order and stops at the first value that the axis refuses.
+        Raises Refused, NoAnswer."""
 
     @abc.abstractmethod
     def acquire(self) -> None:
@@ -132,15 +138,15 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def release(self) -> None:
-        """Releases the axis, which must be disabled before."""
+        """Releases the axis, which must already be disabled."""
 
     def wait(self, seconds: float) -> None:
-        """Waits for `seconds` of the axis' own time."""
+        """Waits for `seconds` in the time of the axis."""
         time.sleep(seconds)
 
     def polls(self, seconds: float) -> Iterator[float]:
-        """Yields the time in s since the start, every POLL_PERIOD_S of the axis' own time, for
-        `seconds`."""
+        """Yields the time in s since the start every POLL_PERIOD_S, for `seconds`. All times are in
+        the time of the axis."""
         passed = 0.0
         while passed < seconds:
             yield passed
@@ -149,27 +155,29 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
-        """Starts a recording of up to 8 objects. settings: {recorder object without its prefix:
-        raw value}, length, decimation, pretrigger, trigger_source, _edge, _level."""
+        """Starts a recording of up to 8 objects. settings: {recorder object without its prefix: raw
+        value}; the names are length, decimation, pretrigger, trigger_source, trigger_edge,
+        trigger_level."""
 
     @abc.abstractmethod
     def fetch(self, signals: Sequence[str]) -> None:
-        """Loads the incident of the black box, which has these signals, into the recorder for the
-        next reading. Raises Refused if there is no incident."""
+        """Loads an incident of the black box, which has recorded these signals, into the recorder.
+        The next reading of the recorder returns the incident. Raises Refused without an
+        incident."""
 
     @abc.abstractmethod
     def recording(self, timeout_s: float) -> Recording:
-        """Waits up to timeout_s of the axis' time for the armed recording and returns it. The
-        recorder is then idle, so the black box records again. Raises NoAnswer."""
+        """Waits for the armed recording, at most timeout_s of the axis' time, and returns it.
+        Afterwards the recorder is idle, so that the black box records again. Raises NoAnswer."""
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Ends the connection. Does not disable the axis: see Axis.close()."""
+        """Ends the connection and does not disable the axis; see Axis.close()."""
 
     @contextlib.contextmanager
     def unfed(self, names: Iterable[str]) -> Iterator[None]:
-        """Context in which a WatchdogKeeper does not overwrite a watchdog that is among the objects
-        `names`."""
+        """Context in which no WatchdogKeeper writes the watchdog, if the watchdog is among the
+        objects `names`."""
         keeper = self._keeper
         if isinstance(keeper, WatchdogKeeper) and {"watchdog", "0x2302"}.intersection(names):
             with keeper.unchanged:
@@ -184,13 +192,15 @@ class Link(abc.ABC):
 
 
 class RecorderLink(Link):
-    """A connection that accesses the recorder of the axis by its objects."""
+    """A connection that accesses the recorder of the axis through its objects."""
 
-    _armed: tuple[tuple[str, ...], int] | None = None  # signals, decimation
+    # signals and decimation of the latest armed recording
+    _armed: tuple[tuple[str, ...], int] | None = None
 
     @abc.abstractmethod
     def _samples(self, signals: Sequence[str]) -> RawSamples:
-        """(n, len(signals)) int64: content of the recorder after a recording. Raises NoAnswer."""
+        """Reads the recorder after a recording. Returns an array (n, len(signals)) as int64. Raises
+        NoAnswer."""
 
     def arm(self, signals: Sequence[str], settings: Mapping[str, int]) -> None:
         self.write({"recorder_arm": 0})
@@ -230,18 +240,19 @@ class RecorderLink(Link):
 
 
 def _address(name: str) -> int:
-    """CANopen index times 256 plus sub-index, the form in which the recorder's channels are set."""
+    """Returns CANopen index times 256 plus sub-index of an object, the number that selects a signal
+    of the recorder."""
     known = BY_NAME[name]
     return known.index << 8 | known.sub
 
 
 def unsigned(name: str, raw: int) -> int:
-    """The unsigned value of a raw value that was received as a signed 32-bit word."""
+    """Returns the unsigned value of a raw value that was received as a signed 32-bit word."""
     return raw + 2**32 if raw < 0 and BY_NAME[name].type == "u32" else raw
 
 
 def _recorder_writes(signals: Sequence[str], settings: Mapping[str, int]) -> dict[str, int]:
-    """{object: raw value} to write to the stopped recorder before it is armed."""
+    """Returns {object: raw value} to write to the stopped recorder before it is armed."""
     channels = [_address(name) for name in signals] + [0] * (8 - len(signals))
     defaults = {"decimation": 1, "pretrigger": 0, "length": 0, "trigger_edge": 0}
     return {

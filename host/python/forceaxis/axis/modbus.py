@@ -1,4 +1,4 @@
-"""An axis on Modbus, by RTU or by the TCP server of a gateway, with the registers of the object
+"""An axis on Modbus, over RTU or over the TCP server of a gateway, with the registers of the object
 table."""
 
 import logging
@@ -21,9 +21,9 @@ from forceaxis.objects import BY_NAME
 
 TCP_URL = re.compile(r"tcp://([^:/]+|\[[^]]+\])(?::([0-9]{1,5}))?/?")
 SERIAL_URL = re.compile(r"(/[^:]+)(?::([0-9]{3,7}))?")
-BAUD_RATE = 115_200  # baud rate, the default of the firmware; 8 data bits, even parity
+BAUD_RATE = 115_200  # baud rate, the default of the firmware, for 8 data bits and even parity
 PARITIES = "EN"
-# {CANopen index: object of function 43 / 14}
+# {CANopen index of a text: number of the same text in function 43 / 14}
 IDENTIFICATION_OBJECTS = {DEVICE_NAME_INDEX: 4, VERSION_INDEX: 2}
 EXCEPTIONS = {
     2: "there is no such register",
@@ -36,7 +36,7 @@ EXCEPTIONS = {
 
 
 def client(url: str, timeout_s: float = 1.0) -> Any:
-    """A connected pymodbus client, which has no types here. Raises InputError, NoAnswer."""
+    """Returns a connected pymodbus client, which has no types here. Raises InputError, NoAnswer."""
     tcp, serial = TCP_URL.fullmatch(url), SERIAL_URL.fullmatch(url)
     if tcp is None and serial is None:
         raise ParameterError(
@@ -56,7 +56,7 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
         made = [ModbusTcpClient(tcp[1].strip("[]"), port=port, timeout=timeout_s, retries=0)]
     elif serial is not None:
         baud = int(serial[2] or BAUD_RATE)
-        # A pseudo-terminal has no parity and cannot be opened with parity.
+        # Parity is switched off for a pseudo-terminal, because it cannot be opened with parity.
         made = [
             ModbusSerialClient(serial[1], baudrate=baud, parity=p, timeout=timeout_s, retries=0)
             for p in PARITIES
@@ -72,9 +72,9 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
 
 
 class ModbusLink(Link):
-    """A unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Objects without a register, and
-    recordings, are refused before a request is sent. A thread writes to the watchdog. Raises
-    InputError, NoAnswer."""
+    """A Modbus unit at "tcp://HOST[:PORT]" or "/dev/ttyX[:BAUD]". Objects without a register, and
+    recordings, are refused before a request is sent. A thread repeatedly writes the watchdog.
+    Raises InputError, NoAnswer."""
 
     source = COMMAND_SOURCES.index("modbus")
 
@@ -101,7 +101,7 @@ class ModbusLink(Link):
         return BY_NAME[name].modbus >= 0
 
     def text(self, index: int) -> str | None:
-        """A text from the device identification, function 43 / 14."""
+        """Returns a text of the device identification, function 43 / 14."""
         if index not in IDENTIFICATION_OBJECTS:
             return None
         ask = self.client.read_device_information
@@ -144,7 +144,7 @@ class ModbusLink(Link):
         self._ask(name, self.client.write_registers, known.modbus, words)
 
     def _word_order(self) -> bool:
-        """Whether the lower half of a 32-bit value comes first."""
+        """Returns True if the lower half of a 32-bit value is in the first register."""
         if self._low_first is None:
             self._low_first = bool(self._read("modbus_word_order"))
         return self._low_first

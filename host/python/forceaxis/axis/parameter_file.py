@@ -1,4 +1,4 @@
-"""Parameters of an axis as a TOML file.
+"""Reads and writes the parameters of an axis as a TOML file.
 
     [about]                         # object table, firmware, node and date; see `others` below
     [axis], [law], [drive], ...     # a table for each part of the object table
@@ -52,8 +52,8 @@ HEXADECIMAL_NAMES = ("bank_crc", "certificate_hash", "certificate_parts")
 
 
 def _arrays() -> dict[str, tuple[AxisObject, ...]]:
-    """{stem: its objects} of the table's arrays: similar objects, numbered from 1, adjacent in the
-    table."""
+    """Returns {common name: objects} of the arrays in the object table. The objects of an array are
+    similar, adjacent in the table and numbered from 1."""
     found: dict[str, list[AxisObject]] = {}
     for o in PARAMETERS:
         stem, _, number = o.name.rpartition("_")
@@ -72,22 +72,22 @@ ARRAY_OF = {o.name: stem for stem, elements in ARRAYS.items() for o in elements}
 
 @dataclass(frozen=True)
 class About:
-    """The table [about] of a file: the axis from which dump() wrote it. A field that is None is
-    omitted."""
+    """The table [about] of a file, which describes the axis from which dump() wrote the file. A
+    field that is None is not in the file."""
 
-    object_table: str  #: hash, as 0x and 8 digits
+    object_table: str  #: hash of the object table as 0x and 8 digits
     firmware: str | None
     axis: str
     name: str | None
-    serial_number: str | None  #: as 0x and 8 digits
-    written: str  #: date, as 2026-11-25
+    serial_number: str | None  #: serial number as 0x and 8 digits
+    written: str  #: date of the file, such as 2026-11-25
     node_id: int
 
 
 @dataclass(frozen=True)
 class ParameterFile:
-    """Content of a file: {object: raw value} of parameters and of [measured], in the order of the
-    file, and the names of the objects that have default values."""
+    """Content of a parameter file: {object: raw value} of parameters and of the table [measured],
+    in the order of the file, and the names of the objects that have default values."""
 
     values: dict[str, int]
     defaults: tuple[str, ...]
@@ -95,12 +95,12 @@ class ParameterFile:
 
 
 def default(known: AxisObject, node_id: int) -> int:
-    """Raw default value of an object on a node."""
+    """Returns the raw default value of an object for a node id."""
     return known.default + (node_id if known.node_id else 0)
 
 
 def engineering(known: AxisObject, raw: int) -> float:
-    """The engineering value with the fewest digits that convert back to `raw`."""
+    """Returns the engineering value with the fewest digits that is converted back to `raw`."""
     if known.scale == 1:
         return raw
     for digits in range(1, 17):
@@ -111,7 +111,7 @@ def engineering(known: AxisObject, raw: int) -> float:
 
 
 def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
-    """A raw value in the form that a file contains."""
+    """Returns a raw value as the text that a parameter file contains."""
     for name, value in texts(known).items():
         if value == raw:
             return f'"{name}"'
@@ -127,8 +127,8 @@ def text(known: AxisObject, raw: int, node_id: int = 0) -> str:
 
 @dataclass(frozen=True)
 class Signature:
-    """Meaning of a value in a file: type, scale, unit, range of the raw value, texts of an
-    enumeration."""
+    """Meaning of an object's value in a file: type, scale, unit, range of the raw value, texts of
+    an enumeration."""
 
     type: str
     scale: float
@@ -139,14 +139,15 @@ class Signature:
 
 
 def signature(known: AxisObject) -> Signature:
-    """The signature of an object."""
+    """Returns the Signature of an object in the object table of this program."""
     names = list(texts(known)) or None
     return Signature(known.type, known.scale, known.unit, known.min, known.max, names)
 
 
 def dump(values: Mapping[str, int], about: About, everything: bool = False) -> str:
-    """Text of a file with the parameters {object: raw value}; everything: includes default values.
-    `without` in the file names the parameters that are not among the values."""
+    """Returns the text of a file with the parameters {object: raw value}. everything: True includes
+    default values. The table `without` of the file names the parameters that are not among the
+    values."""
     node_id = about.node_id
     groups: dict[str, list[str]] = {}
     named: list[tuple[str, AxisObject]] = []
@@ -177,13 +178,15 @@ def dump(values: Mapping[str, int], about: About, everything: bool = False) -> s
 
 
 def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
-    """(name, objects) of each line of a file: an array or a single object."""
+    """Yields (name, objects) for each line of a file. The line contains an array or a single
+    object."""
     for name, elements in itertools.groupby(PARAMETERS, lambda o: ARRAY_OF.get(o.name) or o.name):
         yield name, tuple(elements)
 
 
 def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id: int) -> str:
-    """An assignment with its unit; a list continues in a new line for each further index."""
+    """Returns an assignment NAME = VALUE with its unit in a comment. A list continues in a new line
+    for each further index."""
     unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
     pairs = zip(elements, raw, strict=True)
     if name not in ARRAYS:
@@ -201,14 +204,16 @@ def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id
 class Header:
     """The tables [about] and [objects] of a file that is read."""
 
-    object_table: str  #: hash, as 0x and 8 digits; "" in a file that does not name it
-    has_defaults: bool  #: all parameters that the file does not name have their default
-    without: list[str]  #: objects or arrays of which the file says nothing
-    objects: dict[str, toml.TomlValue]  #: {object or array: its signature}
+    #: hash of the object table, as 0x and 8 digits; "" if the file does not state the hash
+    object_table: str
+    #: True if all parameters that are not in the file have their default values
+    has_defaults: bool
+    without: list[str]  #: names of objects or arrays without a value in the file
+    objects: dict[str, toml.TomlValue]  #: {object or array: its Signature as a table}
 
 
 def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
-    """Removes the header from the tables of a file. Raises InputError."""
+    """Removes the header from the tables of a file and returns the header. Raises InputError."""
     about, described = tables.pop("about", {}), tables.pop("objects", {})
     if not isinstance(about, dict):
         raise InputError(
@@ -235,7 +240,7 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
 def _file_entries(
     path: Path | str, tables: Mapping[str, toml.TomlValue]
 ) -> Iterator[tuple[str, toml.TomlValue]]:
-    """(key, value) of each line of the tables of a file. Raises InputError."""
+    """Yields (key, value) for each line in the tables of a file. Raises InputError."""
     for group, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(
@@ -246,8 +251,8 @@ def _file_entries(
 
 
 def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> ParameterFile:
-    """Reads a ParameterFile. skip: names of objects or arrays to leave out. Raises InputError with
-    all entries that disagree with the object table."""
+    """Reads a ParameterFile. skip: names of objects or arrays that are not read. Raises InputError
+    with all entries that do not agree with the object table."""
     tables = toml.read(path)
     header = _pop_header(path, tables)
     problems: list[str] = []
@@ -287,7 +292,7 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
 
 
 def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> InputError:
-    """The error of a file with entries that disagree with the object table."""
+    """Returns the error for a file whose entries do not agree with the object table."""
     theirs, ours = header.object_table, table_hash()
     where = f", which is of object table {theirs}, this one is {ours}"
     other_table = where if theirs not in ("", ours) else ""
@@ -295,12 +300,12 @@ def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> 
 
 
 def table_hash() -> str:
-    """Hash of this program's object table, in the form of object_table_hash."""
+    """Returns the hash of the object table of this program in the form of object_table_hash."""
     return f"0x{objects.OBJECTS_HASH[:8]}"
 
 
 def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
-    """Raw value of an entry of a file. Raises InputError."""
+    """Returns the raw value of an entry of a file. Raises InputError."""
     if isinstance(value, str) and (match := COB_ID_PATTERN.fullmatch(value)):
         if not known.node_id:
             raise InputError(
@@ -324,7 +329,7 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
 
 
 def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.TomlValue]]:
-    """(object, value) of each value in a line of a file. Raises InputError."""
+    """Yields (object, value) for each value in a line of a file. Raises InputError."""
     if key in BY_NAME:
         return [(BY_NAME[key], given)]
     if key in ARRAYS:
@@ -347,8 +352,9 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
 
 
 def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
-    """Checks that type, scale, unit and texts of an object are unchanged, so that its value keeps
-    its meaning. The range may have become larger, as for stored values. Raises InputError."""
+    """Checks that type, scale, unit and texts of an object are the same in the file and in this
+    program, so that its value has the same meaning. The range of the object may have become larger.
+    Raises InputError."""
     if described is None:
         return
     if not isinstance(described, dict):
@@ -367,8 +373,8 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
 def _described_bound(
     known: AxisObject, described: Mapping[str, toml.TomlValue], bound: str, ours: int
 ) -> float:
-    """A bound of the range in the signature of a file, or ours if the file has none. Raises
-    InputError."""
+    """Returns a bound of the range in the signature of a file. If the file states no bound, returns
+    `ours`. Raises InputError."""
     value = described.get(bound, ours)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{known.name}: expected a number as {bound} in [objects], got {value}")

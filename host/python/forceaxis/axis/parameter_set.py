@@ -1,5 +1,5 @@
-"""Parameters of an axis: reads, compares with a file, loads from a file, stores and restores
-them.
+"""Operations on the parameters of an axis: read, compare with a file, load from a file, store,
+restore.
 
 A file is loaded completely or not at all. Values that limit each other are written in several
 rounds until the axis has accepted all; if it refuses one, all previous values are restored. Loaded
@@ -20,18 +20,19 @@ from forceaxis.bus.state_names import texts
 from forceaxis.objects import BY_NAME, AxisObject
 from forceaxis.results import json_field
 
-INVALID_COB_ID = 1 << 31  # bit of a COB-ID: its PDO is disabled and may be changed
+# bit of a COB-ID that disables the PDO; only a disabled PDO can be changed
+INVALID_COB_ID = 1 << 31
 PDO_COUNT, ENTRIES_PER_PDO = 4, 8
-# objects that are written after all others, in this order
+# Parts of the names of objects that are written after all others, in this order.
 WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")
 WRITE_RANKS = 1 + len(WRITTEN_LAST)
-STORE_MAX_S = 10.0  # time limit; erasing a sector of flash takes up to a second
+STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to erase a sector of flash
 
 
 @dataclass(frozen=True)
 class BankState:
-    """The selected bank with the states of the bank and of its certificate. A field is None if no
-    bank is selected, or if the connection cannot access the state."""
+    """The selected bank, the state of this bank, and the state of its certificate. A field is None
+    if no bank is selected, or if the connection cannot access the state."""
 
     force_bank: int | None = json_field(omit_none=True)
     bank_state: str | None = json_field(omit_none=True)
@@ -40,8 +41,7 @@ class BankState:
 
 @dataclass(frozen=True)
 class DifferenceShown:
-    """A Difference as text or number for a user: texts of enumerations or engineering values in
-    `unit`."""
+    """A Difference for a user, with texts of enumerations or engineering values in `unit`."""
 
     name: str
     axis: float | str
@@ -51,14 +51,14 @@ class DifferenceShown:
 
 @dataclass(frozen=True)
 class Difference:
-    """A parameter that differs: raw value in the axis and raw value in the file."""
+    """A parameter whose values in the axis and in the file differ; both are raw values."""
 
     name: str
     axis: int
     file: int
 
     def shown(self) -> DifferenceShown:
-        """The difference in engineering values."""
+        """Returns the difference in engineering values."""
         known = BY_NAME[self.name]
         return DifferenceShown(
             self.name, shown(known, self.axis), shown(known, self.file), known.unit
@@ -67,9 +67,9 @@ class Difference:
 
 @dataclass(frozen=True)
 class LoadResult:
-    """Changes that a file has made or would make. `concerned` is the number of parameters in the
-    file, with or without a change. `managed` names the parameters that the gateway of the
-    connection sets itself; they are left out."""
+    """The parameters that a file has changed or would change. `concerned` is the number of all
+    parameters in the file. `managed` names parameters of the file that are skipped, because the
+    gateway of the connection sets them."""
 
     changed: list[Difference]
     concerned: int
@@ -78,13 +78,13 @@ class LoadResult:
 
 
 def shown(known: AxisObject, raw: int) -> float | str:
-    """Text of an enumeration, or engineering value."""
+    """Returns a raw value as the text of an enumeration or as an engineering value."""
     named = next((name for name, value in texts(known).items() if value == raw), None)
     return engineering(known, raw) if named is None else named
 
 
 def read(axis: Drive) -> dict[str, int]:
-    """{object: raw value} of all parameters that the connection can access and does not manage
+    """Returns {object: raw value} of all parameters that the connection can access and does not set
     itself. Raises Refused, NoAnswer."""
     expect_table(axis)
     link = axis.link
@@ -94,7 +94,7 @@ def read(axis: Drive) -> dict[str, int]:
 
 
 def expect_table(axis: Drive) -> None:
-    """Raises Refused for an axis with another object table, in which names may have other
+    """Raises Refused if the axis has another object table, in which names may have other
     meanings."""
     theirs = f"0x{axis.link.read_one('object_table_hash'):08x}"
     ours = parameter_file.table_hash()
@@ -106,7 +106,7 @@ def expect_table(axis: Drive) -> None:
 
 
 def about(axis: Drive) -> About:
-    """The table [about] for a file of this axis."""
+    """Returns the table [about] for a file of this axis."""
     has_serial = axis.link.reaches("serial_number")
     serial = axis.link.read_one("serial_number") if has_serial else None
     return About(
@@ -121,15 +121,16 @@ def about(axis: Drive) -> About:
 
 
 def dump(axis: Drive, everything: bool = False) -> str:
-    """Text of a file with the axis' parameters; everything: includes those with default values."""
+    """Returns the text of a file with the parameters of the axis. everything: True includes
+    parameters with default values."""
     return parameter_file.dump(read(axis), about(axis), everything)
 
 
 def differences(
     axis: Drive, path: Path | str, skip: Collection[str] = (), measured: bool = False
 ) -> list[Difference]:
-    """Differences between an axis and a file. measured: includes [measured] of the file. Raises
-    InputError, Refused, NoAnswer."""
+    """Returns the differences between an axis and a file. measured: True includes the table
+    [measured] of the file. Raises InputError, Refused, NoAnswer."""
     return _compared(axis, read(axis), path, skip, measured).changed
 
 
@@ -140,7 +141,8 @@ def _compared(
     skip: Collection[str],
     measured: bool,
 ) -> LoadResult:
-    """The changes by which a file would change {object: raw value}, without the bank."""
+    """Returns the changes that a file makes to {object: raw value}, without the state of the
+    bank."""
     node_id = axis.link.read_one("node_id")
     file = parameter_file.read(path, node_id, skip)
     managed = [name for name in file.values if axis.link.manages(name)]
@@ -166,7 +168,7 @@ def load(
     measured: bool = False,
     dry_run: bool = False,
 ) -> LoadResult:
-    """Sets the parameters of a disabled, owned axis to those of a file.
+    """Sets the parameters of a disabled axis, which this program owns, to the values of a file.
 
     All parameters are set or none: raises InputError before the first write, and Refused with the
     name of the refused parameter after the previous values have been restored. dry_run writes
@@ -192,7 +194,7 @@ def load(
 
 
 def bank(axis: Drive) -> BankState:
-    """The selected bank and its states."""
+    """Returns the selected bank and its states."""
     number = axis.read("force_bank")
     if not number:
         return BankState()
@@ -221,9 +223,9 @@ def _expect_written(axis: Drive, wanted: Mapping[str, int]) -> None:
 
 
 def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str, int]:
-    """{object: raw value} to write first, so that the other values may change: no selected bank,
-    PDOs without entries, invalid COB-IDs, no heartbeat monitored twice. Objects that are not among
-    the changes get their present value again at the end."""
+    """Returns {object: raw value} to write first, so that the axis accepts the other values: no
+    bank is selected, PDOs have no entries, COB-IDs are invalid, and no node is monitored twice.
+    After the changes, write() gives the other objects of this dictionary their earlier values."""
     park: dict[str, int] = {}
     law = any(BY_NAME[name].part == "law" or name == "adc_bits" for name in changes)
     if law and present["force_bank"]:
@@ -240,15 +242,16 @@ def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str,
             if changes.keys() & (entries | {f"{side}_mapped_{i}"}):
                 park[f"{side}_mapped_{i}"] = 0
     for name in changes:
-        if BY_NAME[name].node_id:  # a COB-ID can change only while it is invalid
+        # the axis accepts a new COB-ID only while the present COB-ID is invalid
+        if BY_NAME[name].node_id:
             park[name] = present[name] | INVALID_COB_ID
     heartbeats = [n for n in changes if n.startswith("consumer_heartbeat_") and present[n]]
     return park | dict.fromkeys(heartbeats, 0)
 
 
 def write(axis: Drive, changes: Mapping[str, int], present: Mapping[str, int]) -> None:
-    """Writes {object: raw value} in rounds: refused values are tried again after the others. Raises
-    Refused for the first value that is refused in every round."""
+    """Writes {object: raw value} in rounds. Each round tries the values again that the round before
+    has refused. Raises Refused for the first value if a round writes no value."""
     park = {n: raw for n, raw in _parked(changes, present).items() if raw != present[n]}
     axis.link.write(park)
     wanted = {**changes, **{name: changes.get(name, present[name]) for name in park}}
@@ -271,13 +274,13 @@ def _write_rounds(axis: Drive, remaining: Mapping[str, int]) -> None:
 
 
 def _rank(name: str) -> int:
-    """Order of writing: entries of a PDO, their number, the COB-ID that enables it; the selected
-    bank last."""
+    """Returns the position of an object in the order of writing. The entries of a PDO precede the
+    number of entries, then follow the COB-ID that enables the PDO, and the selected bank."""
     return next((i for i, end in enumerate(WRITTEN_LAST, 1) if end in name), 0)
 
 
 def _explained(axis: Drive, name: str, raw: int) -> str:
-    """Text about a refused value; for a bank with the reason."""
+    """Returns a text about a refused value. For a bank the text states the reason."""
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
     state = f"bank_state_{raw}"
@@ -288,20 +291,20 @@ def _explained(axis: Drive, name: str, raw: int) -> str:
 
 
 def store(axis: Drive) -> None:
-    """Stores all parameters of an owned, disabled axis and waits until they are stored. Raises
-    Refused with the state of the store, NoAnswer."""
+    """Stores all parameters of a disabled axis, which this program owns, and waits for the end of
+    the storing. Raises Refused with the state of the store, NoAnswer."""
     _command(axis, "store_parameters", "saved")
 
 
 def restore(axis: Drive) -> None:
-    """Selects the default values for the next power-up or reset of the node; the present values do
+    """Selects the default values for the next power-up or reset of the node. The present values do
     not change. Raises Refused, NoAnswer."""
     _command(axis, "restore_defaults", "restored")
 
 
 @dataclass(frozen=True)
 class StoreObjects:
-    """State of the parameter store, with or without a fault of the axis."""
+    """State of the parameter store, and the fault of the axis."""
 
     store_state: str
     fault: str

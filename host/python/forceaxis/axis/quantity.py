@@ -1,5 +1,5 @@
-"""Converts the text of a user to the value of an object: a number in its unit, the text of an
-enumeration, or a quantity such as "75 N", "10 mm" or "4 mm/s", with or without a blank.
+"""Converts the text of a user to the value of an object. The text is a number in the unit of the
+object, a text of an enumeration, or a quantity such as "75 N", "10 mm" or "4mm/s".
 
 Forces are converted by the axis' own force_scale and rated_force; times and codes have fixed
 factors. Lengths need the size of a position count: from user units of the axis (6092h, named by
@@ -24,12 +24,12 @@ from forceaxis.objects import BY_NAME, AxisObject, default
 CODES_PER_V = 4096 / 20  # of the DAC
 METRE_UNIT = 0x01  # of CiA 303-2
 NUMBER_WITH_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-# Objects in per mille of rated_force.
+# Objects whose unit is per mille of rated_force.
 PER_MILLE_OF_RATED_FORCE = {
     "target_force", "force_offset", "force_limit", "force_limit_positive", "force_limit_negative",
     "force_demand", "force_actual",
 }  # fmt: skip
-# Objects in DAC codes; the "code" of other objects is that of an ADC.
+# Objects whose unit is the DAC code. For other objects, the unit "code" is an ADC code.
 DAC_CODE_OBJECTS = {
     "open_loop_code", "excitation_amplitude", "excitation_code", "output_limit",
     "uncertified_output", "contact_loss_cap", "first_motion_code", "dac_code", "command_code",
@@ -39,13 +39,14 @@ FIXED_UNITS = {
     "mN": ("N", 1e3), "uN": ("N", 1e6), "ms": ("s", 1e3), "us": ("s", 1e6),
     "tick": ("s", float(TICKS_PER_S)), "Hz": ("Hz", 1.0), "Hz/s": ("Hz/s", 1.0),
 }  # fmt: skip
-# {unit: (SI unit, exponent of the tick rate in the factor)} for lengths in counts.
+# {unit of a length in counts: (SI unit, exponent of the tick rate in the conversion factor)}
 COUNT_UNITS = {
     "count": ("m", 0), "count/s": ("m/s", 0), "count/s^2": ("m/s^2", 0),
     "count/tick": ("m/s", 1), "count/tick^2": ("m/s^2", 2),
 }  # fmt: skip
 COUNTS_WITHOUT_LENGTH = {"encoder_increments"}
-COUNT_INDICES = (0x6063, 0x6069)  # CiA 402 objects that are in counts for every user unit
+# CiA 402 objects whose unit is the count even if the axis has user units
+COUNT_INDICES = (0x6063, 0x6069)
 UNKNOWN_COUNT_SIZE = (
     "; what a count is in mm is not known: give a model, or the axis its units (6092h, 60A8h)"
 )
@@ -53,7 +54,7 @@ UNKNOWN_COUNT_SIZE = (
 
 @dataclass(frozen=True)
 class GearObjects:
-    """The objects from which user units per encoder count follow (CiA 402)."""
+    """Objects from which the number of user units per encoder count is computed (CiA 402)."""
 
     feed: float
     encoder_revolutions: int
@@ -65,31 +66,31 @@ class GearObjects:
 
 @dataclass(frozen=True)
 class Force:
-    """A force as given by a user; newton: True for N, False for 8-bit counts."""
+    """A force that the user has given. newton: True for a value in N, False for 8-bit counts."""
 
     value: float
     newton: bool
 
 
 def force_per_count(axis: AxisValues) -> float:
-    """Force in N of one 8-bit count, from the force_scale of the axis."""
+    """Returns the force in N of one 8-bit count, from force_scale of the axis."""
     return float(axis.read("force_scale")) * 1e-6
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
-    """Whether force_scale (uN per count) still has its default, independent of the sensor;
-    calibration_date: 0 for no calibration."""
+    """The objects that show whether force_scale was ever set. force_scale: in uN per count;
+    calibration_date: 0 without a calibration."""
     return not calibration_date and force_scale == default("force_scale")
 
 
 def is_reading(known: AxisObject | None) -> bool:
-    """Whether the unit of an object is counts of the measured force."""
+    """Returns True if the unit of an object is counts of the measured force."""
     return known is not None and known.unit == "count" and known.quantity == "force"
 
 
 def user_per_count(axis: AxisValues) -> float | None:
-    """User units per encoder count: 1 without user units; None if the connection cannot access
-    their objects."""
+    """Returns the number of user units per encoder count, which is 1 without user units. Returns
+    None if the connection cannot access the objects of the user units."""
     if not axis.read("feed"):
         return 1.0
     if not all(axis.link.reaches(name) for name in object_names(GearObjects)):
@@ -102,7 +103,8 @@ def user_per_count(axis: AxisValues) -> float | None:
 
 
 def _metres_of_user(axis: AxisValues) -> float | None:
-    """Metres per user unit by 60A8h; None if the unit is not a length."""
+    """Returns the length of a user unit in m from 60A8h, or None if the user unit is not a
+    length."""
     if not axis.read("feed") or not axis.link.reaches("position_unit"):
         return None
     exponent, unit = divmod(int(axis.read("position_unit")) >> 16, 256)
@@ -110,7 +112,8 @@ def _metres_of_user(axis: AxisValues) -> float | None:
 
 
 def per_metre(axis: AxisValues, known: AxisObject) -> float | None:
-    """Units per metre of an object with positions, speeds or accelerations; None if not known."""
+    """Returns the number of units per metre of an object for positions, speeds or accelerations.
+    Returns None if the number is not known."""
     of_user = known.index >= 0x6000 and known.index not in COUNT_INDICES
     metres, ratio = _metres_of_user(axis), user_per_count(axis)
     model = axis.link.counts_per_metre
@@ -132,8 +135,8 @@ def _is_length(known: AxisObject) -> bool:
 
 
 def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
-    """(SI unit, units of the object per SI unit); None if the object is no such quantity or its
-    scale is not known."""
+    """Returns (SI unit, number of object units in one SI unit). Returns None if the object has no
+    such unit or if its scale is not known."""
     if is_reading(known):
         return "N", 1 / force_per_count(axis)
     if known.name in PER_MILLE_OF_RATED_FORCE:
@@ -150,14 +153,14 @@ def scale_of(axis: AxisValues, known: AxisObject) -> tuple[str, float] | None:
 
 
 def parse(axis: AxisValues, name: str, text: str) -> Value:
-    """The value for Axis.set() from a number, "30 count", "75 N", "10 mm" if the object has such a
-    quantity, or the text of an enumeration. Raises InputError."""
+    """Returns the value for Axis.set() from a text: a number, "30 count", "75 N" or "10 mm" if the
+    object has such a unit, or the text of an enumeration. Raises InputError."""
     known = object_named(name)
     if known is None or text in texts(known):
         return text
     parts = NUMBER_WITH_UNIT.fullmatch(text)
     if parts is None:
-        return text  # Axis.set() reports the expected text
+        return text  # Axis.set() raises the error and states the expected text
     number, unit = parts.groups()
     if not unit or unit == known.unit:
         return number
@@ -173,8 +176,9 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
 
 
 def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
-    """Raw values of engineering values, texts of enumerations or quantities that are to be written
-    in this order: a rated_force among them scales a later target_force. Raises InputError."""
+    """Returns the raw values of engineering values, texts of enumerations or quantities that are to
+    be written in this order. A rated_force among them is the scale of a later target_force. Raises
+    InputError."""
     raw: dict[str, int] = {}
     planned = PlannedValues(axis, raw)
     for name, value in values.items():
@@ -183,8 +187,8 @@ def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
 
 
 def to_raw(axis: AxisValues, name: str, value: Value) -> int:
-    """Raw value of an engineering value, the text of an enumeration or a quantity. Raises
-    InputError, with the range in N or mm if the value has such a unit."""
+    """Returns the raw value of an engineering value, the text of an enumeration or a quantity.
+    Raises InputError, which states the range also in N or mm if the scale is known."""
     if not isinstance(value, str):
         return client.to_raw(name, value)
     given = parse(axis, name, value)
@@ -200,7 +204,7 @@ def to_raw(axis: AxisValues, name: str, value: Value) -> int:
 
 
 def number(axis: AxisValues, name: str, text: str) -> float:
-    """A value that must be a number. Raises InputError."""
+    """Returns the value of an object, which must be a number. Raises InputError."""
     try:
         return float(parse(axis, name, text))
     except ValueError:
@@ -208,14 +212,15 @@ def number(axis: AxisValues, name: str, text: str) -> float:
 
 
 def expect_written(option: str, text: str | None, example: str) -> None:
-    """Raises InputError for a text that is neither a number nor a quantity; no axis is needed."""
+    """Raises InputError for a text that is neither a number nor a quantity. This check needs no
+    axis."""
     if text is not None and NUMBER_WITH_UNIT.fullmatch(text) is None:
         raise InputError(f'{option}: expected a number or a quantity as "{example}", got {text}')
 
 
 def force(text: str | float) -> Force:
-    """A force from "75 N" or "75N", or in 8-bit counts from "30", "30 count" or 30. Raises
-    InputError."""
+    """Returns the force of a text such as "75 N" or "75N", or of "30", "30 count" or 30 in 8-bit
+    counts. Raises InputError."""
     parts = NUMBER_WITH_UNIT.fullmatch(str(text))
     if parts is not None:
         digits, unit = parts.groups()
@@ -228,7 +233,8 @@ def force(text: str | float) -> Force:
 
 
 def shown(axis: AxisValues, name: str, value: float) -> str:
-    """A value of an object as text in N or mm, if its scale is known, and in its own unit."""
+    """Returns a value of an object as text in its own unit, and in N or mm if the scale is
+    known."""
     known = object_named(name)
     if known is None:
         return f"{value:g}"
@@ -241,7 +247,8 @@ def shown(axis: AxisValues, name: str, value: float) -> str:
 
 
 def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value]:
-    """Settings of a recording that begins when an object crosses a level, in engineering units."""
+    """Settings of a recording whose trigger is an object that crosses a level in engineering
+    units."""
     known = known_object(name)
     return {
         "trigger_source": known.index << 8 | known.sub,
@@ -251,7 +258,8 @@ def trigger_on(name: str, level: float, edge: str = "rising") -> dict[str, Value
 
 
 def trigger(axis: AxisValues, text: str) -> dict[str, Value]:
-    """Settings of Axis.capture() from "force rising 31", "fault either 0.5" or a force in N."""
+    """Returns settings for Axis.capture() from "force rising 31", "fault either 0.5" or a force in
+    N."""
     words = text.split(None, 2)
     if text == "excitation_start":
         return {"trigger_edge": text}

@@ -16,14 +16,15 @@ FILES = ("capture.csv", "capture.npz", "capture.png")
 
 
 def columns(recording: Recording) -> dict[str, NDArray[Any]]:
-    """{column: (n,)} of time_s from the trigger and of the signals, with units in the names."""
+    """Returns {column: values (n,)}: time_s from the trigger, and each signal with its unit in the
+    name."""
     values = {column_name(name): recording.values(name) for name in recording.signals}
     return {"time_s": recording.time_s, **values}
 
 
 def write(recording: Recording, folder: Path, title: str) -> None:
-    """Writes capture.csv, .npz and .png to `folder`, which is created; writes all files or none.
-    Raises OSError."""
+    """Writes the recording as capture.csv, .npz and .png to `folder`, which is created. Writes
+    either all files or none. Raises OSError."""
     table = columns(recording)
     with paths.replacing(folder, *FILES) as (text, arrays, picture):
         with text.open("w", newline="") as file:
@@ -36,7 +37,7 @@ def write(recording: Recording, folder: Path, title: str) -> None:
 
 
 def figure(recording: Recording, title: str) -> Figure:
-    """Figure with a row for each signal over the time from the trigger."""
+    """Returns a figure with one row for each signal over the time from the trigger."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import INK, THIN, style

@@ -9,15 +9,15 @@ from forceaxis.axis import actions
 from forceaxis.axis.axis import Axis
 from forceaxis.axis.link import DEVICE_NAME_INDEX, VERSION_INDEX, Link, NoAnswer, Refused
 
-NODE_ANSWERS_S = 0.5  # time that the nodes of a CAN bus have for their answers
-UNIT_TIMEOUT_S = 0.15  # time that one unit of Modbus has for its answer
+NODE_ANSWERS_S = 0.5  # time in s in which the nodes of a CAN bus must answer
+UNIT_TIMEOUT_S = 0.15  # time in s in which one Modbus unit must answer
 
 
 @dataclass(frozen=True)
 class ScannedAxis:
-    """One axis of a bus. A field is None if the axis did not give its value; `note` then states the
-    reason. `table` is the hash of its object table, 8 hexadecimal digits, and `owner` the name of
-    its command source."""
+    """One axis that was found on a bus. A field is None if the axis did not state its value; `note`
+    then states the reason. `table` is the hash of the object table as 8 hexadecimal digits. `owner`
+    is the name of the command source."""
 
     id: int | None
     name: str | None = None
@@ -32,7 +32,7 @@ class ScannedAxis:
 
 def scanned(link: Link, number: int | None = None) -> ScannedAxis:
     """Reads the axis of a connection and closes the connection. `number` is the number of the axis
-    on its bus; the default is its node id."""
+    on its bus, by default its node id."""
     axis, found = Axis(link), ScannedAxis(number)
     try:
         if number is None:
@@ -50,7 +50,7 @@ def scanned(link: Link, number: int | None = None) -> ScannedAxis:
 
 
 def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[ScannedAxis]:
-    """Each axis whose gateway publishes states within `seconds`."""
+    """Yields each axis whose gateway publishes a state within `seconds`."""
     from forceaxis.axis.gateway import GatewayLink
     from forceaxis.bus.monitor_state import Watch
     from forceaxis.bus.sources import LiveSource
@@ -69,7 +69,8 @@ def at_gateway(url: str | None = None, seconds: float = 1.0) -> Iterator[Scanned
 def on_can(
     interface: str, bus: Any = None, seconds: float = NODE_ANSWERS_S
 ) -> Iterator[ScannedAxis]:
-    """Each node 1 to 127 that answers a read of 1000h, or that sends a message within `seconds`."""
+    """Yields each node 1 to 127 that answers a read of 1000h or sends any message within
+    `seconds`."""
     from forceaxis.axis.can import CanLink, network
 
     with network(interface, bus) as opened:
@@ -85,7 +86,7 @@ def on_can(
 
 
 def on_modbus(url: str) -> Iterator[ScannedAxis]:
-    """Each Modbus unit 1 to 127 that answers."""
+    """Yields each Modbus unit 1 to 127 that answers a request."""
     from forceaxis.axis.modbus import ModbusLink, client
 
     answering = client(url, UNIT_TIMEOUT_S)

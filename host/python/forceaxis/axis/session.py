@@ -28,11 +28,11 @@ from forceaxis.bus import state_names
 from forceaxis.bus.client import AxisClient, NoAnswer, Refused, Value
 from forceaxis.bus.messages import axis_event_t, axis_state_t
 
-STATES_KEPT = 30_000  # ten minutes at 50 per second
+STATES_KEPT = 30_000  # number of stored states: ten minutes at 50 per second
 
 
 class Session(AxisClient):
-    """An axis that is owned until the session is closed."""
+    """An axis that this program owns until the session is closed."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class Session(AxisClient):
         timeout_s: float = 2.0,
         wait_s: float = READY_S,
     ) -> None:
-        # For states before the thread of the bus delivers the first one.
+        # This client receives states before the thread of the bus delivers the first state.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)
@@ -53,15 +53,16 @@ class Session(AxisClient):
             raise
 
     def write_all(self, values: Mapping[str, Value]) -> axis_event_t:
-        """As in AxisClient, but the thread that writes to the watchdog does not overwrite a new
-        watchdog value, and a target that the axis would limit raises InputError (axis/bounds)."""
+        """Writes objects as AxisClient does, with two differences: the thread that repeatedly
+        writes the watchdog does not overwrite a new watchdog value, and a target that the axis
+        would limit raises InputError (axis/bounds)."""
         bounds.expect(self._drive, values)
         with self._link.unfed(values):
             return super().write_all(values)
 
     def close(self) -> None:
-        """Disables and releases the axis, unless it no longer answers."""
-        # another client owns the axis or it does not answer, so it cannot be released
+        """Disables and releases the axis, unless the axis no longer answers."""
+        # The axis cannot be released if another client owns it or if it does not answer.
         with contextlib.suppress(Refused, NoAnswer):
             self._drive.off()
             self._link.release()
@@ -70,7 +71,8 @@ class Session(AxisClient):
 
     @property
     def states(self) -> list[axis_state_t]:
-        """The received states in order, axis_state_t; at most the latest STATES_KEPT."""
+        """Returns the received states, axis_state_t, in order. At most the latest STATES_KEPT are
+        stored."""
         with self._news:
             return list(self._states)
 
@@ -84,8 +86,8 @@ class Session(AxisClient):
     def wait_for(
         self, holds: Callable[[axis_state_t], bool | int], what: str, timeout_s: float = 5.0
     ) -> axis_state_t:
-        """The first state for which holds(state) is True. Raises NoAnswer, which names `what`, if
-        there is none within timeout_s."""
+        """Waits for the first state for which holds(state) is True, and returns it. Raises
+        NoAnswer, which names `what`, if no such state arrives within timeout_s."""
         end = time.monotonic() + timeout_s
         state: axis_state_t | None = None
         while (remaining := end - time.monotonic()) > 0:
@@ -106,7 +108,7 @@ class Session(AxisClient):
         raise NoAnswer(f"axis {self.axis}: expected {what} within {timeout_s:g} s, {reason}")
 
     def enable(self, mode: str | int, **parameters: Value) -> None:
-        """See Axis.enable()."""
+        """Enables the axis in a mode of operation; see Axis.enable()."""
         self._drive.enable(mode, **parameters)
 
     def disable(self) -> None:
@@ -116,7 +118,7 @@ class Session(AxisClient):
         self._drive.reset_fault()
 
     def home(self, position: int = 0) -> None:
-        """Homing at the present position, which becomes `position`, in counts."""
+        """Homes the axis at its present position, which becomes `position` in counts."""
         self.enable("homing", homing_method=37, home_offset=position)
         self.write("controlword", START_HOMING)
         state = self.wait_for(lambda s: s.statusword & (BIT_12 | HOMING_ERROR), "to be homed")
@@ -125,8 +127,8 @@ class Session(AxisClient):
         self.write("controlword", ENABLE)
 
     def move(self, position: int | str, timeout_s: float = 20.0) -> axis_state_t:
-        """Moves to `position`, in counts, in profile position mode and waits until it is reached;
-        returns the next axis_state_t."""
+        """Moves to `position`, in counts, in profile position mode. Waits until the axis has
+        reached the position and returns the next axis_state_t."""
         self._drive.move(position, timeout_s)
         state: axis_state_t = self.state()
         return state
@@ -157,7 +159,8 @@ class Session(AxisClient):
 
 
 def seconds(states: Sequence[axis_state_t]) -> tuple[list[axis_state_t], list[float]]:
-    """The states whose firmware time is available, and these times in s from the first one."""
+    """Returns the states whose firmware time is available, and their times in s from the first such
+    state."""
     known = [s for s in states if s.utime != axis_state_t.NOT_AVAILABLE]
     start = known[0].utime if known else 0
     return known, [(s.utime - start) / 1e6 for s in known]

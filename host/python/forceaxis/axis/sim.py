@@ -1,4 +1,5 @@
-"""A simulated axis: firmware and plant of an experiment in this process, in their own time."""
+"""A simulated axis: the firmware and the plant of an experiment run in this process, in simulated
+time."""
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,13 +24,14 @@ from forceaxis.objects import BY_NAME
 if TYPE_CHECKING:
     from forceaxis._core import ConverterTable
 
-FEED_TICKS = 75  # 50 ms; the default of the watchdog is 500 ms
+# ticks between two writes of the watchdog, 50 ms; the default of the watchdog is 500 ms
+FEED_TICKS = 75
 WATCHDOG = BY_NAME["watchdog"].number
 
 
 class SimLink(RecorderLink):
-    """The axis of an experiment. Until a client owns the axis, the experiment commands it by
-    [[at]]; without such commands it is disabled.
+    """The axis of an experiment. Before a client acquires the axis, the commands [[at]] of the
+    experiment control it; an experiment without such commands leaves it disabled.
 
     store: file of the parameter store, created if it does not exist. Raises InputError.
     """
@@ -43,17 +45,17 @@ class SimLink(RecorderLink):
         still = [] if "firmware.mode" in given else ["firmware.mode=disabled"]
         self.axis = _core.LiveAxis(str(experiment), [*overrides, *still], str(store))
         self.where = f"the simulated axis of {experiment}"
-        self.store = store  # "": none
+        self.store = store  # file of the parameter store; "": no file
         self._owned = False
-        self.axis.step(1)  # the first inputs
+        self.axis.step(1)  # the firmware reads its first inputs
         converters = _core.inputs(str(experiment), list(overrides))["converters"]
         self.warning = self._scale_warning(converters.get("adc0"))
         if encoder := converters.get("encoder"):
             self.counts_per_metre = 1 / abs(encoder["per_code"])
 
     def _scale_warning(self, reading: "ConverterTable | None") -> str | None:
-        """A line of text if the axis' force_scale differs from that of its model's sensor,
-        otherwise None."""
+        """Returns a line of text if force_scale of the axis differs from the scale of the sensor in
+        the model, otherwise None."""
         if reading is None:
             return None
         has = self.read_one("force_scale") * 1e-6
@@ -83,10 +85,10 @@ class SimLink(RecorderLink):
             error = self.axis.write(BY_NAME[name].number, raw)
             if error:
                 raise Refused(f"{name}: {REASONS[error]}")
-            self.axis.step(1)  # a write acts in the next tick, as over a bus
+            self.axis.step(1)  # a written value acts in the next tick, as it does over a bus
 
     def acquire(self) -> None:
-        self.axis.end_schedule()  # the owner alone commands the axis
+        self.axis.end_schedule()  # from here on only the owner commands the axis
         self.write({"command_source": self.source})
         self._owned = True
 
@@ -111,7 +113,8 @@ class SimLink(RecorderLink):
         return raw
 
     def close(self) -> None:
-        """Releases the file of the store, unless the caller still uses `axis`."""
+        """Closes the file of the parameter store, unless the caller still uses the object
+        `axis`."""
         self._owned = False
-        with contextlib.suppress(AttributeError):  # it was closed before
+        with contextlib.suppress(AttributeError):  # the connection was already closed
             del self.axis

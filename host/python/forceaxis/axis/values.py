@@ -1,4 +1,4 @@
-"""Engineering values of the objects of one axis, by name or as the fields of a dataclass.
+"""Reads engineering values of the objects of one axis, by name or as the fields of a dataclass.
 
     @dataclass(frozen=True)
     class TareObjects:
@@ -29,7 +29,8 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def known_object(name: str) -> AxisObject:
-    """The object of this name. Raises InputError for an unknown name or a CANopen address."""
+    """Returns the object of this name. Raises InputError for an unknown name or a CANopen
+    address."""
     known = object_named(name)
     if known is None:
         raise InputError(
@@ -39,27 +40,28 @@ def known_object(name: str) -> AxisObject:
 
 
 def object_names(kind: type[R]) -> list[str]:
-    """The names of a dataclass' fields, each of which is the name of an object."""
+    """Returns the field names of a dataclass; each must be the name of an object."""
     return [field.name for field in dataclasses.fields(kind)]
 
 
 class AxisValues:
-    """Reads the objects of an axis over a connection."""
+    """Reads the objects of one axis over a connection."""
 
     def __init__(self, link: Link) -> None:
         self.link = link
 
-    # The type of a value depends on the name of its object, so that only record() has types.
+    # The type of a value depends on the name of its object, therefore only the result of record()
+    # has types.
     def get(self, *names: str) -> dict[str, Any]:
-        """{name: engineering value or text of an enumeration}, in the order of `names`. Raises
-        InputError for an unknown name; Refused; NoAnswer."""
+        """Returns {name: engineering value or text of an enumeration} in the order of `names`.
+        Raises InputError for an unknown name; Refused; NoAnswer."""
         for name in names:
             known_object(name)
         raw = self.link.read(names)
         return {name: from_raw(name, raw[name]) for name in names}
 
     def read(self, name: str) -> Any:
-        """The value of one object, in the form of get(). Raises the errors of get()."""
+        """Returns the value of one object, in the form of get(). Raises the errors of get()."""
         return self.get(name)[name]
 
     def record(self, kind: type[R]) -> R:
@@ -69,16 +71,17 @@ class AxisValues:
 
 
 class PlannedValues(AxisValues):
-    """Values of an axis as they will be after a write of {name: raw value}, `planned`. An object
-    that the connection cannot access has the value None."""
+    """Values that an axis will have after {name: raw value}, `planned`, was written. The value of
+    an object that the connection cannot access is None."""
 
     def __init__(self, axis: AxisValues, planned: Mapping[str, int]) -> None:
         super().__init__(axis.link)
         self.axis, self.planned = axis, planned
-        self._present: dict[str, Any] = {}  # each object is read once
+        # values that were already read; each object is read once
+        self._present: dict[str, Any] = {}
 
     def get(self, *names: str) -> dict[str, Any]:
-        """As AxisValues.get()."""
+        """Returns {name: value} as AxisValues.get() does, for the time after the write."""
         missing = [n for n in names if n not in self.planned and n not in self._present]
         reached = [n for n in missing if self.link.reaches(n)]
         self._present |= dict.fromkeys(missing) | (self.axis.get(*reached) if reached else {})
