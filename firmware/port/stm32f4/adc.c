@@ -1,19 +1,19 @@
 #include "firmware/port/stm32f4/board.h"
 
-/* Channels 6 and 7 are the force on PA6 and the motor current on PA7. Channel 4 is PA4, which the
- * DAC drives. */
+/* Channels of the ADC: channel 6 measures the force on pin PA6, and channel 7 the motor current on
+ * PA7. Channel 4 measures pin PA4, which the DAC drives. */
 enum { PIN_FORCE = 6, PIN_CURRENT = 7 };
 
-/* Both conversions together take 2 x (28 + 12) cycles of 21 MHz, 3.8 us; 28 sampling cycles are
- * enough for a source of 13 kOhm. A read over this bus, which is half as fast as the core, takes 6
- * to 9 cycles of the core; each poll makes eight reads, so that it waits with few instructions. The
- * limit is a time: 5 us, 420 counts of the free-running counter. */
+/* COUNTS_MAX limits the wait for a result to 5 us, 420 counts of the free-running counter. Two
+ * conversions together take 2 x (28 + 12) cycles of 21 MHz, 3.8 us; 28 sampling cycles are enough
+ * for a source resistance of 13 kOhm. Each poll makes eight reads over the peripheral bus, at 6 to
+ * 9 cycles of the core each, so that the wait executes few instructions. */
 enum { COUNTS_MAX = 5 * (CLOCK_APB1_HZ / 500000) };
 
 static uint32_t started;
 
-/* The injected group gives two results in separate registers, without DMA. The regular group makes
- * single conversions of slow sources. */
+/* Initialises the ADC. The injected group gives the two results of a tick in separate registers,
+ * without DMA. The regular group makes single conversions of slow sources. */
 void adc_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB2ENR |= RCC_APB2ENR_ADC1EN;
@@ -26,12 +26,13 @@ void adc_init(void) {
   ADC1->SMPR1 = ADC_SMPR1_SMP17_480;
   ADC1->SMPR2 = ADC_SMPR2_SMP4_480 | ADC_SMPR2_SMP6_28 | ADC_SMPR2_SMP7_28;
   ADC1->SQR1 = 0; /* a group of one */
-  /* A group of two conversions uses the last two of its four entries. */
+  /* A group of two conversions uses the last two of the four entries in JSQR. */
   ADC1->JSQR = ADC_JSQR_JL_2 | ADC_JSQR_JSQ3_6 | ADC_JSQR_JSQ4_7;
   ADC1->CR2 = ADC_CR2_ADON;
 }
 
-/* A result that was too late for its tick must not be used in the next tick. */
+/* Starts the conversions of a tick. The flags are cleared first, so that a result that was too late
+ * for its tick is not used in the next tick. */
 void adc_start(void) {
   ADC1->SR = 0;
   ADC1->CR2 = ADC_CR2_ADON | ADC_CR2_JSWSTART;
@@ -59,13 +60,14 @@ bool adc_read(uint16_t codes[2]) {
   return false;
 }
 
-/* Starts one conversion of the internal reference, or of PA4. */
+/* Starts one conversion of the internal reference, or of pin PA4 if `of_reference` is false. */
 void adc_start_one(bool of_reference) {
   ADC1->SQR3 = of_reference ? ADC_SQR3_SQ1_17 : ADC_SQR3_SQ1_4;
   ADC1->CR2 = ADC_CR2_ADON | ADC_CR2_SWSTART;
 }
 
-/* Returns false if the conversion has not finished. adc_start() clears its flag. */
+/* Reads the result of adc_start_one(). Returns false if the conversion has not finished.
+ * adc_start() clears the flag of this conversion. */
 bool adc_read_one(uint16_t *code) {
   const bool done = (ADC1->SR & ADC_SR_EOC) != 0;
   *code = (uint16_t)ADC1->DR;

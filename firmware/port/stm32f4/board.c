@@ -1,4 +1,5 @@
-/* Parts that the released and the emulated image share, apart from peripherals. */
+/* Functions that are the same in the released image and the emulated image, except for the
+ * peripherals. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -6,7 +7,7 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/tick.h"
 
-/* Start-up does not clear this memory, so that an incident remains over a reset. */
+/* Start-up does not clear this memory, so that an incident is kept over a reset. */
 static uint8_t recorder_buffer[FW_RECORDER_BYTES] __attribute__((section(".noinit.recorder")));
 static blackbox_t blackbox __attribute__((section(".noinit.blackbox")));
 static fw_config_t config;

@@ -4,41 +4,46 @@
 
 enum { PIN_RX = 8, PIN_TX = 9, FUNCTION_CAN1 = 9 };
 
-/* Frames between two ticks: at most 14 of the shortest frames at 1 Mbit/s. The size is a power of
- * 2. */
+/* Number of frames in the ring buffer, a power of 2. At most 14 frames arrive between two ticks:
+ * the shortest frames at 1 Mbit/s. */
 enum { RING = 32 };
 
-/* A node joins the bus after 11 recessive bits. After bus off the controller waits for 128 such
- * sequences, only in normal mode (RM0090 32.7.6). On an idle bus this takes 2.2 ticks at 1 Mbit/s.
- * On a full bus 11 recessive bits occur once in each frame of at most 135 bits, and each step of
- * the prescaler adds 9 ticks. A node that has not joined within one more second starts again. */
+/* Longest time in ticks in which the CAN controller must join the bus, before the initialisation is
+ * repeated: 1500 ticks (one second) plus 9 ticks for each step of the prescaler. A node joins the
+ * bus after 11 recessive bits. After bus off the controller waits for 128 sequences of 11 recessive
+ * bits, only in normal mode (RM0090 32.7.6). On an idle bus this takes 2.2 ticks at 1 Mbit/s. On a
+ * full bus each frame of at most 135 bits has only one such sequence, so 128 sequences take 9 ticks
+ * for each step of the prescaler. */
 enum { PATIENCE_TICKS = 1500, PATIENCE_TICKS_OF_PRESCALER = 9 };
 
-/* A frame that an error passive node could not send for this time, 100 ms, is too old: three of the
- * longest frames take 41 ms at 10 kbit/s. */
+/* Number of ticks (100 ms) after which a frame that an error passive node could not send is too
+ * old. Three of the longest frames take 41 ms at 10 kbit/s. */
 enum { STALE_TICKS = 150 };
 
-/* A bit has 14 quanta; at 1000 kbit/s a quantum is 3 cycles of 42 MHz. The sample point is after 12
- * quanta, 86 %, near the 87.5 % of CiA 301: two nodes may differ by 1.1 %, far more than crystals
- * do. The internal oscillator with its 1 % needs three quanta after the sample point, all of them
- * for resynchronisation: 79 %, and 1.7 % difference from a node with a crystal. */
+/* Bit timing of CAN. A bit has 14 quanta; at 1000 kbit/s a quantum is 3 cycles of 42 MHz. With an
+ * external clock the sample point is after 12 quanta, at 86 % of the bit (CiA 301: 87.5 %): the
+ * clocks of two nodes may then differ by 1.1 %, far more than crystals do. The internal oscillator
+ * has an error of 1 % and needs three quanta for resynchronisation after the sample point: the
+ * sample point is at 79 %, and a node with a crystal may differ by 1.7 %. */
 #define QUANTA 14u
 #define BIT_TIMING (CAN_BTR_TS1_11 | CAN_BTR_TS2_2 | CAN_BTR_SJW_2)
 #define BIT_TIMING_INTERNAL (CAN_BTR_TS1_10 | CAN_BTR_TS2_3 | CAN_BTR_SJW_3)
 
-/* Mode of the CAN controller: it sends frames in the order of their arrival, keeps the frames of a
- * full FIFO, repeats a failed frame, does not return from bus off by itself, and does not sleep. */
+/* Mode of the CAN controller: it sends frames in the order of their arrival, keeps the received
+ * frames of a full FIFO, repeats a failed frame, does not return from bus off by itself, and does
+ * not sleep. */
 #define MODE (CAN_MCR_TXFP | CAN_MCR_RFLM)
 
 static can_frame_t ring[RING];
 static volatile uint8_t ring_in;  /* index that the interrupt writes */
 static volatile uint8_t ring_out; /* index that the main loop writes */
-static volatile uint16_t dropped; /* counts up; the interrupt writes it */
+/* number of frames for which the ring buffer had no room; written by the interrupt */
+static volatile uint16_t dropped;
 static uint16_t dropped_reported;
 
 static enum { STOPPED, ENTERING, JOINING, RUNNING } state;
 static uint32_t waited_ticks;
-/* ticks for which the node is error passive and could send nothing */
+/* number of ticks in which the node was error passive and could send no frame */
 static uint16_t stalled_ticks;
 static uint32_t prescaler = CLOCK_APB1_HZ / (QUANTA * 1000000u);
 static uint8_t reported;
@@ -52,8 +57,8 @@ static void enter_initialisation(void) {
   waited_ticks = 0;
 }
 
-/* The bit timing can only be written during initialisation. One filter accepts every frame with an
- * 11-bit identifier into FIFO 0. */
+/* Sets the bit timing, which can only be written during initialisation, and joins the bus. One
+ * filter accepts every frame with an 11-bit identifier into FIFO 0. */
 static void configure_and_join(void) {
   CAN1->BTR = (clock_is_external() ? BIT_TIMING : BIT_TIMING_INTERNAL) | CAN_BTR_BRP(prescaler);
   CAN1->FMR |= CAN_FMR_FINIT;
@@ -71,7 +76,8 @@ static void configure_and_join(void) {
   waited_ticks = 0;
 }
 
-/* Requests initialisation; port_can_bus() continues it in each tick. */
+/* Requests the initialisation of the CAN controller; port_can_bus() continues the initialisation in
+ * each tick. */
 void can_init(bool clock_is_right) {
   if (!clock_is_right) {
     reported = CAN_BUS_OFF;
@@ -88,9 +94,9 @@ void can_init(bool clock_is_right) {
   enter_initialisation();
 }
 
-/* No other node acknowledges the frames of an error passive node, so they stay in its mailboxes.
- * After STALE_TICKS they are aborted; meanwhile port_can_transmit() accepts other frames, which are
- * lost too. */
+/* Aborts frames that are too old. If no other node acknowledges the frames of an error passive
+ * node, they stay in the mailboxes and are aborted after STALE_TICKS. Meanwhile port_can_transmit()
+ * accepts further frames, which are lost too. */
 static void give_up_stale(void) {
   const uint32_t empty = CAN_TSR_TME0 | CAN_TSR_TME1 | CAN_TSR_TME2;
   if (reported != CAN_BUS_PASSIVE || (CAN1->TSR & empty) == empty) {
@@ -123,7 +129,7 @@ uint8_t port_can_bus(void) {
       }
       break;
     case JOINING:
-      /* After bus off the first 11 recessive bits end the initialisation, and the last of the 128
+      /* After bus off, the first 11 recessive bits end the initialisation. The last of 128 such
        * sequences ends bus off. */
       if ((CAN1->MSR & CAN_MSR_INAK) == 0 && (CAN1->ESR & CAN_ESR_BOFF) == 0) {
         state = RUNNING;
@@ -158,7 +164,7 @@ uint16_t port_can_lost(void) {
   }
   uint16_t lost = (uint16_t)(dropped - dropped_reported);
   dropped_reported = (uint16_t)(dropped_reported + lost);
-  /* At least one frame was lost; the controller does not count them. */
+  /* At least one frame was lost; the controller does not count lost frames. */
   if ((CAN1->RF0R & CAN_RF0R_FOVR0) != 0) {
     CAN1->RF0R = CAN_RF0R_FOVR0;
     lost++;
@@ -207,7 +213,8 @@ void can_interrupt(void) {
     dropped++;
   }
   CAN1->RF0R = CAN_RF0R_RFOM0;
-  /* Until the FIFO has released the frame, it would show the same frame again. */
+  /* Wait until the FIFO has released the frame: before the release, the FIFO would show the same
+   * frame again. */
   for (uint8_t polls = 0; polls < 8 && (CAN1->RF0R & CAN_RF0R_RFOM0) != 0; polls++) {
   }
 }

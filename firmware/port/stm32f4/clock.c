@@ -1,21 +1,23 @@
 #include "firmware/port/stm32f4/board.h"
 
-/* The 8 MHz of the ST-Link / 4 or, without them, the 16 MHz of the internal oscillator / 8 are 2
- * MHz; * 168 is 336 MHz; / 2 is 168 MHz. A supply of 2.7..3.6 V needs five wait states. A reset
- * selects voltage scale 1. */
+/* Settings of the PLL. The input of the PLL is 2 MHz: the 8 MHz of the ST-Link divided by 4 or,
+ * without this clock, the 16 MHz of the internal oscillator divided by 8. The PLL multiplies by 168
+ * to 336 MHz and divides by 2 to 168 MHz. A supply voltage of 2.7..3.6 V needs five wait states of
+ * the flash. A reset selects voltage scale 1. */
 #define PLL (RCC_PLLCFGR_PLLN_168 | RCC_PLLCFGR_PLLP_2 | RCC_PLLCFGR_PLLQ_7)
 #define PLL_EXTERNAL (PLL | RCC_PLLCFGR_PLLSRC | RCC_PLLCFGR_PLLM_4)
 #define PLL_INTERNAL (PLL | RCC_PLLCFGR_PLLM_8)
 #define PLL_FIELDS (MASK(0, 6) | MASK(6, 9) | MASK(16, 2) | MASK(24, 4) | RCC_PLLCFGR_PLLSRC)
 #define CACHES (FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN)
 
-/* Numbers of polls, each of at least 6 cycles of the internal oscillator. The PLL locks within 300
- * us, 4800 cycles; an external clock is ready after some of its own cycles. */
+/* Largest numbers of polls; a poll takes at least 6 cycles of the internal oscillator. POLLS_MAX:
+ * the PLL locks within 300 us, 4800 cycles. POLLS_OF_INPUT: an external clock is ready after a few
+ * cycles of this clock. */
 enum { POLLS_MAX = 4000, POLLS_OF_INPUT = 400 };
 
 static bool is_external;
 
-/* Whether the masked bits of a register become `wanted` in time. */
+/* Returns true if the masked bits of a register become `wanted` within `polls_max` polls. */
 static bool becomes_within(uint32_t polls_max, const reg_t *reg, uint32_t mask, uint32_t wanted) {
   for (uint32_t polls = 0; polls < polls_max; polls++) {
     if ((*reg & mask) == wanted) {
@@ -29,7 +31,8 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   return becomes_within(POLLS_MAX, reg, mask, wanted);
 }
 
-/* Restores the clocks of a reset, whatever ran before: internal oscillator, PLL off. */
+/* Restores the clock settings of a reset, whatever program ran before: internal oscillator on, PLL
+ * off. Returns false if the clocks do not change in time. */
 static bool fall_back(void) {
   RCC->CR |= RCC_CR_HSION;
   const bool is_ready = becomes(&RCC->CR, RCC_CR_HSIRDY, RCC_CR_HSIRDY);
@@ -40,7 +43,8 @@ static bool fall_back(void) {
   return is_ready && is_slow && is_off;
 }
 
-/* Uses the signal at the pin as the clock, because there is no crystal. */
+/* Uses the clock signal at the pin OSC_IN, because the board has no crystal. Returns false if there
+ * is no such signal. */
 static bool external_start(void) {
   RCC->CR |= RCC_CR_HSEBYP;
   RCC->CR |= RCC_CR_HSEON;
@@ -51,8 +55,8 @@ static bool external_start(void) {
   return false;
 }
 
-/* Starts the PLL and waits until it has locked. The voltage regulator, which starts with the PLL,
- * must be ready too. */
+/* Starts the PLL and waits until the PLL has locked and the voltage regulator, which starts with
+ * the PLL, is ready. Returns false if the PLL or the regulator is not ready in time. */
 static bool pll_start(uint32_t settings) {
   RCC->PLLCFGR = (RCC->PLLCFGR & ~PLL_FIELDS) | settings;
   RCC->CR |= RCC_CR_PLLON;
@@ -61,7 +65,8 @@ static bool pll_start(uint32_t settings) {
 }
 
 static bool speed_up(void) {
-  /* APB1 is set to 42 MHz and APB2 to 84 MHz, their limits, before the core becomes fast. */
+  /* Before the core becomes fast, the bus clocks are set to their largest permitted values: APB1 to
+   * 42 MHz, APB2 to 84 MHz. */
   RCC->CFGR = RCC_CFGR_PPRE1_4 | RCC_CFGR_PPRE2_2;
   RCC->CFGR |= RCC_CFGR_SW_PLL;
   return becomes(&RCC->CFGR, RCC_CFGR_SWS, RCC_CFGR_SWS_PLL);
@@ -81,8 +86,8 @@ bool clock_start(void) {
     return false;
   }
   if (is_external) {
-    /* From now on a clock that stops causes an NMI: outputs off, reset, and a start with the
-     * internal oscillator. */
+    /* If the external clock stops from now on, it causes an NMI: the outputs are switched off, and
+     * the chip is reset and starts with the internal oscillator. */
     RCC->CR |= RCC_CR_CSSON;
   }
   return true;
@@ -90,7 +95,8 @@ bool clock_start(void) {
 
 bool clock_is_external(void) { return is_external; }
 
-/* The counter has twice the clock of APB1 if that clock is divided. */
+/* Starts the free-running counter. The counter has twice the clock frequency of APB1 if APB1 is
+ * divided. */
 void clock_counter_start(void) {
   RCC->APB1ENR |= RCC_APB1ENR_TIM2EN;
   (void)RCC->APB1ENR;

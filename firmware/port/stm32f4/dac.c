@@ -2,11 +2,11 @@
 
 enum { MID_SCALE = 2048, PIN = 4 };
 
-/* Without its buffer the converter reaches both ends of its range with an output resistance of 15
- * kOhm, so the pin must have no load. The switch of the board, which amp_enable closes, gives
- * mid-scale if the pin is not driven. The pin is set to analog before the converter drives it, and
- * the converter has mid-scale before it is enabled. Without a trigger a code is output one cycle of
- * APB1 later. */
+/* Initialises the DAC without its output buffer. Without the buffer the DAC reaches both ends of
+ * its range, but has an output resistance of 15 kOhm, so the pin must have no load. While
+ * amp_enable is low, the analog switch of the board gives mid-scale instead of the pin. The pin is
+ * set to analog before the DAC drives it, and the DAC is set to mid-scale before it is enabled.
+ * Without a trigger a DAC code is output one cycle of APB1 after it is written. */
 void dac_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB1ENR |= RCC_APB1ENR_DACEN;

@@ -2,8 +2,8 @@
 
 enum { PIN_A = 0, PIN_B = 1, FUNCTION_TIM5 = 2 };
 
-/* Counts all four edges of both tracks in 32 bits. An edge counts after 8 equal samples at 84 MHz,
- * 95 ns. */
+/* Initialises the counter of the encoder, which counts all four edges of both tracks in 32 bits. An
+ * edge is counted after 8 equal samples at 84 MHz, 95 ns. */
 void encoder_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB1ENR |= RCC_APB1ENR_TIM5EN;

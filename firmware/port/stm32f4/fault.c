@@ -8,7 +8,7 @@
 extern uint32_t stack_bottom[];
 extern uint32_t stack_top[];
 
-/* Data of a fault; start-up does not clear it. */
+/* Data of a fault that are kept over a reset. Start-up does not clear them. */
 typedef struct {
   uint32_t magic;
   fw_core_fault_t words;
@@ -20,9 +20,9 @@ static kept_t kept __attribute__((section(".noinit.core_fault")));
 
 enum { FRAME_WORDS = 8, FRAME_LR = 5, FRAME_PC = 6 };
 
-/* Runs on a new stack and does not rely on the state of the interrupted program. `sp` is the
- * address at which the core has saved its registers; it is not valid if this save failed too, which
- * CFSR shows. */
+/* Saves the data of a fault and resets the chip. The function runs on a new stack and does not rely
+ * on the state of the interrupted program. `sp` is the address at which the core has saved its
+ * registers. The saved registers are not valid if the save failed too, which CFSR shows. */
 __attribute__((noreturn, used)) void board_failed(uint32_t sp);
 
 __attribute__((noreturn, used)) void board_failed(uint32_t sp) {
@@ -44,8 +44,9 @@ __attribute__((noreturn, used)) void board_failed(uint32_t sp) {
   }
 }
 
-/* The stack itself may be invalid: a push would then lock the core while the outputs are still on.
- * So the function sets a new stack before it calls another function. */
+/* Enters board_failed() with a new stack. The present stack may be invalid: a push would then lock
+ * the core while the outputs are still on. So the new stack is set before another function is
+ * called. */
 __attribute__((naked)) void board_fail(void) {
   __asm volatile(
       "mrs r0, msp\n"
@@ -55,8 +56,8 @@ __attribute__((naked)) void board_fail(void) {
       "b board_failed\n");
 }
 
-/* After a power-up the memory is arbitrary: only a reset by software can have left data of a
- * fault. */
+/* Returns the kept data of a fault, or NULL. After a power-up the contents of the memory are
+ * arbitrary: only before a reset by software can data of a fault have been saved. */
 const fw_core_fault_t *board_fault_before(uint8_t reset_cause) {
   const bool is_kept = kept.magic == KEPT_MAGIC && (reset_cause & FW_RESET_SOFTWARE) != 0;
   kept.magic = 0;

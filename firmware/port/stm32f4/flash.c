@@ -3,7 +3,7 @@
 #include "firmware/port/port.h"
 #include "firmware/port/stm32f4/board.h"
 
-/* Two adjacent sectors, which the linker script keeps free. */
+/* Two adjacent sectors of the flash, which the linker script keeps free of code. */
 typedef struct {
   uint32_t base;
   uint32_t erase[2]; /* FLASH_CR_SNB_ */
@@ -18,15 +18,17 @@ static const sectors_t *sectors_of(const void *context) { return context; }
   (FLASH_SR_OPERR | FLASH_SR_WRPERR | FLASH_SR_PGAERR | FLASH_SR_PGPERR | FLASH_SR_PGSERR | \
    FLASH_SR_RDERR)
 
-/* If the flash never becomes ready, the watchdog resets the chip: while the flash is busy,
- * instruction fetches from it and writes to its CR stall (RM0390 3.5, 3.8.5). The drive is disabled
- * and the outputs are off. */
+/* If the flash never becomes ready, the watchdog resets the chip, because a busy flash stalls
+ * instruction fetches and writes to the register CR (RM0390 3.5, 3.8.5). The drive is disabled and
+ * the outputs are off at this time. */
 
-/* An erase of 16 KiB takes 250 ms, at most 800 ms; an erase of 128 KiB takes 1 s, at most 2 s. A
- * poll of the loop below takes about 1000 cycles. */
+/* Largest number of polls of an erase, and number of loops in a poll; a poll takes about 1000
+ * cycles of the core. An erase of 16 KiB takes 250 ms, at most 800 ms. An erase of 128 KiB takes 1
+ * s, at most 2 s. */
 enum { ERASE_POLLS_MAX = 420000, ERASE_POLL_LOOPS = 50 };
 
-/* Call it before a write to CR, because such a write stalls the bus while the flash is busy. */
+/* Waits until the flash is ready. Call this function before a write to CR, because such a write
+ * stalls the bus while the flash is busy. */
 static void await_ready(void) {
   while ((FLASH->SR & FLASH_SR_BSY) != 0) {
   }
@@ -36,7 +38,7 @@ static void unlock(void) {
   await_ready();
   FLASH->KEYR = FLASH_KEY1;
   FLASH->KEYR = FLASH_KEY2;
-  /* A write of 1 clears an error bit. */
+  /* Writing 1 clears an error bit of SR. */
   FLASH->SR = ERRORS;
 }
 
@@ -85,15 +87,16 @@ static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes,
   return done;
 }
 
-/* During an erase, which lasts longer than the watchdog time, an instruction fetch from the flash
- * would stall the core. So this function is in RAM, masks interrupts, and feeds the watchdog
- * instead of the ticks; the drive is disabled. If an erase never ends, the function stops feeding
- * after its polls and returns to the flash, where the core stalls: the watchdog resets the chip. */
+/* Erases a sector. The function is in RAM, because an instruction fetch from the flash stalls the
+ * core during an erase, which lasts longer than the watchdog time. The drive is disabled. The
+ * function masks interrupts, and feeds the watchdog instead of the ticks. If an erase does not end
+ * within ERASE_POLLS_MAX polls, the function returns to the flash, where the core stalls and the
+ * watchdog resets the chip. */
 __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_from_ram(
     uint32_t control) {
   bool done = false;
   __asm volatile("cpsid i" ::: "memory");
-  /* RM0390 3.6.3: sector and mode are written first, and the start bit separately. */
+  /* RM0390 3.6.3: sector and mode are written first; the start bit is written separately. */
   FLASH->CR = control;
   FLASH->CR = control | FLASH_CR_STRT;
   __asm volatile("dsb" ::: "memory");
@@ -108,7 +111,8 @@ __attribute__((section(".ram_code"), noinline, long_call)) static bool erase_fro
   return done;
 }
 
-/* The data cache may contain erased data; it can be emptied only while it is off. */
+/* Empties the data cache, which may contain erased data. The cache can be emptied only while it is
+ * off. */
 static void empty_cache(void) {
   const uint32_t access = FLASH->ACR;
   FLASH->ACR = access & ~FLASH_ACR_DCEN;

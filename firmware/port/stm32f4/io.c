@@ -5,7 +5,7 @@
 #include "firmware/port/stm32f4/board.h"
 
 static bool clock_is_right;
-static uint16_t found;   /* FW_BOARD_ bits that were found at power-up */
+static uint16_t found;   /* errors found at power-up, FW_BOARD_ bits */
 static int16_t dac_code; /* present code of the DAC */
 
 void io_init(void) {
@@ -40,8 +40,10 @@ void io_make_safe(void) {
 
 uint8_t io_node_id(void) { return pins_node_id(); }
 
-/* CRC-32 of the unique 96 bits of the chip: it distinguishes two chips of one production lot, also
- * in LSS. An emulator without the clocks also lacks these bits and would have a fault. */
+/* Returns the CRC-32 of the unique 96 bits of the chip as its serial number: the number
+ * distinguishes two chips of one production lot, also in LSS. Returns 0 without the correct clock:
+ * an emulator without the clocks also lacks the unique bits, and reading them would cause a
+ * fault. */
 uint32_t io_serial_number(void) {
   if (!clock_is_right) {
     return 0;
@@ -62,8 +64,7 @@ bool port_sample(axis_inputs_t *inputs) {
   return true;
 }
 
-/* Returns the errors of the board that this tick detects. Without the correct clock the sensors are
- * never valid. */
+/* Returns the errors of the board that this tick detects, as FW_BOARD_ bits. */
 static uint16_t board_state(void) {
   supply_look();
   second_clock_tick();
@@ -73,13 +74,14 @@ static uint16_t board_state(void) {
                     (clock_is_right ? second_clock_state() : 0));
 }
 
-/* The board is checked first, while the conversion runs. */
+/* Checks the board and reads the ADC codes. The check is made first, while the conversions run.
+ * Without the correct clock the sensors are never valid. */
 void port_sense(axis_inputs_t *inputs) {
   fw_board(port_firmware(), board_state(), second_clock_permille());
   uint16_t codes[2] = {0, 0};
   const bool valid = adc_read(codes) && clock_is_right;
   inputs->sensor_valid = valid ? 1 : 0;
-  /* The ADC always gives 12 bits. The axis uses the upper adc_bits of them; for more than 12 bits
+  /* An ADC code has 12 bits. The axis uses the upper adc_bits of them; if adc_bits is above 12,
    * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
   for (uint8_t i = 0; i < 2; i++) {
@@ -87,9 +89,9 @@ void port_sense(axis_inputs_t *inputs) {
   }
 }
 
-/* When the axis is enabled, the amplifier is switched on only if the DAC is at mid-scale, where it
- * was set when the axis was disabled. When the axis is disabled, the DAC is set to mid-scale before
- * the amplifier is switched off. */
+/* Writes the outputs of a tick. When the axis is enabled, the amplifier is switched on only if the
+ * DAC is at mid-scale, as it was set when the axis was disabled. When the axis is disabled, the DAC
+ * is set to mid-scale before the amplifier is switched off. */
 void port_act(const axis_outputs_t *outputs) {
   static bool is_on;
   is_on = outputs->amp_enable != 0 && (is_on || dac_is_zero());
@@ -98,7 +100,7 @@ void port_act(const axis_outputs_t *outputs) {
     dac_code = outputs->dac_code;
     dac_write(dac_code);
   }
-  /* The supply may have fallen while the outputs were written. */
+  /* The supply voltage may have fallen while the outputs were written. */
   if (!is_on || supply_is_low()) {
     io_make_safe();
   }

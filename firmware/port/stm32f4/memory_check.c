@@ -1,5 +1,5 @@
-/* Start-up checks of the memories: the image in the flash against the CRC that tools/image has
- * appended, and the RAM. */
+/* Checks of the memories at start-up: compares the image in the flash with the CRC that tools/image
+ * has appended, and tests the RAM. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -10,14 +10,16 @@ extern const uint32_t code_end[];
 extern uint32_t stack_bottom[];
 extern uint32_t ram_end[];
 
-/* Words at the end of the stack that protect.c protects from access. */
+/* Number of words at the end of the stack that protect.c protects from access. */
 enum { GUARD_WORDS = 8 };
 
 /* CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as the CRC
- * unit of the chip computes it: 0x04C11DB7, initial value all ones, highest bit first. */
+ * unit of the chip computes it: polynomial 0x04C11DB7, initial value all ones, highest bit
+ * first. */
 __attribute__((section(".image_check"), used)) static const volatile uint32_t image_crc = 0;
 
-/* Adds four words in each loop; each word needs a read and a write. */
+/* Adds the words from `at` to `end` to the CRC, four words in each loop. Each word needs a read and
+ * a write. */
 static void take(const uint32_t *at, const uint32_t *end) {
   for (; (uintptr_t)end - (uintptr_t)at >= 4 * sizeof(uint32_t); at += 4) {
     CRC->DR = at[0];
@@ -39,8 +41,8 @@ bool image_is_whole(void) {
   return CRC->DR == image_crc;
 }
 
-/* Returns the bits of a word that fail to keep one of two patterns, which are the inverse of each
- * other. */
+/* Tests a word with two inverse patterns. Returns the bits of the word that did not keep both
+ * patterns. */
 static inline uint32_t stuck_bits(volatile uint32_t *at) {
   const uint32_t before = *at;
   *at = UINT32_C(0x55555555);
@@ -51,8 +53,8 @@ static inline uint32_t stuck_bits(volatile uint32_t *at) {
   return ~(first ^ second);
 }
 
-/* Tests each used word separately and restores its value afterwards, so that the stack, the
- * variables and an incident remain. */
+/* Tests each used word of the RAM separately and restores its value afterwards, so that the stack,
+ * the variables and an incident are kept. */
 bool ram_is_right(void) {
   uint32_t wrong = 0;
   __asm volatile("cpsid i" ::: "memory");

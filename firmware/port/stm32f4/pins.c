@@ -1,33 +1,34 @@
 #include "firmware/core/axis.h"
 #include "firmware/port/stm32f4/board.h"
 
-/* Outputs on port B; a pull-down resistor of the board keeps each of them low while the chip is in
- * reset. */
+/* Pin numbers of the outputs on port B. A pull-down resistor of the board keeps each output low
+ * while the chip is in reset. */
 enum { AMP_ENABLE = 0, BRAKE_RELEASE = 1 };
 
-/* Option of the board on port C. If this pin is connected to ground, amp_enable is a square wave of
- * 750 Hz while the axis is enabled, for a charge pump or a monostable that a constant level does
- * not keep on. */
+/* Pin number of an option of the board on port C. If this pin is connected to ground, amp_enable is
+ * a square wave of 750 Hz while the axis is enabled. The square wave is for a charge pump or a
+ * monostable, which a constant level does not keep on. */
 enum { STRAP_DYNAMIC = 10 };
 
-/* Tracks A and B of the encoder, on port A. */
+/* Pins of the encoder tracks A and B on port A. */
 #define TRACKS (BIT(0) | BIT(1))
 
-/* Largest number of index edges between two ticks that are processed, so that noise cannot use more
- * time. */
+/* Largest number of index edges that are processed between two ticks, so that noise cannot use more
+ * computing time. */
 enum { EDGES_MAX = 4 };
 
 static bool is_dynamic;
-static volatile bool is_high; /* last level of amp_enable */
+static volatile bool is_high; /* last level of the output amp_enable */
 static volatile bool index_seen;
 static volatile uint8_t edges;
 
-/* Inputs on port C. Enable chain and limit switches are closed contacts to 3.3 V with pull-down
- * resistors, so a broken wire reads as an open chain or as an active switch. Index and home switch
- * are high when they are active. */
+/* Pin numbers of the inputs on port C. Enable chain and limit switches are closed contacts to 3.3 V
+ * with pull-down resistors, so a broken wire reads as an open chain or as an active switch. The
+ * inputs of index and home switch are high when they are active. */
 enum { ENABLE = 0, LIMIT_POS = 1, LIMIT_NEG = 2, INDEX = 3, HOME = 9 };
 
-/* Straps of the node id on port C: a strap connected to ground is a 1. */
+/* Pins of the node id straps on port C. A strap that is connected to ground is a bit with the value
+ * 1. */
 enum { STRAP_FIRST = 4, STRAPS = 5 };
 
 static void set_field(reg_t *reg, uint32_t at, uint32_t width, uint32_t value) {
@@ -43,7 +44,8 @@ void pin_speed(gpio_t *port, uint8_t pin, uint32_t speed) {
   set_field(&port->OSPEEDR, 2u * pin, 2, speed);
 }
 
-/* The function is selected first, so that the pin is never connected to another function. */
+/* Connects a pin to a peripheral function. The function is selected before the mode, so that the
+ * pin is never connected to another function. */
 void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) {
   set_field((pin < 8) ? &port->AFRL : &port->AFRH, 4u * (pin % 8u), 4, function);
   pin_mode(port, pin, PIN_ALTERNATE, pull);
@@ -51,15 +53,17 @@ void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull) 
 
 void pins_write(bool amp_enable, bool brake_release) {
   is_high = amp_enable && !(is_dynamic && is_high);
-  /* The upper half of the register clears bits. */
+  /* The upper half of the register BSRR clears bits. */
   GPIOB->BSRR = (is_high ? BIT(AMP_ENABLE) : BIT(AMP_ENABLE + 16)) |
                 (brake_release ? BIT(BRAKE_RELEASE) : BIT(BRAKE_RELEASE + 16));
 }
 
-/* Reads the pin itself, because an external circuit may force its level. */
+/* Returns true if the pin amp_enable has the level that was output. The level is read from the pin,
+ * because an external circuit may force another level. */
 bool pins_enable_is_right(void) { return ((GPIOB->IDR & BIT(AMP_ENABLE)) != 0) == is_high; }
 
-/* An index pulse is shorter than a tick, so its edge causes an interrupt. */
+/* Initialises the interrupt of the index input. An index pulse is shorter than a tick, so its edge
+ * must cause an interrupt. */
 static void index_init(void) {
   RCC->APB2ENR |= RCC_APB2ENR_SYSCFGEN;
   (void)RCC->APB2ENR;
@@ -71,8 +75,8 @@ static void index_init(void) {
   NVIC->ISER0 = BIT(IRQ_EXTI3);
 }
 
-/* An index pulse has the length of the quarter line in which A and B are high, so it is still high
- * here; a spike on its wire is not. */
+/* Detects an index pulse. A true index pulse lasts as long as A and B are both high, so the index
+ * input is still high here. A noise spike has already ended. */
 void index_interrupt(void) {
   EXTI->PR = EXTI_PR_PR3; /* writing 1 clears it */
   if ((GPIOA->IDR & TRACKS) == TRACKS && (GPIOC->IDR & BIT(INDEX)) != 0) {
@@ -109,7 +113,7 @@ void pins_init(void) {
   pin_mode(GPIOC, STRAP_DYNAMIC, PIN_INPUT, PIN_PULL_UP);
 }
 
-/* Call it when the pull-up resistors have had time to act. */
+/* Call this function when the pull-up resistors have had time to act. */
 void pins_read_options(void) { is_dynamic = (GPIOC->IDR & BIT(STRAP_DYNAMIC)) == 0; }
 
 uint8_t pins_din(void) {

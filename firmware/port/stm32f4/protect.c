@@ -9,19 +9,21 @@ typedef struct {
   uint32_t attributes;
 } region_t;
 
-/* A region with a higher number has priority; memory outside all regions is not protected. */
+/* Protected regions of the memory. If regions overlap, the region with the higher number has
+ * priority. Memory outside all regions is not protected. */
 static const region_t regions[] = {
-    /* Below the flash: this memory has no use, and null pointers point to it. */
+    /* Memory below the flash: no access, because it has no use and null pointers point to it. */
     {0x00000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(27) | MPU_RASR_ENABLE},
-    /* The flash can be read and executed, */
+    /* Flash: reading and executing only. */
     {0x08000000, MPU_RASR_AP_READ | MPU_RASR_C | MPU_RASR_SIZE(19) | MPU_RASR_ENABLE},
-    /* except the parameters, eighths 2 to 5 of the first 64 KiB, which can be programmed, */
+    /* Parameter store in the flash: reading and programming. It is eighths 2 to 5 of the first 64
+     * KiB. */
     {0x08000000, MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SRD(0xC3) |
                      MPU_RASR_SIZE(16) | MPU_RASR_ENABLE},
-    /* and except the archive of incidents. */
+    /* Archive of incidents in the flash: reading and programming. */
     {0x08040000,
      MPU_RASR_AP_WRITE | MPU_RASR_XN | MPU_RASR_C | MPU_RASR_SIZE(18) | MPU_RASR_ENABLE},
-    /* The stack grows towards the bottom of the RAM. */
+    /* Bottom of the RAM: no access, because a stack that is too large grows into this region. */
     {0x20000000, MPU_RASR_AP_NONE | MPU_RASR_XN | MPU_RASR_SIZE(5) | MPU_RASR_ENABLE},
 };
 

@@ -1,13 +1,13 @@
 #ifndef FIRMWARE_PORT_STM32F4_REGISTERS_H_
 #define FIRMWARE_PORT_STM32F4_REGISTERS_H_
 
-/* The registers of the STM32F446 and STM32F405 that this port uses, with the names of the reference
- * manuals RM0390 and RM0090; registers of the core have the names of the ARMv7-M manual. The file
- * was written for this port; tools/check_svd compares every address, offset and bit with the SVD
- * files of the vendor.
+/* The registers of the STM32F446 and STM32F405 that the code for this board uses. They have the
+ * names of the reference manuals RM0390 and RM0090; registers of the core have the names of the
+ * ARMv7-M manual. The file was written for this project; tools/check_svd compares every address,
+ * offset and bit with the SVD files of the vendor.
  *
- * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of the field; with _<VALUE> it is one value of the
- * field. */
+ * <PERIPHERAL>_<REGISTER>_<FIELD> is the mask of a field. With _<VALUE> appended, the name is one
+ * value of the field. */
 
 #include "firmware/port/stm32f4/registers_bits.h"
 #include "firmware/port/stm32f4/registers_core.h"
@@ -108,8 +108,8 @@ typedef struct {
 #define RTC_ISR_INIT BIT(7)
 #define RTC_PRER_PREDIV_S MASK(0, 15)
 #define RTC_SSR_SS MASK(0, 16)
-/* Keys that unlock the registers of the real-time clock, in this order; any other value locks
- * them. */
+/* Keys that unlock the registers of the real-time clock, in this order. Any other value locks the
+ * registers. */
 #define RTC_KEY1 UINT32_C(0xCA)
 #define RTC_KEY2 UINT32_C(0x53)
 #define RTC_KEY_NONE UINT32_C(0xFF)
@@ -161,7 +161,8 @@ typedef struct {
 #define FLASH_CR_PSIZE_32 FIELD(8, 2, 2)
 #define FLASH_CR_STRT BIT(16)
 #define FLASH_CR_LOCK BIT(31)
-/* Brown-out level. 0: level 3, at least 2.7 V; 3: off, as delivered. */
+/* Levels of the brown-out reset: 0 is level 3, at least 2.7 V; 3 is off, as the chip is
+ * delivered. */
 #define FLASH_OPTCR_BOR_LEV MASK(2, 2)
 /* Keys that unlock FLASH_CR, in this order. */
 #define FLASH_KEY1 UINT32_C(0x45670123)
@@ -188,7 +189,7 @@ typedef struct {
 #define GPIOB ((gpio_t *)GPIOB_BASE)
 #define GPIOC ((gpio_t *)GPIOC_BASE)
 
-/* External interrupts: line n is pin n of the port that SYSCFG selects. */
+/* External interrupts: line n is pin n of the GPIO port that SYSCFG selects for this line. */
 
 typedef struct {
   reg_t MEMRM;
@@ -215,7 +216,7 @@ typedef struct {
 #define EXTI_IMR_MR3 BIT(3)
 #define EXTI_RTSR_TR3 BIT(3)
 #define EXTI_PR_PR3 BIT(3)
-/* Line 16 is the voltage detector of the supply. */
+/* Line 16 of the external interrupts is the voltage detector of the supply. */
 #define EXTI_IMR_MR16 BIT(16)
 #define EXTI_RTSR_TR16 BIT(16)
 #define EXTI_PR_PR16 BIT(16)
@@ -419,7 +420,8 @@ typedef struct {
 
 /* Unique device ID: three words. */
 #define UID_BASE 0x1FFF7A10
-/* ADC code of the internal reference at 3.3 V, measured when the chip was made: 16 bits. */
+/* Address of the ADC code of the internal reference at a supply of 3.3 V, a value of 16 bits that
+ * is measured when the chip is made. */
 #define VREFINT_CAL_BASE 0x1FFF7A2A
 
 /* Independent watchdog. */

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_PORT_STM32F4_REGISTERS_BITS_H_
 #define FIRMWARE_PORT_STM32F4_REGISTERS_BITS_H_
 
-/* Helpers that describe registers. */
+/* Macros for bits and fields of registers. */
 
 #include <stdint.h>
 

@@ -1,12 +1,12 @@
 #ifndef FIRMWARE_PORT_STM32F4_REGISTERS_CORE_H_
 #define FIRMWARE_PORT_STM32F4_REGISTERS_CORE_H_
 
-/* Registers of the core; registers.h has those of the chip. */
+/* Registers of the core. registers.h has the registers of the chip. */
 
 #include "firmware/port/stm32f4/registers_bits.h"
 
-/* Debug register: peripherals that stop when a debugger stops the core. Only a power-up resets
- * it. */
+/* Debug register DBGMCU: selects the peripherals that stop when a debugger stops the core. Only a
+ * power-up resets this register. */
 
 typedef struct {
   reg_t IDCODE;
@@ -78,7 +78,8 @@ typedef struct {
 #define SCB_CFSR_MSTKERR BIT(4)
 #define SCB_CFSR_STKERR BIT(12)
 
-/* Memory protection: if several regions contain an address, the highest region applies. */
+/* Memory protection: if several regions contain an address, the region with the highest number
+ * applies. */
 typedef struct {
   reg_t TYPE;
   reg_t CTRL;
@@ -94,7 +95,7 @@ typedef struct {
 #define MPU_RASR_ENABLE BIT(0)
 /* A region has 2^n bytes. */
 #define MPU_RASR_SIZE(n) FIELD(1, 5, (n)-1)
-/* Eighths of the region that are excluded from it, one bit each. */
+/* Excluded eighths of a region, one bit for each eighth. */
 #define MPU_RASR_SRD(eighths) FIELD(8, 8, eighths)
 #define MPU_RASR_C BIT(17)
 #define MPU_RASR_AP_NONE FIELD(24, 3, 0)

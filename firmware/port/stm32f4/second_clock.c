@@ -1,20 +1,23 @@
-/* Compares the tick with the oscillator of the watchdog, which is independent of all other clocks
- * of the chip. Its rate is between 17 and 47 kHz. At power-up it is measured with the internal
- * oscillator, whose 16 MHz have an error of at most 4 %; afterwards the tick is measured with it.
- * The real-time clock counts it. */
+/* Compares the length of the tick with the slow oscillator of the watchdog, which is independent of
+ * all other clocks of the chip. The rate of the slow oscillator is between 17 and 47 kHz. At
+ * power-up this rate is measured with the internal oscillator, whose 16 MHz have an error of at
+ * most 4 %. Afterwards the length of the tick is measured with the slow oscillator. The real-time
+ * clock counts the cycles of the slow oscillator. */
 
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/tick.h"
 
-/* Counts of the slow oscillator that are measured: 0.4 to 1.2 ms, with an error of 5 %. */
+/* Number of counts of the slow oscillator over which its rate is measured: 0.4 to 1.2 ms, with an
+ * error of 5 %. */
 enum { MEASURED = 20 };
 
-/* Ticks of one comparison: 10 ms, 170 to 470 counts. The temperature drift of both oscillators
- * together is less than PERMILLE_MAX. */
+/* WINDOW_TICKS: number of ticks in one comparison, 10 ms or 170 to 470 counts of the slow
+ * oscillator. PERMILLE_MAX: largest accepted error of the tick length; the temperature drift of
+ * both oscillators together is smaller. */
 enum { WINDOW_TICKS = 15, PERMILLE_MAX = 250 };
 
-/* A count lasts at most 59 us, 941 cycles of the internal oscillator; a poll takes at least 6
- * cycles. */
+/* Largest number of polls for one count. A count lasts at most 59 us, 941 cycles of the internal
+ * oscillator, and a poll takes at least 6 cycles. */
 enum { POLLS_MAX = 4000 };
 
 /* number of cycles of the 16 MHz oscillator in MEASURED counts of the slow oscillator; 0: not
@@ -35,8 +38,8 @@ static bool becomes(const reg_t *reg, uint32_t mask, uint32_t wanted) {
   return false;
 }
 
-/* The real-time clock counts the oscillator directly, downwards from 32767, and is read without
- * synchronisation. */
+/* Starts the real-time clock, which counts the slow oscillator downwards from 32767 and is read
+ * without synchronisation. Returns false if the clock does not start. */
 static bool counter_start(void) {
   RCC->CSR |= RCC_CSR_LSION;
   if (!becomes(&RCC->CSR, RCC_CSR_LSIRDY, RCC_CSR_LSIRDY)) {
@@ -44,7 +47,7 @@ static bool counter_start(void) {
   }
   PWR->CR |= PWR_CR_DBP;
   (void)PWR->CR; /* wait before the backup domain is written */
-  /* The clock source can be selected only once; a reset of the backup domain permits a new
+  /* The clock source can be selected only once. A reset of the backup domain permits a new
    * selection. */
   if ((RCC->BDCR & RCC_BDCR_RTCSEL) != RCC_BDCR_RTCSEL_LSI) {
     RCC->BDCR |= RCC_BDCR_BDRST;
@@ -57,7 +60,7 @@ static bool counter_start(void) {
   RTC->CR |= RTC_CR_BYPSHAD;
   RTC->ISR |= RTC_ISR_INIT;
   const bool done = becomes(&RTC->ISR, RTC_ISR_INITF, RTC_ISR_INITF);
-  /* two writes, because the fields must be written one after the other */
+  /* two writes, because the two fields must be written one after the other */
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->ISR &= ~RTC_ISR_INIT;
@@ -65,7 +68,8 @@ static bool counter_start(void) {
   return done;
 }
 
-/* Polls until the counter changes. Returns false if it does not change. */
+/* Waits until the counter changes. Returns false if the counter does not change within POLLS_MAX
+ * polls. */
 static bool await_count(void) {
   const uint32_t now = RTC->SSR;
   for (uint32_t polls = 0; polls < POLLS_MAX; polls++) {
@@ -76,7 +80,8 @@ static bool await_count(void) {
   return false;
 }
 
-/* At this time core and clock_count() run from the internal oscillator. */
+/* Measures the rate of the slow oscillator. At this time the core and clock_count() run from the
+ * internal oscillator. */
 void second_clock_start(void) {
   RCC->APB1ENR |= RCC_APB1ENR_PWREN;
   (void)RCC->APB1ENR;
@@ -92,13 +97,13 @@ void second_clock_start(void) {
   cycles = clock_count() - begin;
 }
 
-/* In a slow tick more counts pass: counts / MEASURED * cycles / 16 MHz is the true length of the
- * window. */
+/* Computes the error of the tick length in 1/1000 from the RTC counts in a window. If ticks are too
+ * long, more counts pass: counts / MEASURED * cycles / 16 MHz is the true length of the window. */
 static void compare(uint32_t counts) {
   const uint32_t window_us = WINDOW_TICKS * UINT32_C(2000) / 3;
   const uint32_t per_window = MEASURED * (CLOCK_HSI_HZ / 1000000u) * window_us;
-  /* No overflow: 470 counts of 18824 cycles, and a tick that is 20 times too long, need at most 32
-   * bits. */
+  /* The product does not overflow: 470 counts times 18824 cycles, for ticks up to 20 times too
+   * long, fits into 32 bits. */
   const int32_t thousands = (int32_t)(counts * cycles / (per_window / 1000u)) - 1000;
   permille = (int16_t)((thousands > INT16_MAX) ? INT16_MAX : thousands);
   is_compared = true;
@@ -120,7 +125,8 @@ void second_clock_tick(void) {
 
 int16_t second_clock_permille(void) { return permille; }
 
-/* Without the slow oscillator there is no watchdog either, so this is an error. */
+/* Returns the result of the comparison as FW_BOARD_ bits. A missing slow oscillator is an error,
+ * because the watchdog needs the same oscillator. */
 uint16_t second_clock_state(void) {
   if (cycles == 0 || permille > PERMILLE_MAX || permille < -PERMILLE_MAX) {
     return FW_BOARD_TICK;

@@ -4,11 +4,12 @@
 
 enum { PIN_TX = 2, PIN_RX = 3, FUNCTION_USART2 = 7, BAUD = MODBUS_BAUD_DEFAULT };
 
-/* Driver enable of an RS-485 transceiver on port B; high from the first bit to the last bit. */
+/* Pin number of the driver enable of an RS-485 transceiver on port B. The pin is high from the
+ * first bit to the last bit of a transmission. */
 enum { PIN_DRIVE = 12 };
 
-/* Size in bytes of each ring buffer, a power of 2. The input buffer has room for the bytes that
- * arrive in 20 ms, if the main loop is delayed; the output buffer has room for one frame. */
+/* Size of each ring buffer in bytes, a power of 2. The input buffer has room for the bytes that
+ * arrive in 20 ms while the main loop is delayed. The output buffer has room for one frame. */
 enum { RING = 256 };
 
 typedef struct {
@@ -20,7 +21,7 @@ typedef struct {
 static ring_t received;
 static ring_t to_send;
 
-/* Format of a character: 8 data bits and even parity; the register counts the parity bit as a ninth
+/* Format of a character: 8 data bits and even parity. The register counts the parity bit as a ninth
  * data bit. */
 #define LINE \
   (USART_CR1_UE | USART_CR1_M | USART_CR1_PCE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE)
@@ -43,8 +44,8 @@ void serial_init(uint32_t clock_hz) {
 
 void serial_interrupt(void) {
   const uint32_t status = USART2->SR;
-  /* A read of the byte also ends an overrun. A damaged byte is passed on, and the CRC detects
-   * it. */
+  /* Reading the byte also clears an overrun. A damaged byte is accepted here, because the CRC of
+   * the frame detects it. */
   if ((status & (USART_SR_RXNE | USART_SR_ORE)) != 0) {
     const uint8_t byte = (uint8_t)USART2->DR;
     if ((status & USART_SR_RXNE) != 0 && used(&received) < RING) {
@@ -94,7 +95,7 @@ uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count) {
   }
   if (taken > 0) {
     GPIOB->BSRR = BIT(PIN_DRIVE);
-    /* The interrupt clears this bit after the last byte is sent. */
+    /* The interrupt clears the driver enable after the last byte is sent. */
     USART2->CR1 = LINE | USART_CR1_TXEIE;
   }
   return taken;

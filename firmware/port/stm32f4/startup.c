@@ -1,4 +1,4 @@
-/* Interrupt vectors and start-up of the image; the linker script defines the symbols. */
+/* Interrupt vectors and start-up of the image. The linker script defines the external symbols. */
 
 #include "firmware/port/stm32f4/board.h"
 #include "firmware/port/stm32f4/tick.h"
@@ -14,7 +14,8 @@ extern const uint32_t vectors_begin[];
 int main(void);
 _Noreturn void reset(void);
 
-/* The difference is computed from addresses, because in C these symbols are different objects. */
+/* Returns the number of words between two symbols. The number is computed from addresses, because
+ * these symbols are different objects in C. */
 static uint32_t words(const uint32_t *begin, const uint32_t *end) {
   return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
 }
@@ -40,8 +41,8 @@ typedef void (*handler_t)(void);
 
 enum { EXCEPTION_SYSTICK = 15, EXCEPTION_IRQ = 16 };
 
-/* Vectors with the value 0 belong to interrupts that are never enabled; the core has a fault if one
- * occurs. */
+/* Table of interrupt vectors. A vector with the value 0 belongs to an interrupt that is never
+ * enabled; if this interrupt occurs, the core has a fault. */
 typedef struct {
   uint32_t *stack;
   handler_t handlers[EXCEPTION_IRQ + IRQ_USART2];

@@ -1,6 +1,6 @@
-/* Supply voltage. Below 2.9 V the voltage detector causes an interrupt that switches the outputs
- * off, before the brown-out reset at 2.7 V. Five wait states and programming by words require at
- * least 2.7 V. */
+/* Monitors the supply voltage. Below 2.9 V the voltage detector causes an interrupt that switches
+ * the outputs off, before the brown-out reset at 2.7 V. Reading the flash with five wait states and
+ * programming it by words require at least 2.7 V. */
 
 #include "firmware/port/stm32f4/board.h"
 
@@ -17,8 +17,8 @@ void supply_init(void) {
   NVIC->ISER0 = BIT(IRQ_PVD);
 }
 
-/* The interrupted tick may be about to output a code, so port_act() checks supply_is_low() after
- * its output. */
+/* Switches the outputs off. The interrupted tick may be about to output a DAC code, so port_act()
+ * checks supply_is_low() after its output. */
 void supply_interrupt(void) {
   EXTI->PR = EXTI_PR_PR16;
   is_low = true;
@@ -27,10 +27,10 @@ void supply_interrupt(void) {
 
 bool supply_is_low(void) { return is_low; }
 
-/* Call it once in each tick. After an interrupt the supply counts as low until the detector reports
- * that it has recovered. */
+/* Updates the state of the supply; call this function once in each tick. After an interrupt the
+ * supply remains low until the detector reports a sufficient voltage. */
 void supply_look(void) { is_low = (PWR->CSR & PWR_CSR_PVDO) != 0; }
 
-/* The option bytes select the level of the brown-out reset; a chip is delivered with the reset
- * off. */
+/* Returns true if the option bytes set the brown-out reset to the required level. In a new chip the
+ * brown-out reset is off. */
 bool supply_resets_in_time(void) { return (FLASH->OPTCR & FLASH_OPTCR_BOR_LEV) == 0; }

@@ -5,7 +5,7 @@
 
 static volatile uint32_t entries;
 static uint32_t period; /* length of a tick in counts of clock_count() */
-static uint32_t due;    /* count at which the tick was due, or slightly earlier */
+static uint32_t due;    /* count at which the present tick was due, or slightly earlier */
 static uint32_t missed;
 static bool is_late;
 
@@ -20,7 +20,8 @@ void tick_start(void) {
 
 uint32_t tick_entries(void) { return entries; }
 
-/* A delayed interrupt occurs once, even if several ticks have passed. */
+/* Adds the ticks that did not run to `missed`. A delayed interrupt occurs only once, even if
+ * several ticks have passed. */
 static void count_missed(void) {
   due += period;
   const uint32_t behind = clock_count() - due;
@@ -31,7 +32,8 @@ static void count_missed(void) {
   }
 }
 
-/* A read of the flag clears it: if it is set again at the end, the next tick is late. */
+/* Runs a tick. Reading CSR clears the flag: if the flag is set again at the end of the tick, the
+ * next tick is late. */
 void tick_interrupt(void) {
   entries++;
   (void)SYSTICK->CSR;

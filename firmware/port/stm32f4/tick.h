@@ -3,7 +3,7 @@
 
 #include <stdint.h>
 
-/* Processor cycles in a tick: 168 MHz / 1500 Hz, exactly. */
+/* Number of processor cycles in a tick: exactly 168 MHz / 1500 Hz. */
 #define TICK_CYCLES UINT32_C(112000)
 
 void tick_start(void);

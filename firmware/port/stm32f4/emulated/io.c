@@ -1,7 +1,8 @@
-/* Replaces the peripherals that QEMU's netduinoplus2 lacks: RCC, flash, encoder, ADC, DAC, pins,
- * watchdog. Inputs and outputs are records of the host; host/link/chip_side.hpp defines their
- * bytes. Each interrupt waits for a record and answers it, and the time of the emulator stops
- * meanwhile. Without a host the sensors read zero and the outputs are discarded. */
+/* Replaces the peripherals that QEMU's machine netduinoplus2 lacks: RCC, flash, encoder, ADC, DAC,
+ * pins, watchdog. The host sends inputs and receives outputs as records, whose bytes are defined in
+ * host/link/chip_side.hpp. Each tick interrupt waits for a record and answers it; the time of the
+ * emulator stops while it waits. Without a host the sensors read zero and the outputs are
+ * discarded. */
 
 #include <stddef.h>
 
@@ -48,7 +49,7 @@ void io_init(void) { open_host(); }
 
 bool io_clock_is_right(void) { return true; }
 
-/* No tick is ever missed here. */
+/* Returns the count without missed ticks, because the emulator never misses a tick. */
 uint32_t clock_count(void) { return tick_entries() * (TICK_CYCLES / 2); }
 
 void io_make_safe(void) {}
@@ -95,7 +96,7 @@ bool port_sample(axis_inputs_t *inputs) {
     semihosting_read(from_host, record, sizeof(record));
   }
   if (record[0] != RECORD_TICK) {
-    answer(tick_entries() - 1, ticks); /* this interrupt had no tick to compute */
+    answer(tick_entries() - 1, ticks); /* the present interrupt had no tick to compute */
     semihosting_exit();
   }
   ticks++;
@@ -119,7 +120,7 @@ void port_act(const axis_outputs_t *outputs) {
   }
 }
 
-/* CAN in the emulator: each frame is 12 bytes on a serial line. */
+/* CAN in the emulator: a serial line transmits each frame as 12 bytes. */
 
 enum { FRAME_BYTES = 12 };
 
@@ -171,10 +172,11 @@ uint16_t port_can_lost(void) { return 0; }
 
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
 
-/* The emulated USART requests an interrupt when a byte is received, but not when a byte can be
- * sent. With a host there is no wfi, because QEMU then counts instructions and doubles the period
- * of every timer. The main loop also makes no further cycle, because its register accesses are
- * slow. */
+/* Waits for the next interrupt. The emulated USART requests an interrupt when a byte is received,
+ * but not when a byte can be sent, so the interrupt is requested here. With a host the function
+ * waits for the next tick without wfi, because in wfi QEMU, which counts instructions, doubles the
+ * period of every timer. The main loop makes no further cycle meanwhile, because its register
+ * accesses are slow. */
 void port_idle(void) {
   static uint32_t seen;
   if ((USART2->CR1 & (USART_CR1_TXEIE | USART_CR1_TCIE)) != 0) {

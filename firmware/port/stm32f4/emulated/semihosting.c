@@ -37,7 +37,8 @@ int32_t semihosting_open(const char *name, uint32_t mode) {
   return call(SYS_OPEN, block);
 }
 
-/* The result is the number of bytes not read; a pipe returns the bytes that it has. */
+/* Reads `count` bytes from a file of the host. Each call of SYS_READ returns the number of bytes
+ * that were not read; a pipe may return fewer bytes than requested. */
 void semihosting_read(int32_t file, uint8_t *bytes, uint32_t count) {
   while (count > 0) {
     const uint32_t block[3] = {(uint32_t)file, (uint32_t)bytes, count};
