@@ -42,8 +42,8 @@ void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation) {
   };
   const uint32_t faulty = ~(uint32_t)(FW_BOARD_CLOCK_INTERNAL | FW_BOARD_TICK_UNKNOWN);
   device_signals_t *signals = &fw->device_signals;
-  /* The outputs are off while a fault is latched, so the cause of a fault may have ended before a
-   * client reads board_state. Therefore board_state keeps its bits until then. */
+  /* While a fault is latched the outputs are off, so the cause of the fault may end before a client
+   * reads board_state. Therefore board_state keeps the detected errors while a fault is latched. */
   const uint32_t before = (fw->axis.signals.fault != AXIS_FAULT_NONE) ? signals->board_state : 0;
   signals->board_state = (uint16_t)(state | (before & faulty));
   signals->tick_deviation = tick_deviation;

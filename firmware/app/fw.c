@@ -15,11 +15,11 @@
 
 _Static_assert(sizeof(fw_t) < 65536, "offsets of objects have 16 bits");
 _Static_assert(offsetof(fw_t, objects) == 0, "offsets of objects count from the dictionary");
-/* TPDOs read the bytes of mapped values directly, so the processor must store the lowest byte
- * first. */
+/* TPDOs copy the bytes of mapped values directly from memory, so the processor must store the
+ * lowest byte of a value first. */
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the lowest byte comes first");
-/* Codes of the protocols are enumerators above 32767; fx, core and objects do not need an int of 32
- * bits. */
+/* Some protocol codes are enumerators above 32767, so the folders app, canopen and drive need an
+ * int of 32 bits. The folders fx, core and objects work with a shorter int. */
 _Static_assert(sizeof(int) >= sizeof(int32_t), "app, canopen and drive need an int of 32 bits");
 
 static void wake(fw_t *fw) {
@@ -29,13 +29,15 @@ static void wake(fw_t *fw) {
   }
 }
 
-/* Returns the latched fault, or the fault that a present fault reaction will latch. */
+/* Returns the latched fault or, during a fault reaction, the fault that will be latched at its
+ * end. */
 static uint8_t fault_of(const fw_t *fw) {
   const uint8_t latched = fw->axis.signals.fault;
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
-/* The first motion test keeps the bounds with which it began. */
+/* Returns true if a write to the object is refused now: the first motion test keeps the bounds with
+ * which the test began. */
 static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
@@ -115,7 +117,8 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
-/* store_state reports at once that the store is working. */
+/* Sets store_state immediately if the store has accepted the command, because the store is then
+ * working. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
     fw->device_signals.store_state = AXIS_STORE_STATE_SAVING;
@@ -155,7 +158,8 @@ static int command(dictionary_t *objects, uint16_t object, int32_t value) {
   return refusal;
 }
 
-/* Resets the date 1020h, because the configuration differs from the verified one. */
+/* Resets the date 1020h after a change of a stored parameter, because the configuration then
+ * differs from the verified configuration. */
 static void changed(dictionary_t *objects, uint16_t object) {
   fw_t *fw = fw_of(objects);
   if (object != AXIS_OBJ_CONFIGURATION_DATE && object != AXIS_OBJ_CONFIGURATION_TIME &&
@@ -179,7 +183,8 @@ static const char *text(const dictionary_t *objects, uint16_t index) {
   }
 }
 
-/* Position of the values of each block, and the functions that check and follow their writes. */
+/* For each block of objects: the offset of the values, the function that checks a write, and the
+ * function that acts on a write. */
 static const dictionary_owner_t owner = {
     .blocks =
         {
@@ -208,16 +213,16 @@ static const dictionary_owner_t owner = {
     .domain_read = recording_read,
 };
 
-/* Whether the complete set that was saved last is active, so that somebody has commissioned the
- * axis with it. False without a set, after an interrupted save, and with a set of another table of
- * which some entries are not active. */
+/* Returns true if the newest saved parameter set is active, so the axis was commissioned with this
+ * set. Returns false without a set, after an interrupted save, and with a set of another object
+ * table of which some entries are not active. */
 static bool is_commissioned(uint8_t store_state) {
   return store_state == AXIS_STORE_STATE_LOADED ||
          store_state == AXIS_STORE_STATE_LOADED_OLD_DEFAULTS;
 }
 
-/* Sets every parameter and signal to its power-up value, except the counters of lost frames; stored
- * values then replace the defaults. */
+/* Sets every parameter and signal to its default, except the counters of lost frames. Stored values
+ * then replace the defaults. */
 static void power_up(fw_t *fw) {
   axis_init(&fw->axis);
   law_banks_init(&fw->banks);
@@ -248,7 +253,8 @@ static void power_up(fw_t *fw) {
   }
 }
 
-/* The node boots; every parameter that is not active as it was stored is reported. */
+/* Starts the CANopen node. Sends an emergency message if a stored parameter is not active with its
+ * stored value. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;
@@ -268,7 +274,8 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   store_init(&fw->store, config->memory);
   power_up(fw);
   const uint16_t error = board_reset_error(config);
-  /* A supply voltage that was too low may have changed the contents of the memory. */
+  /* After a brown-out reset the black box keeps no incident, because the low supply voltage may
+   * have changed the contents of the memory. */
   incident_init(fw, (error != AXIS_ERROR_CODE_BROWNOUT_RESET) ? error : AXIS_ERROR_CODE_NONE);
   if (config->buses != 0) {
     wake(fw);
@@ -280,12 +287,12 @@ void fw_init(fw_t *fw, const fw_config_t *config) {
   }
 }
 
-/* Increases a counter, at most to its largest value. */
+/* Increases a counter by `by`, at most to UINT16_MAX. */
 static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-/* Acts on the requests of the node that its last function has made. */
+/* Executes the requests that the CANopen node has made in its last function. */
 static void take_requests(fw_t *fw) {
   if (!canopen_has_requests(&fw->canopen)) {
     return;
@@ -308,11 +315,13 @@ static void execute_reset(fw_t *fw) {
   if (fw->canopen.reset == CANOPEN_RESET_NONE) {
     return;
   }
-  /* If a reset follows directly after a save, the saved values must be loaded. */
+  /* A reset waits until a save in progress has ended, because the reset must load the saved
+   * values. */
   if (store_is_busy(&fw->store) && fw->axis.signals.active_mode == AXIS_MODE_DISABLED) {
     return;
   }
-  /* On a chip, loading takes longer than a tick: the output must be off meanwhile. */
+  /* On a chip, loading the parameters takes longer than a tick, so the axis is disabled before a
+   * reset of the node. */
   if (fw->canopen.reset == CANOPEN_RESET_NODE &&
       fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
     cia402_native_mode(&fw->drive, &fw->axis, AXIS_MODE_DISABLED);
@@ -334,7 +343,8 @@ static void execute_reset(fw_t *fw) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, AXIS_STORE_STATE_FAILED);
     }
   }
-  /* A port reports only changes of the bus state. */
+  /* The port reports only changes of the bus state, so the reset node gets the present state
+   * here. */
   canopen_bus(&fw->canopen, bus);
   take_requests(fw);
 }

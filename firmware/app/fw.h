@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_APP_FW_H_
 #define FIRMWARE_APP_FW_H_
 
-/* The firmware as every port and every simulation runs it: the axis, its recorder and objects, the
- * drive profile, the protocols and the parameter store. The caller owns the state. No function here
- * allocates memory, waits or has global variables. */
+/* The firmware that runs on every board and in every simulation: axis, recorder, object dictionary,
+ * drive profile, protocols and parameter store. The caller owns the state of the firmware. No
+ * function here allocates memory, waits or has global variables. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -20,24 +20,24 @@
 #include "firmware/storage/archive.h"
 #include "firmware/storage/store.h"
 
-/* Size of the recorder buffer on the host, and the default of a port: it stores 5 s of two 16-bit
- * codes. */
+/* Size of the recorder buffer in bytes, on the host and by default on a board. The buffer has room
+ * for 5 s of two 16-bit signals. */
 #define FW_RECORDER_BYTES 32768
 
-/* Version of the firmware itself; software_version adds the hash of the object table. */
+/* Version of the firmware. software_version shows this version and the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
 /* Emergency messages that are no fault of the axis: store_failed (at power-up: the stored set is
  * not active or is not the newest set; the first manufacturer byte is store_state), source_lost (if
  * abort_connection_option selects no fault), and the messages FF01h to FF04h. FF01h to FF04h are
- * sent at once and are then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated,
+ * sent immediately and are then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated,
  * limit_cycle and overruns still count. FF07h watchdog_reset, 6000h core_fault and 5110h
  * brownout_reset report the reset before this power-up: the first manufacturer byte is reset_cause,
  * and the next four are core_fault_pc. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
-/* Causes of a reset of the chip, as a set of bits. A start by the supply alone has POWER, with or
- * without BROWN_OUT and PIN. A fault of the core has SOFTWARE. */
+/* Bits for the causes of a reset of the chip. When only the supply was switched on, POWER is set;
+ * BROWN_OUT and PIN may be set too. A fault of the processor core sets SOFTWARE. */
 enum {
   FW_RESET_BROWN_OUT = 2,
   FW_RESET_PIN = 4,
@@ -48,7 +48,8 @@ enum {
   FW_RESET_LOW_POWER = 128
 };
 
-/* Data about a fault of the core that the board has kept over the following reset. */
+/* Registers of the processor at a fault of the processor core. The board keeps these values over
+ * the following reset. */
 typedef struct {
   uint32_t pc;
   uint32_t lr;
@@ -57,8 +58,8 @@ typedef struct {
   uint32_t bfar;
 } fw_core_fault_t;
 
-/* Errors that a board detects in itself, as a set of bits (board_state). Those from BROWN_OUT_LEVEL
- * to RAM are detected at power-up and remain set. */
+/* Bits of board_state: errors that the board detects in its own hardware. BROWN_OUT_LEVEL, IMAGE
+ * and RAM are detected only at power-up and stay set. */
 enum {
   FW_BOARD_CLOCK_INTERNAL = 1,
   FW_BOARD_BROWN_OUT_LEVEL = 2,
@@ -75,38 +76,45 @@ enum {
 /* Largest number of ticks between two calls of fw_between(): 15 ticks are 10 ms. */
 enum { FW_BETWEEN_TICKS_MAX = 15 };
 
-/* Node id of an axis that waits for an id from LSS. It answers only LSS requests and has no Modbus
- * unit. */
+/* Node id of an axis that waits for an id from an LSS master. This axis answers only LSS requests
+ * and has no Modbus unit. */
 enum { FW_NODE_ID_BY_LSS = 255 };
 
-/* Configuration of the firmware by the port. If all fields are 0, the axis is on no bus. */
+/* Configuration that the port passes to fw_init(). If all fields are 0, the axis is on no bus. */
 typedef struct {
-  void *recorder_buffer; /* needs no alignment; must outlive fw; may be NULL with 0 bytes */
+  /* buffer of the recorder, without alignment; the buffer must outlive the firmware; NULL is
+   * permitted if recorder_bytes is 0 */
+  void *recorder_buffer;
   uint32_t recorder_bytes;
-  blackbox_t
-      /* Memory of the black box; NULL: no black box. It needs no initial value. To keep an incident
-       * over a restart, it must be placed with recorder_buffer in memory that a restart does not
-       * clear. */
-      *blackbox;
-  const store_memory_t *memory;  /* NULL: parameters are not stored */
-  const store_memory_t *archive; /* NULL: no incident is kept over a power cut */
-  const char *hardware;          /* text of hardware_version, must outlive fw; NULL: "none" */
+  /* Memory of the black box, without initial value; NULL: no black box. To keep an incident over a
+   * restart, this memory and recorder_buffer must be in memory that a restart does not clear. */
+  blackbox_t *blackbox;
+  const store_memory_t *memory; /* memory of the parameter store; NULL: no parameter is stored */
+  /* memory of the archive; NULL: no incident is kept over a power cut */
+  const store_memory_t *archive;
+  /* text of hardware_version, which must outlive the firmware; NULL: the text "none" */
+  const char *hardware;
   uint32_t serial_number;
-  /* bit rate that determines the silence at the end of a frame; 0: MODBUS_BAUD_DEFAULT */
+  /* bit rate of the Modbus line in bit/s, which determines the silence at the end of a frame; 0:
+   * MODBUS_BAUD_DEFAULT */
   uint32_t modbus_baud;
-  /* CANopen node id and Modbus unit, 1..127. 0: stored_node_id, or 1 if none is stored.
-   * FW_NODE_ID_BY_LSS: stored_node_id, or no id until LSS gives one. */
+  /* CANopen node id and Modbus unit, 1 to 127. 0: the axis uses stored_node_id, or 1 if no id is
+   * stored. FW_NODE_ID_BY_LSS: the axis uses stored_node_id, or has no id until an LSS master gives
+   * an id. */
   uint8_t node_id;
-  uint8_t buses;       /* 1: CANopen and Modbus are served */
-  uint8_t reset_cause; /* set of FW_RESET_ bits; 0: not known */
-  /* text of software_version, must outlive fw; NULL: FW_VERSION and hash of the object table */
+  uint8_t buses;       /* 1: the firmware serves CANopen and Modbus; 0: the axis is on no bus */
+  uint8_t reset_cause; /* causes of the last reset, a set of FW_RESET_ bits; 0: not known */
+  /* text of software_version, which must outlive the firmware; NULL: FW_VERSION and the hash of the
+   * object table */
   const char *software;
-  uint16_t bit_rates; /* set of the supported bit rates, see lss.h; 0: all bit rates */
-  const fw_core_fault_t *core_fault; /* fault of the core that caused the last reset, or NULL */
+  /* set of the CAN bit rates that the board supports (lss.h); 0: all bit rates */
+  uint16_t bit_rates;
+  /* registers at the fault of the processor core that caused the last reset; NULL: no such fault */
+  const fw_core_fault_t *core_fault;
 } fw_config_t;
 
 typedef struct {
-  dictionary_t objects; /* must be the first member, see dictionary.h */
+  dictionary_t objects; /* The dictionary must be the first member of fw_t (dictionary.h). */
   axis_t axis;
   law_banks_t banks;
   recorder_t recorder;
@@ -118,24 +126,24 @@ typedef struct {
   device_params_t device;
   device_signals_t device_signals;
   fw_config_t config;
-  uint32_t source_silence; /* ticks since the last write of the owner */
-  uint32_t ticks_alone;    /* ticks since the last call of fw_between() */
-  /* tick in which each inhibited emergency message was last sent */
+  uint32_t source_silence; /* number of ticks since the last write of the owner */
+  uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
+  /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];
-  uint8_t reported[FW_HELD]; /* 1: the message was sent since power-up */
-  /* state of contact, saturation and limit cycle in the previous tick */
+  uint8_t reported[FW_HELD]; /* 1: this rate-limited emergency message was sent since power-up */
+  /* state that reports_contact_seen() returned when reports_contact() last ran */
   uint8_t contact_seen;
-  /* 1: the tare measurement writes force_tare, so the date 1020h does not change */
+  /* 1: the tare measurement is writing force_tare, which does not reset the date 1020h */
   uint8_t tare_is_written;
-  uint8_t on_serial;    /* 1: the present write was received over the serial line */
+  uint8_t on_serial;    /* 1: the write in progress was received over the serial line */
   uint8_t owner_on_can; /* 1: the owner reaches the axis over CAN; see ownership.h */
-  /* 1: the black box uses the buffer and the recorder does not; see incident.h */
+  /* 1: the black box uses the recorder buffer; 0: the recorder uses the buffer (incident.h) */
   uint8_t boxed;
-  uint8_t live; /* 1: drive and protocols are served; see fw_tick() */
+  uint8_t live; /* 1: fw_tick() computes the drive and the protocols too */
 } fw_t;
 
-/* Sets the state at power-up: parameters from the store or their defaults, axis disabled, recorder
- * idle. */
+/* Initialises the firmware at power-up: parameters have their stored values or their defaults, the
+ * axis is disabled, and the recorder is idle. */
 void fw_init(fw_t *fw, const fw_config_t *config);
 
 /* Computes one tick of drive, axis, recorder and protocols. A firmware on no bus computes only axis
@@ -165,7 +173,7 @@ void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
 /* fw_tick() in four parts, for a port whose tick is an interrupt. In the interrupt, fw_prepare()
  * lets the drive set the targets of this tick; it needs no inputs, so their conversion may still
- * run. fw_control() computes the outputs from the inputs, and the port outputs them at once.
+ * run. fw_control() computes the outputs from the inputs; the port then outputs them immediately.
  * fw_report() then does what most ticks need: status of the drive, recorder, one event-driven TPDO.
  * fw_between() must run after the interrupt, before any other use of fw, and without an
  * interruption by a tick. It does the rare and long work: emergency messages, node timers that
@@ -181,27 +189,28 @@ void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 bool fw_report(fw_t *fw);
 void fw_between(fw_t *fw);
 
-/* CAN. The functions accept a received frame, before the tick that processes it; return a frame to
- * send (false: no frame); accept the number of lost frames; and accept each change of the bus
- * state, CAN_BUS_. */
+/* CAN. fw_can_receive() accepts a received frame before the tick that processes this frame.
+ * fw_can_transmit() returns a frame to send; the result false means that there is no frame.
+ * fw_can_lost() accepts the number of lost frames, and fw_can_bus() accepts each new state of the
+ * bus (CAN_BUS_). */
 void fw_can_receive(fw_t *fw, const can_frame_t *frame);
 bool fw_can_transmit(fw_t *fw, can_frame_t *frame);
 void fw_can_lost(fw_t *fw, uint16_t frames);
 void fw_can_bus(fw_t *fw, uint8_t state);
 
-/* Returns the CAN bit rate in kbit/s; at power-up it is the stored rate. A port applies a change at
- * once and does not send frames that were queued before the change. */
+/* Returns the CAN bit rate in kbit/s; at power-up this is the stored bit rate. When the bit rate
+ * changes, the code for the board sets the new bit rate immediately and does not send frames that
+ * were queued before. */
 uint16_t fw_can_kbit_s(const fw_t *fw);
 
-/* Modbus RTU. The functions accept received bytes, and return at most `room` bytes to send (0:
- * none). */
+/* Modbus RTU. fw_modbus_receive() accepts received bytes. fw_modbus_transmit() writes at most
+ * `room` bytes to send into `bytes` and returns the number of these bytes, or 0. */
 void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
-/* Reports that a tick of the port was late (missed is 0), or that `missed` ticks did not run. Each
- * of them counts as one of `overruns`, and the time advances by the missed ticks: tick_count and
- * the timers of the node, see canopen_missed(). Call it after fw_between(), not in the
- * interrupt. */
+/* Reports a late tick (`missed` is 0) or `missed` ticks that did not run. `overruns` counts each of
+ * these ticks. The time, which is tick_count and the timers of the CANopen node (canopen_missed()),
+ * advances by the missed ticks. Call fw_overrun() after fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
 /* Accepts the errors that the port has detected in its board, a set of FW_BOARD_ bits, and the
@@ -215,14 +224,15 @@ void fw_overrun(fw_t *fw, uint32_t missed);
  * detected errors until the axis has no fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
-/* dictionary_read() and dictionary_write() for the port itself. On a firmware without a bus, a
- * write to an object that does not belong to axis or recorder starts the drive. */
+/* Read and write an object for the port itself, as dictionary_read() and dictionary_write() do. If
+ * the firmware is on no bus, a write to an object that belongs neither to the axis nor to the
+ * recorder starts the drive. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 
-/* Reads sample `index` (0 is the oldest) of a completed recording: one value for each selected
- * channel, in the order of recorder_signal_1.., without channels that are 0. Returns the number of
- * values, or FW_ERROR_NO_DATA. */
+/* Reads one sample of a completed recording; index 0 is the oldest sample. `values` receives one
+ * value for each selected channel in the order of recorder_signal_1 to _8; channels that are 0 have
+ * no value. Returns the number of values, or FW_ERROR_NO_DATA. */
 int fw_recorder_read(const fw_t *fw, uint32_t index, int32_t values[RECORDER_CHANNELS]);
 
 #endif

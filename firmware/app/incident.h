@@ -1,18 +1,19 @@
 #ifndef FIRMWARE_APP_INCIDENT_H_
 #define FIRMWARE_APP_INCIDENT_H_
 
-/* The black box (core/blackbox.h) in the firmware: its signals and its objects. It records only on
- * buses, and only while the recorder is idle. Arming a recording discards an incident; the
- * recording uses the buffer until recorder_arm becomes 0. The archive (archive.h) keeps an incident
- * over a power cut. */
+/* The signals and objects of the black box (core/blackbox.h). The black box records only if the
+ * axis is on a bus, and only while the recorder is idle. If a recording is armed, an incident in
+ * the black box is discarded, and the recorder uses the buffer until recorder_arm becomes 0. The
+ * archive (archive.h) keeps an incident over a power cut. */
 
 #include "firmware/app/fw.h"
 
-/* Initialises the black box at power-up, after the recorder; for `reset_error` see
- * blackbox_init(). */
+/* Initialises the black box at power-up; the recorder must be initialised before. blackbox_init()
+ * describes `reset_error`. */
 void incident_init(fw_t *fw, uint16_t reset_error);
 
-/* Computes one tick of black box or recorder, whichever uses the buffer. */
+/* Computes one tick of the black box if the black box uses the buffer, otherwise one tick of the
+ * recorder. */
 static inline void incident_tick(fw_t *fw, uint8_t fault) {
   if (fw->boxed != 0) {
     blackbox_tick(fw->config.blackbox, &fw->objects, fault, fw->drive.signals.error_code,
@@ -22,23 +23,24 @@ static inline void incident_tick(fw_t *fw, uint8_t fault) {
   }
 }
 
-/* Whether black box or recorder took samples in this tick. */
+/* Returns true if the black box or the recorder took samples in this tick. */
 static inline bool incident_samples(const fw_t *fw) {
   const uint8_t state = fw->recorder.signals.recorder_state;
   return fw->boxed != 0 || state == AXIS_RECORDER_STATE_ARMED ||
          state == AXIS_RECORDER_STATE_RECORDING;
 }
 
-/* Call it in fw_between(). It starts and updates the black box and its signals, and computes the
- * CRC of an incident in small steps, 1.2 s in total. */
+/* Starts and updates the black box and its signals, and computes the CRC of an incident in small
+ * steps, in 1.2 s altogether. Call incident_serve() in fw_between(). */
 void incident_serve(fw_t *fw);
 
-/* A recording was armed: the black box gives the buffer to the recorder. */
+/* Call incident_yield() when a recording was armed: the black box stops, and the recorder uses the
+ * buffer. */
 void incident_yield(fw_t *fw);
 
-/* Acts on a write to incident_command: FW_OK or FW_ERROR_NO_DATA. Every command needs an incident
- * whose CRC is complete, except load: load needs an archived incident of this object table and a
- * buffer without incident or recording. */
+/* Executes a command that was written to incident_command. Returns FW_OK or FW_ERROR_NO_DATA. The
+ * command load needs an archived incident of this object table, and a buffer without an incident or
+ * a recording. Every other command needs an incident whose CRC is complete. */
 int incident_command(fw_t *fw, int32_t value);
 
 #endif

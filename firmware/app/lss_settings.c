@@ -40,7 +40,7 @@ static bool load_node(fw_t *fw) {
 }
 
 bool lss_settings_load(fw_t *fw) {
-  /* An image with other rules may have stored the set. */
+  /* The stored parameter set may come from a firmware image that permitted other node ids. */
   const bool fits =
       lss_settings_check(fw, AXIS_OBJ_STORED_NODE_ID, fw->device.stored_node_id) == FW_OK;
   const uint8_t stored = fits ? fw->device.stored_node_id : 0;
@@ -63,7 +63,7 @@ bool lss_settings_reset_communication(fw_t *fw) {
   return load_node(fw);
 }
 
-/* Saves only node id and bit rate; other changed parameters are not stored by this. */
+/* Starts to save only the node id and the bit rate; other changed parameters are not saved. */
 static uint8_t begin_store(fw_t *fw) {
   if (fw->store.memory == NULL) {
     return LSS_STORE_MISSING;

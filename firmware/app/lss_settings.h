@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_LSS_SETTINGS_H_
 #define FIRMWARE_APP_LSS_SETTINGS_H_
 
-/* The LSS settings of the axis, its node id and bit rate, which come from the port, the store or an
- * LSS master. */
+/* LSS settings of the axis: the node id and the bit rate. The values come from the configuration of
+ * the port, from the parameter store or from an LSS master. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -10,27 +10,31 @@
 #include "firmware/app/fw.h"
 #include "firmware/canopen/lss.h"
 
-/* Whether stored_node_id or stored_bit_rate may have a value: FW_OK or FW_ERROR_RANGE. */
+/* Checks whether `value` is permitted for stored_node_id or stored_bit_rate. Returns FW_OK or
+ * FW_ERROR_RANGE. */
 int lss_settings_check(const fw_t *fw, uint16_t object, int32_t value);
 
-/* Initialise the LSS settings at power-up. The first function runs before the stored parameters are
- * loaded and sets the node id of the port; the second runs afterwards and sets the active node id
- * and the bit rate. It returns false if the stored set is damaged. */
+/* Initialise the LSS settings at power-up. lss_settings_begin() runs before the stored parameters
+ * are loaded and sets the node id that the port configures. lss_settings_load() runs after the load
+ * and sets the active node id and the bit rate; the function returns false if the stored parameter
+ * set is damaged. */
 void lss_settings_begin(fw_t *fw);
 bool lss_settings_load(fw_t *fw);
 
-/* Sets the node to its state after power-up, with the node id that LSS has configured, before its
- * boot-up message. Returns false if the stored set is damaged. */
+/* Sets the CANopen node to its state at power-up, before the boot-up message, with the node id that
+ * LSS has configured. Returns false if the stored parameter set is damaged. */
 bool lss_settings_reset_communication(fw_t *fw);
 
-/* Call it in fw_between(). It serves LSS requests, and lets `ticks` ticks of a change of the bit
- * rate pass. */
+/* lss_settings_serve() serves LSS requests and counts `ticks` ticks of the silence around a change
+ * of the bit rate. Call lss_settings_serve() in fw_between() if lss_settings_pending() returns
+ * true. */
 static inline bool lss_settings_pending(const fw_t *fw) {
   return fw->canopen.lss.silence != 0 || fw->canopen.lss.store == LSS_STORE_REQUESTED;
 }
 void lss_settings_serve(fw_t *fw, uint32_t ticks);
 
-/* The store has ended its work with a state (AXIS_STORE_STATE_): LSS answers its store request. */
+/* Call lss_settings_stored() when the parameter store has ended its work with the state `state`
+ * (AXIS_STORE_STATE_). LSS then answers the request to store the LSS settings. */
 void lss_settings_stored(fw_t *fw, uint8_t state);
 
 #endif

@@ -2,8 +2,8 @@
 
 #include "firmware/drive/state.h"
 
-/* active_mode belongs to the last tick, so the drive state may be one step ahead of it. Without
- * buses the drive does not run. */
+/* Returns true if the drive has power. The signal active_mode belongs to the last tick, so the
+ * drive state may be one step ahead of active_mode. A firmware on no bus does not run the drive. */
 static bool will_be_active(const fw_t *fw) {
   return fw->live != 0 && cia402_is_powered(fw->drive.signals.drive_state);
 }
@@ -12,13 +12,14 @@ static bool may_command(const fw_t *fw, uint8_t source) {
   return source == FW_SOURCE_LOCAL || source == fw->device.command_source;
 }
 
-/* A bus cannot acquire an axis that another bus moves; the owner may give the axis to any bus. */
+/* Returns true if a bus may acquire the axis from another owner: the bus writes its own number to
+ * command_source, and the axis is disabled. */
 static bool may_acquire(const fw_t *fw, uint8_t source, int32_t value) {
   return value == source && !will_be_active(fw) &&
          fw->axis.signals.active_mode == AXIS_MODE_DISABLED;
 }
 
-/* Whether the loss of the owner would be detected. */
+/* Returns true if the firmware would detect the loss of the owner. */
 static bool is_watched(const fw_t *fw) {
   return fw->device.command_source != AXIS_COMMAND_SOURCE_CANOPEN ||
          canopen_is_watched(&fw->canopen);
@@ -28,8 +29,8 @@ static bool is_held(const fw_t *fw) {
   return fw->drive.signals.stopped_by != AXIS_STOPPED_BY_NOBODY;
 }
 
-/* Whether the loss of the owner would not be detected, or has already happened: the loss of a
- * gateway that is already lost would not be detected again. */
+/* Returns true if the firmware would not detect the loss of the owner after the axis is enabled.
+ * The loss of a gateway that is already lost would not be detected again. */
 static bool is_enabling_unsafe(const fw_t *fw) {
   if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
     return fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED && !is_watched(fw);
@@ -37,7 +38,8 @@ static bool is_enabling_unsafe(const fw_t *fw) {
   return fw->owner_on_can != 0 && fw->canopen.heartbeats_lost != 0;
 }
 
-/* The port itself is never refused to enable the axis for this reason. */
+/* Checks whether a source may enable the axis with this controlword. The port itself
+ * (FW_SOURCE_LOCAL) may always enable the axis. */
 static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   if (source == FW_SOURCE_LOCAL || !cia402_enables(controlword)) {
     return FW_OK;
@@ -48,7 +50,7 @@ static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   return is_refused ? FW_ERROR_STATE : FW_OK;
 }
 
-/* Whether the column `writable` of the object table permits a write now. */
+/* Returns true if the column `writable` of the object table permits a write now. */
 static bool is_writable(const fw_t *fw, const axis_object_t *entry) {
   const uint8_t recorder = fw->recorder.signals.recorder_state;
   switch (entry->writable) {
@@ -61,7 +63,8 @@ static bool is_writable(const fw_t *fw, const axis_object_t *entry) {
   }
 }
 
-/* Programming the flash can stall the processor, so the axis must not start before it has ended. */
+/* Returns true if this write would start the axis. Programming the flash can stall the processor,
+ * so the axis must not start while the parameter store is working. */
 static bool starts_axis(const fw_t *fw, uint16_t object, int32_t value) {
   return !cia402_is_powered(fw->drive.signals.drive_state) &&
          ((object == AXIS_OBJ_CONTROLWORD && cia402_enables((uint16_t)value)) ||
@@ -84,14 +87,16 @@ int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t objec
   if (refusal != FW_OK) {
     return refusal;
   }
-  /* A set must contain the values that all parameters had at one moment. */
+  /* A saved parameter set must contain the values that all parameters had at the same moment, so
+   * stored parameters cannot change during a save. */
   if (store_is_busy(&fw->store) && (entry->stored != 0 || starts_axis(fw, object, value))) {
     return FW_ERROR_BUSY;
   }
   return FW_OK;
 }
 
-/* Number in stopped_by of the source that stopped the axis; 0 means no source. */
+/* A value of stopped_by is the number of the source that stopped the axis, plus 1; 0 means that no
+ * source stopped the axis. */
 _Static_assert(AXIS_STOPPED_BY_CANOPEN == FW_SOURCE_CANOPEN + 1 &&
                    AXIS_STOPPED_BY_MODBUS == FW_SOURCE_MODBUS + 1 &&
                    AXIS_STOPPED_BY_LCM == FW_SOURCE_LCM + 1 &&
@@ -111,7 +116,7 @@ static void warn(fw_t *fw) {
   }
 }
 
-/* Carries out a controlword of the owner or of the port. */
+/* Executes a controlword of the owner or of the port. */
 static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword) {
   const bool is_local = source == FW_SOURCE_LOCAL;
   const bool enables = !is_local && cia402_would_enable(&fw->drive, controlword);
@@ -122,8 +127,8 @@ static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlwo
     hold(fw, source);
   }
   if (enables) {
-    /* Modbus on the serial line and Modbus through a gateway are the same owner. If it enables the
-     * axis over CAN, it loses the axis with CAN. */
+    /* Modbus clients on the serial line and behind a gateway have the same source number. A Modbus
+     * client that enables the axis over CAN loses the axis if CAN fails. */
     fw->owner_on_can |= (uint8_t)(fw->on_serial == 0);
     if (!is_watched(fw)) {
       warn(fw);
@@ -156,7 +161,8 @@ void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t con
     obey(fw, source, previous, controlword);
     return;
   }
-  fw->drive.params.controlword = previous; /* the controlword of the owner remains */
+  /* The object controlword keeps the value that the owner wrote. */
+  fw->drive.params.controlword = previous;
   if (cia402_stop(&fw->drive, &fw->axis, controlword)) {
     hold(fw, source);
   }
@@ -182,8 +188,8 @@ static void release_to_canopen(fw_t *fw) {
   canopen_owns(&fw->canopen);
 }
 
-/* An enabled axis must not be released to a canopen whose master is lost, or whose loss would never
- * be detected. */
+/* Checks an axis that is released to canopen. If the CANopen master is lost, or if the loss of this
+ * master would never be detected, the drive reacts as to a lost owner. */
 static void check_canopen(fw_t *fw) {
   uint8_t fault = canopen_lost_for(&fw->canopen);
   if (fault == AXIS_FAULT_NONE && !canopen_is_watched(&fw->canopen)) {
@@ -194,9 +200,9 @@ static void check_canopen(fw_t *fw) {
   }
 }
 
-/* Notes after a write to command_source whether the owner reaches the axis over CAN. An owner that
- * enabled the axis over CAN remains on CAN, even if the same number is written again over the
- * serial line. */
+/* Stores whether the owner reaches the axis over CAN, after a write to command_source. An owner
+ * that enabled the axis over CAN stays an owner on CAN, even if the same number is written again
+ * over the serial line. */
 static void note_connection(fw_t *fw, bool is_new, uint8_t owner) {
   const bool on_can = owner != AXIS_COMMAND_SOURCE_MODBUS || fw->on_serial == 0;
   if (on_can || is_new || !will_be_active(fw)) {
@@ -218,11 +224,11 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
     return;
   }
   if (!will_be_active(fw)) {
-    cia402_forget_targets(&fw->drive); /* the new owner writes its own targets */
+    cia402_forget_targets(&fw->drive); /* The new owner of the axis must write its own targets. */
   }
   if (value == AXIS_COMMAND_SOURCE_CANOPEN) {
     release_to_canopen(fw);
-    /* A canopen that acquired the axis itself is certainly present. */
+    /* A CANopen master that has acquired the axis itself is certainly present. */
     if (source != FW_SOURCE_CANOPEN) {
       check_canopen(fw);
     }
@@ -233,8 +239,8 @@ bool ownership_ends(const fw_t *fw, uint8_t lost) {
   return fw->owner_on_can != 0 && (lost & fx_bit(fw->device.command_source)) != 0;
 }
 
-/* The node monitors canopen. But the loss of a heartbeat that is already lost would not be detected
- * again if the axis is enabled meanwhile. */
+/* The CANopen node reports the loss of a heartbeat only once. If the axis was enabled after this
+ * loss, the owner is treated as lost here. */
 void ownership_watch_canopen(fw_t *fw) {
   if (fw->drive.signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED) {
     (void)cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_HEARTBEAT_LOST);
@@ -245,7 +251,8 @@ void ownership_time_out(fw_t *fw) {
   const uint8_t owner = fw->device.command_source;
   release_to_canopen(fw);
   (void)cia402_owner_lost(&fw->drive, &fw->axis, AXIS_FAULT_SOURCE_LOST);
-  /* The error code of the drive already reports the fault. */
+  /* If the drive has an error code, the emergency message of this code already reports the
+   * fault. */
   if (fw->axis.signals.active_mode != AXIS_MODE_DISABLED && fw->drive.signals.error_code == 0) {
     canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_SOURCE_LOST, owner);
   }

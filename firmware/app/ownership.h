@@ -24,7 +24,7 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* Returns the firmware that contains a dictionary. */
+/* Returns the firmware (fw_t) that contains this object dictionary. */
 static inline fw_t *fw_of(dictionary_t *objects) {
   void *fw = objects;
   return fw;
@@ -34,49 +34,53 @@ static inline const fw_t *fw_of_const(const dictionary_t *objects) {
   return fw;
 }
 
-/* Whether a source may write this value to an existing object now: FW_OK, FW_ERROR_LOCKED,
- * FW_ERROR_STATE (the column `writable` of the object table forbids it) or FW_ERROR_BUSY (the store
- * is working). */
+/* Checks whether a source may now write `value` to an existing object. Returns FW_OK;
+ * FW_ERROR_LOCKED; FW_ERROR_STATE if the column `writable` of the object table forbids the write;
+ * or FW_ERROR_BUSY while the parameter store is working. */
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Acts on a controlword that a source has written in place of `previous`. If the source does not
- * own the axis, its controlword can only stop the axis (cia402_stop()), and the controlword of the
- * owner stays active. After such a stop this also applies to a controlword of the owner that
- * enables. */
+/* Acts on a controlword that replaces the controlword `previous`. A source that does not own the
+ * axis can only stop the axis with a controlword (cia402_stop()), and the controlword of the owner
+ * stays active. After such a stop, a controlword with which the owner would enable the axis can
+ * also only stop the axis. */
 void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword);
 
-/* A source has written the native mode `disabled`, which is carried out afterwards. */
+/* Call ownership_disabled() when a source has written the native mode `disabled`, before the axis
+ * is disabled. */
 void ownership_disabled(fw_t *fw, uint8_t source);
 
-/* CAN stops an axis that another bus owns (NMT, bus off). The fault `fault` (AXIS_FAULT_) is raised
- * if abort_connection_option selects a fault. */
+/* Stops an axis that a bus other than CANopen owns, because of an NMT command or bus off on CAN.
+ * Raises the fault `fault` (AXIS_FAULT_) if abort_connection_option selects a fault. */
 void ownership_stopped(fw_t *fw, uint8_t fault);
 
-/* Acts on a write to a parameter of the device: command_source or a watchdog. */
+/* Acts on an accepted write to a parameter of the device, for example command_source or
+ * watchdog. */
 void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                        int32_t value);
 
-/* Acts on a write that changes how the loss of the owner is detected, or whether it must be
- * detected. If the owner is canopen and its loss would no longer be detected, an enabled axis is
- * disabled with the fault source_lost if unsupervised_owner is refused; otherwise a warning is
- * shown. */
+/* Call ownership_check_watch() after a write that may change whether the firmware detects the loss
+ * of the owner. If canopen owns an enabled axis and the loss of canopen would not be detected, the
+ * axis is disabled with the fault source_lost, or only a warning is shown: unsupervised_owner
+ * decides. */
 void ownership_check_watch(fw_t *fw);
 
-/* The owner can no longer reach the axis; `fault` (AXIS_FAULT_) is the reason. */
+/* Call ownership_lost() when the owner can no longer reach the axis. `fault` (AXIS_FAULT_) is the
+ * reason. */
 void ownership_lost(fw_t *fw, uint8_t fault);
 
-/* Whether the loss on CAN of the sources in the set `lost` (bits of FW_SOURCE_) includes the
- * owner. */
+/* Returns true if the owner is on CAN and belongs to the lost sources `lost`, a set of FW_SOURCE_
+ * bits. */
 bool ownership_ends(const fw_t *fw, uint8_t lost);
 
 /* Parts of ownership_tick(). */
 void ownership_watch_canopen(fw_t *fw);
-/* the warning ends when a loss of the owner would be detected again */
+/* Ends the warning about an unsupervised owner when the loss of the owner would be detected
+ * again. */
 void ownership_watch_warning(fw_t *fw);
 void ownership_time_out(fw_t *fw);
 
-/* Call it once in each tick, before the drive. An owner that has been silent for too long loses the
- * axis. */
+/* Call ownership_tick() once in each tick, before the drive is computed. An owner other than
+ * canopen loses the axis if it has written nothing for longer than the time `watchdog`. */
 static inline void ownership_tick(fw_t *fw) {
   const uint8_t owner = fw->device.command_source;
   if (owner == AXIS_COMMAND_SOURCE_CANOPEN) {

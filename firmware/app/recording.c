@@ -62,7 +62,8 @@ static int arm_recorder(fw_t *fw) {
     return FW_ERROR_RANGE;
   }
   if (starts) {
-    /* A start of the excitation before the first tick also triggers. */
+    /* An excitation that starts before the first tick of the recorder also triggers the
+     * recording. */
     recorder_prime(&fw->recorder, fw->drive.signals.excitation_state);
   }
   return FW_OK;

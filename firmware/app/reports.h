@@ -1,18 +1,19 @@
 #ifndef FIRMWARE_APP_REPORTS_H_
 #define FIRMWARE_APP_REPORTS_H_
 
-/* Emergency messages that are no fault of the axis: contact, overruns, store. */
+/* Emergency messages about contact, overruns and the parameter store, which are no faults of the
+ * axis. */
 
 #include <stdint.h>
 
 #include "firmware/app/fw.h"
 
-/* Sends one of the emergency messages from FW_HELD_FIRST on. The firmware limits their rate,
- * because their cause could occur in every tick. */
+/* Sends one of the emergency messages FF01h to FF04h. The firmware limits the rate of these
+ * messages, because the cause of a message could occur in every tick. */
 void reports_limited(fw_t *fw, uint16_t code);
 
-/* Bits of the state of contact, force law and calibration, which is compared with
- * fw->contact_seen. */
+/* Bits of the value that reports_contact_seen() returns: contact, saturation, limit cycle,
+ * restricted force law and expired calibration. */
 enum {
   REPORTS_CONTACT = 1,
   REPORTS_SATURATED = 2,
@@ -20,8 +21,8 @@ enum {
   REPORTS_RESTRICTED = 64,
   REPORTS_EXPIRED = 128
 };
-/* Factor of the number of times that the gain was halved, at most TOUCH_HALVINGS, in the same
- * state. */
+/* The value of reports_contact_seen() also contains the number of gain halvings, at most
+ * TOUCH_HALVINGS. REPORTS_HALVED is the factor of this number, REPORTS_HALVINGS is its bit mask. */
 enum { REPORTS_HALVED = 8, REPORTS_HALVINGS = REPORTS_HALVED * TOUCH_HALVINGS };
 static inline uint8_t reports_contact_seen(const fw_t *fw) {
   const drive_signals_t *signals = &fw->drive.signals;
@@ -33,12 +34,12 @@ static inline uint8_t reports_contact_seen(const fw_t *fw) {
                signals->calibration_expired * REPORTS_EXPIRED);
 }
 
-/* Sends emergency messages for changes of this state since the last call. A loss of contact is
- * reported only while force is controlled. */
+/* Sends an emergency message for each change of contact, force law or calibration since the last
+ * call. The loss of contact is reported only while the axis controls force. */
 void reports_contact(fw_t *fw);
 
-/* Sends store_failed with store_state, the address of the first changed parameter and the number of
- * changed parameters. */
+/* Sends the emergency message store_failed with store_state, the address of the first changed
+ * parameter and the number of changed parameters. */
 void reports_store(fw_t *fw);
 
 #endif

@@ -6,7 +6,8 @@
 static int calibrate(fw_t *fw) {
   drive_signals_t *signals = &fw->drive.signals;
   if (store_is_busy(&fw->store)) {
-    return FW_ERROR_BUSY; /* as for a write to every stored parameter */
+    /* The calibration writes stored parameters, which is refused while the store is working. */
+    return FW_ERROR_BUSY;
   }
   uint32_t force_scale = 0;
   signals->calibration_linearity = 0;
@@ -31,11 +32,11 @@ int sensing_command(fw_t *fw, uint16_t object) {
   return FW_OK;
 }
 
-/* Writes the tare like every object. But a tare is a measurement, so the date 1020h does not change
- * (changed() in fw.c). */
+/* Writes the measured tare to force_tare. A tare is a measurement and no change of the
+ * configuration, so changed() in fw.c does not reset the date 1020h. */
 static uint8_t write_tare(fw_t *fw) {
-  /* The axis was enabled after the last tick of the measurement: the force law keeps the tare with
-   * which it was enabled. */
+  /* If the axis was enabled after the last tick of the tare measurement, the tare is refused: the
+   * force law keeps the tare with which the axis was enabled. */
   if (cia402_is_powered(fw->drive.signals.drive_state) ||
       fw->axis.signals.active_mode != AXIS_MODE_DISABLED) {
     return AXIS_TARE_STATE_REFUSED_ENABLED;
@@ -47,7 +48,7 @@ static uint8_t write_tare(fw_t *fw) {
   switch (refusal) {
     case FW_OK:
       return AXIS_TARE_STATE_DONE;
-    case FW_ERROR_RANGE: /* tare_band was reduced after the measurement */
+    case FW_ERROR_RANGE: /* The parameter tare_band was reduced after the tare measurement. */
       return AXIS_TARE_STATE_REFUSED_BAND;
     default:
       return AXIS_TARE_STATE_REFUSED_ENABLED;

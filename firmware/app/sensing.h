@@ -1,15 +1,17 @@
 #ifndef FIRMWARE_APP_SENSING_H_
 #define FIRMWARE_APP_SENSING_H_
 
-/* Tare and calibration of the force sensor: their commands and results, between ticks. */
+/* Commands and results of the tare and of the calibration of the force sensor. These functions run
+ * between ticks. */
 
 #include "firmware/app/fw.h"
 
-/* Acts on the commands `tare` and `calibrate`. Returns FW_OK; FW_ERROR_RANGE if the calibration
- * failed, with the reason in calibration_state; or FW_ERROR_BUSY while the store is working. */
+/* Executes the command `tare` or `calibrate`. Returns FW_OK; FW_ERROR_RANGE if the calibration
+ * failed (calibration_state gives the reason); or FW_ERROR_BUSY while the parameter store is
+ * working. */
 int sensing_command(fw_t *fw, uint16_t object);
 
-/* Makes a measured tare active. While the store is working, the tare waits. */
+/* Makes a measured tare active as soon as the parameter store is not working. */
 void sensing_serve(fw_t *fw);
 
 #endif

@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_OBJECTS_ACCESS_H_
 #define FIRMWARE_OBJECTS_ACCESS_H_
 
-/* The object dictionary for protocols: values by object number, and entries by CANopen address.
- * dictionary.c implements it and depends neither on the protocols nor on the owners of the
- * values. */
+/* The object dictionary as the protocols use it: values by object number, and entries by CANopen
+ * address. dictionary.c implements these functions and depends neither on the protocols nor on the
+ * owners of the values. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -12,34 +12,35 @@
 
 typedef struct dictionary dictionary_t;
 
-/* The source of an access. The first three sources are the values of command_source. */
+/* Sources of an access to an object. The first three sources have the numbers of command_source. */
 typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
   FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
-  FW_SOURCE_LOCAL /* the port itself or a test bench; the source lock does not apply */
+  /* the port itself or a test bench, which may always write, whoever owns the axis */
+  FW_SOURCE_LOCAL
 } fw_source_t;
 
-/* Reasons for a refusal. A refused call changes nothing. */
+/* Results of an access to an object. A refused access changes nothing. */
 typedef enum {
   FW_OK = 0,
   FW_ERROR_NO_OBJECT = -1,  /* no object of this number */
   FW_ERROR_READ_ONLY = -2,  /* a signal cannot be written */
   FW_ERROR_WRITE_ONLY = -3, /* a command cannot be read */
-  /* outside the range of the object, or in conflict with another object */
+  /* the value is outside the range of the object, or is in conflict with another object */
   FW_ERROR_RANGE = -4,
-  FW_ERROR_STATE = -5,   /* the state of axis, recorder or PDO does not permit it */
-  FW_ERROR_NO_DATA = -6, /* no complete recording, or no sample of this index */
-  FW_ERROR_LOCKED = -7,  /* another source owns the axis */
+  FW_ERROR_STATE = -5,   /* the state of the axis, recorder or PDO does not permit the access */
+  FW_ERROR_NO_DATA = -6, /* there is no complete recording, or no sample of this index */
+  FW_ERROR_LOCKED = -7,  /* a source other than the writing source owns the axis */
   FW_ERROR_BUSY = -8,    /* the store is working */
-  /* the object cannot be mapped into this PDO, or exceeds its length; or a heartbeat that is
-   * already monitored */
+  /* the object cannot be mapped into this PDO or exceeds the length of the PDO, or the heartbeat of
+   * the node is already monitored */
   FW_ERROR_MAPPING = -9,
-  FW_ERROR_NO_MEMORY = -10 /* there is no memory for parameters, or it is too small */
+  FW_ERROR_NO_MEMORY = -10 /* the memory of the parameter store is missing or too small */
 } fw_error_t;
 
-/* Reads the raw value of an object (AXIS_OBJ_); an unsigned 32-bit value keeps its bits. Any source
- * may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
+/* Reads the raw value of an object (AXIS_OBJ_). An unsigned 32-bit value keeps its bits in `value`.
+ * Every source may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
 /* The only function that writes: it writes a raw value or executes a command on behalf of `source`,
@@ -67,28 +68,29 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
  * always be reduced, and the axis stops at the limit on its path to a set-point beyond it. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns what dictionary_write() would return now, without a write. For a command it omits the
- * checks of its execution: whether the settings of the recorder are consistent, and whether there
- * is a store. */
+/* Returns the result that dictionary_write() would return now, without a write. Commands are
+ * checked only in part: whether the settings of the recorder are consistent and whether a parameter
+ * store exists is checked only when the command is executed. */
 int dictionary_check(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Returns the entry at a CANopen address, or NULL. */
+/* Returns the entry of the object dictionary at a CANopen address, or NULL. */
 const axis_address_t *dictionary_address(uint16_t index, uint8_t sub);
 
-/* Returns the object at index times 256 plus sub-index, or AXIS_OBJ_NONE. */
+/* Returns the object at the address (CANopen index times 256 plus sub-index), or AXIS_OBJ_NONE. */
 uint16_t dictionary_object_at(uint32_t address);
 
-/* Returns the offset of the lowest byte of a readable object, in bytes from `objects`; the other
- * bytes follow. TPDOs read mapped values there in every tick. For AXIS_OBJ_NONE it returns the
- * offset of a byte that is always 0. */
+/* Returns the offset in bytes from `objects` to the lowest byte of a readable object; the other
+ * bytes follow. TPDOs read mapped values at this offset in every tick. For AXIS_OBJ_NONE the result
+ * is the offset of a byte that is always 0. */
 uint16_t dictionary_place(const dictionary_t *objects, uint16_t object);
 
-/* Returns the text of an AXIS_ADDRESS_TEXT entry, ended by 0. */
+/* Returns the text of an AXIS_ADDRESS_TEXT entry, with a 0 at its end. */
 const char *dictionary_text(const dictionary_t *objects, uint16_t index);
 
-/* The AXIS_ADDRESS_DOMAIN entry is the completed recording, oldest sample first, packed as in
- * recorder.h. The functions return its size in bytes (0 without a recording), and read up to
- * `count` bytes from `offset` and return their number. */
+/* The AXIS_ADDRESS_DOMAIN entry is the completed recording, oldest sample first, packed as
+ * recorder.h describes. dictionary_domain_size() returns the size of the recording in bytes, or 0
+ * without a recording. dictionary_domain_read() reads up to `count` bytes from `offset` and returns
+ * the number of these bytes. */
 uint32_t dictionary_domain_size(const dictionary_t *objects);
 uint32_t dictionary_domain_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
                                 uint32_t count);

@@ -46,14 +46,15 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
   if (entry->access == AXIS_ACCESS_WO) {
     return FW_ERROR_WRITE_ONLY;
   }
-  /* A command has no value of its own. */
+  /* A command has no value, so the read returns the initial value of the table. */
   *value = (entry->block == AXIS_BLOCK_NONE)
                ? entry->initial
                : value_load(objects, place_of(objects, entry), entry->type);
   return FW_OK;
 }
 
-/* Returns the refusal by the object table, the source lock or the state. */
+/* Returns the reason why a write is refused, by the object table, by the owner of the axis or by
+ * the state; FW_OK if the write is permitted. */
 static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   if (!exists(object)) {
     return FW_ERROR_NO_OBJECT;

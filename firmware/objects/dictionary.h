@@ -1,69 +1,72 @@
 #ifndef FIRMWARE_OBJECTS_DICTIONARY_H_
 #define FIRMWARE_OBJECTS_DICTIONARY_H_
 
-/* The object dictionary for the owner of the values. A table of the owner has one row for each
- * block of the object table, with the position of the values and the functions that the dictionary
- * calls. Protocols use access.h. */
+/* The object dictionary as the owner of the values uses it. The owner has a table with one row for
+ * each block of objects: the position of the values and the functions that the dictionary calls.
+ * Protocols use access.h instead. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/objects/access.h"
 
-/* One block (AXIS_BLOCK_): a structure with values of one owner. */
+/* One block of objects (AXIS_BLOCK_): a structure with the values of one owner. */
 typedef struct {
-  uint16_t offset; /* offset of the structure in bytes from the dictionary_t */
-  /* Whether a value within its range may be written; changes nothing. NULL: every value may be
-   * written. */
+  uint16_t offset; /* offset of the structure with the values, in bytes from the dictionary_t */
+  /* Checks whether a value within its range may be written, without a change of any state. NULL:
+   * every value within its range may be written. */
   int (*check)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* Acts on a write: the value was `previous` and now is `value`. NULL: nothing depends on the
-   * value. */
+  /* Called after a write has changed the object from `previous` to `value`. NULL: no action follows
+   * a write. */
   void (*written)(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                   int32_t value);
 } dictionary_block_t;
 
 typedef struct {
   dictionary_block_t blocks[AXIS_BLOCK_NONE];
-  /* Whether this source may write this object now: checks source lock and state. */
+  /* Checks whether this source may write this object now: the owner of the axis and the state
+   * decide. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* A write has changed the value of a stored parameter. */
+  /* Called after a write has changed the value of a stored parameter. */
   void (*changed)(dictionary_t *objects, uint16_t object);
-  /* Carries out a command, which is an object without a value. */
+  /* Executes a command, which is an object without a value. */
   int (*command)(dictionary_t *objects, uint16_t object, int32_t value);
-  /* Functions that carry out dictionary_text(), dictionary_domain_size() and
-   * dictionary_domain_read(). */
+  /* Functions that dictionary_text(), dictionary_domain_size() and dictionary_domain_read()
+   * call. */
   const char *(*text)(const dictionary_t *objects, uint16_t index);
   uint32_t (*domain_size)(const dictionary_t *objects);
   uint32_t (*domain_read)(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
                           uint32_t count);
 } dictionary_owner_t;
 
-/* The dictionary. It must be the first member of the owner's structure, so that offsets are valid
- * in every copy of the structure. */
+/* The object dictionary must be the first member of its owner's structure. Offsets from the
+ * dictionary are then valid in every copy of the structure. */
 struct dictionary {
   const dictionary_owner_t *owner;
-  /* set of FW_SOURCE_ whose writes were accepted since the owner cleared the set */
+  /* bit set of the FW_SOURCE_ from which a write was accepted since the owner of the dictionary
+   * last cleared the set */
   uint8_t writers;
-  uint8_t zero; /* always 0: value of the bytes of TPDOs without a mapped object */
+  uint8_t zero; /* always 0; TPDOs without a mapped object send this byte */
 };
 
 void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
 
-/* Whether an object of this number has a value that can be read in any tick. */
+/* Returns true if the object exists and has a value, which can be read in any tick. */
 bool dictionary_has_value(uint16_t object);
 
-/* Writes an object that has a value, as dictionary_write() does. A command may use it, because it
- * carries out no other command. FW_ERROR_NO_OBJECT: the object is a command. */
+/* Writes an object that has a value, as dictionary_write() does. A command may call this function,
+ * because it executes no further command. Returns FW_ERROR_NO_OBJECT if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Notes that the dictionary has accepted a write of this source, for the watchdog of the owner. */
+/* Stores that the dictionary has accepted a write of this source. The watchdog of the owner needs
+ * this. */
 void dictionary_written_by(dictionary_t *objects, uint8_t source);
 
-/* Whether a value may be restored to an object at power-up. */
+/* Returns true if a stored value may be restored to this object at power-up. */
 bool dictionary_restorable(uint16_t object, int32_t value);
 
-/* Restores a value to an object without calling the owner, who applies all restored values
- * afterwards. */
+/* Restores a stored value to an object without calling the owner of the object. The owner applies
+ * all restored values afterwards. */
 void dictionary_restore(dictionary_t *objects, uint16_t object, int32_t value);
 
 #endif

@@ -1,7 +1,8 @@
 #include "firmware/objects/dictionary.h"
 
-/* This function has its own file, because a command may write values. The table of calls through
- * pointers (board.toml) lists calls by file, so this file shows that no call returns to itself. */
+/* dictionary_write() has its own file, because a command may write values. The table of calls
+ * through pointers (board.toml) lists these calls by file, and shows with this file that no
+ * function calls itself again. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   if (dictionary_has_value(object)) {
     return dictionary_write_value(objects, source, object, value);

@@ -1,9 +1,9 @@
 #ifndef FIRMWARE_OBJECTS_VALUE_H_
 #define FIRMWARE_OBJECTS_VALUE_H_
 
-/* Values of the types of the object table inside a structure. All are passed as int32; an unsigned
- * 32-bit value keeps its bits. `type` is AXIS_TYPE_; `offset` counts bytes from `base` and must be
- * aligned for the type. */
+/* Values of the types of the object table (AXIS_TYPE_) inside a structure. All values are passed as
+ * int32; an unsigned 32-bit value keeps its bits. `offset` is the number of bytes from `base` and
+ * must be aligned for the type. */
 
 #include <stdint.h>
 
@@ -21,7 +21,8 @@ void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
 /* Sets every object of one AXIS_BLOCK_ structure to its power-up value. */
 void value_store_defaults(void *structure, uint8_t block);
 
-/* Returns the signed value of the low bits, as the recorder packs them. */
+/* Returns the signed value of the lowest bits of `bits`, in which the recorder packs a value of
+ * this type. */
 int32_t value_from_bits(uint32_t bits, uint8_t type);
 
 #endif
