@@ -253,8 +253,8 @@ static void power_up(fw_t *fw) {
   }
 }
 
-/* Starts the CANopen node. Sends an emergency message if a stored parameter is not active with its
- * stored value. */
+/* Starts the CANopen node. Sends the emergency message store_failed, unless the store is empty or
+ * the parameter set was loaded without changes. */
 static void boot(fw_t *fw) {
   canopen_start(&fw->canopen, &fw->objects);
   const uint8_t state = fw->device_signals.store_state;

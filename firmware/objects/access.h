@@ -17,7 +17,7 @@ typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
   FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
-  /* the port itself or a test bench, which may always write, whoever owns the axis */
+  /* the port itself or a test bench; its writes do not depend on the owner of the axis */
   FW_SOURCE_LOCAL
 } fw_source_t;
 

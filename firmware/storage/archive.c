@@ -8,7 +8,7 @@
 enum { IDLE, CHECKING, WRITING, LOADING };
 enum { PIECE_BYTES = 16, READ_BYTES = 64 };
 
-/* Offsets of the words of an incident from the head of its record. */
+/* Offsets in bytes of the words about an incident, from the head of its record. */
 enum {
   ABOUT_TICK = RECORD_HEAD_BYTES,
   ABOUT_CRC = ABOUT_TICK + 4,
@@ -25,7 +25,8 @@ static uint32_t end_of(const record_t *record) {
 
 static uint32_t mark_of(const record_t *record) { return end_of(record) - ARCHIVE_CLEARED_BYTES; }
 
-/* Whether there is a record head with plausible values; the CRC of the record is checked later. */
+/* Reads the head of a record. Returns true if its values are plausible; the CRC of the record is
+ * checked later. */
 static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
   if (end - at < archive_bytes(0)) {
     return false;
@@ -58,8 +59,8 @@ static sector_t read_sector(const store_memory_t *memory, uint32_t number) {
   return sector;
 }
 
-/* Whether this part of the memory is blank, and no power cut has left bytes without a record
- * head. */
+/* Returns true if this part of the memory is blank. Bytes that are not blank can be left by a power
+ * cut during a write. */
 static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   uint8_t piece[READ_BYTES];
   uint32_t bits = UINT32_MAX;
@@ -74,12 +75,12 @@ static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
   return bits == UINT32_MAX;
 }
 
-/* Finds the address of the next record: after the newest record, or in the other sector, which is
- * then erased. */
+/* Finds the address for the next record: after the newest record, or at the start of the other
+ * sector, which is then erased. */
 static uint32_t find_room(const store_memory_t *memory, const sector_t *home, const sector_t *other,
                           uint8_t other_number, uint32_t bytes) {
-  /* A record that a power cut interrupted begins with its head, so the rest of the memory need not
-   * be read, which would take long. */
+  /* A record that a power cut interrupted begins with its head. So a check of the first bytes is
+   * enough; a check of the whole rest of the sector would take long. */
   if (home->end - home->next >= bytes && is_blank(memory, home->next, home->next + PIECE_BYTES)) {
     return home->next;
   }
@@ -133,8 +134,8 @@ void archive_init(archive_t *archive, const store_memory_t *memory, uint32_t sam
   }
 }
 
-/* The check of a record has ended. A record with a correct CRC is the archived incident, unless it
- * was cleared. */
+/* Ends the check of a record. A record with a correct CRC becomes the archived incident, unless
+ * this incident was cleared. */
 static void end_check(archive_t *archive, bool is_right) {
   const store_memory_t *memory = archive->memory;
   archive->step = IDLE;
@@ -192,7 +193,7 @@ static void pack(uint8_t piece[PIECE_BYTES], uint32_t a, uint32_t b, uint32_t c,
   fx_store_le(piece + 12, d, 4);
 }
 
-/* Returns the 16 bytes of a record at an offset. */
+/* Writes the 16 bytes of the record at an offset into `piece`. */
 static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint32_t offset,
                      uint8_t piece[PIECE_BYTES]) {
   const record_t *record = &archive->record;
@@ -211,7 +212,8 @@ static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint3
   }
 }
 
-/* If a record cannot be written completely, its sector is not used until the next power-up. */
+/* Ends the writing of a record that cannot be written completely. The sector of this record is not
+ * used until the next power-up. */
 static void give_up(archive_t *archive) {
   archive->record = archive->before;
   archive->before = none;
@@ -278,8 +280,8 @@ static void step_load(archive_t *archive, blackbox_t *blackbox) {
                    (uint16_t)fx_field(count_word, 0, 16), (uint16_t)fx_field(count_word, 16, 16));
 }
 
-/* Whether the incident must be archived: it is not in the archive yet, and none was archived in the
- * last 24 hours. */
+/* Returns true if the incident must be archived: the archive does not have this incident, and no
+ * incident was archived in the last 24 hours. */
 static bool is_due(const archive_t *archive, const blackbox_t *blackbox, uint32_t tick) {
   const bool is_known = archive->sequence != 0 && archive->samples_crc == blackbox->crc;
   return archive->begin != ARCHIVE_NOWHERE && !is_known &&

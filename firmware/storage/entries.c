@@ -6,11 +6,11 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* Bit 24 of the first word of an entry: the parameter was at its default. */
+/* Bit 24 of the first word of an entry: the stored parameter was at its default. */
 #define ENTRY_AT_DEFAULT UINT32_C(0x01000000)
 
-/* Returns what the object table of version 0.1.0 had at this address if it differed from the
- * present table, otherwise NULL. */
+/* Returns the change of the object table since version 0.1.0 at this address, or NULL if the
+ * address did not change. */
 static const axis_change_t *change_at(uint32_t address) {
   const axis_change_t *change = axis_changes_0_1_0;
   while (change->address != 0 && change->address != address) {
@@ -19,7 +19,7 @@ static const axis_change_t *change_at(uint32_t address) {
   return (change->address != 0) ? change : NULL;
 }
 
-/* Returns the node id if the default of the object contains it, otherwise 0. */
+/* Returns the node id if the default of the object contains the node id, otherwise 0. */
 static uint32_t entry_node_id(const dictionary_t *objects, uint16_t object) {
   int32_t node_id = 0;
   if (axis_objects[object].node_id != 0) {
@@ -28,8 +28,8 @@ static uint32_t entry_node_id(const dictionary_t *objects, uint16_t object) {
   return (uint32_t)node_id;
 }
 
-/* Handles an entry at its default in the table of the set, which may differ from the present
- * default. */
+/* Handles an entry that was stored at its default. The verdict is ENTRY_OLD_DEFAULT if the present
+ * object table has another default. */
 static void check_default(const dictionary_t *objects, entry_t *entry) {
   if (entry->value != axis_objects[entry->object].initial) {
     entry->verdict = ENTRY_OLD_DEFAULT;
@@ -82,7 +82,8 @@ static bool has_entry(const store_memory_t *memory, const record_t *record, uint
   return found;
 }
 
-/* Finds the next parameter that a set of version 0.1.0 omits because it was at its default. */
+/* Finds the next parameter that a parameter set of version 0.1.0 does not contain because the
+ * parameter was at its default. */
 static bool next_omitted(const store_memory_t *memory, const dictionary_t *objects,
                          entries_t *entries, entry_t *entry) {
   const axis_change_t *change = entries->change;
@@ -126,7 +127,7 @@ int32_t entries_value(const store_memory_t *memory, const dictionary_t *objects,
   return fx_s32_from_u32((uint32_t)axis_objects[object].initial + entry_node_id(objects, object));
 }
 
-/* Returns the CANopen index times 256 plus sub-index of an object. */
+/* Returns the address of an object: CANopen index times 256 plus sub-index. */
 static uint32_t address_of(uint16_t object) {
   uint32_t found = 0;
   for (uint16_t i = 0; i < AXIS_ADDRESSES_COUNT; i++) {

@@ -31,7 +31,7 @@ uint32_t record_crc_of_memory(const store_memory_t *memory, uint32_t crc, uint32
   return crc;
 }
 
-/* Whether the bytes of the entries are a whole number of entries. */
+/* Returns true if the size of the entries is a multiple of the size of one entry. */
 static bool are_whole(const record_t *record) {
   const uint32_t size = record_entry_bytes(record->magic);
   uint32_t remaining = record->entries;
@@ -70,7 +70,8 @@ static void sort_in(record_t newest[2], const record_t *record) {
   }
 }
 
-/* An interrupted record does not state its end: the next record is searched word by word. */
+/* A record whose writing was interrupted has no valid end, so the next record is searched word by
+ * word. */
 void record_newest(const store_memory_t *memory, record_t newest[2]) {
   newest[0].magic = RECORD_NONE;
   newest[1].magic = RECORD_NONE;

@@ -26,8 +26,9 @@ void store_init(store_t *store, const store_memory_t *memory) {
   store->step = STEP_IDLE;
 }
 
-/* Whether a record can be loaded. Every entry of a set of this table must match; entries of another
- * table are compared one by one. */
+/* Returns true if the parameter set of a record can be loaded. If the set belongs to the present
+ * object table, all its entries must match the table. The entries of another table are compared one
+ * by one during the load. */
 static bool is_usable(const store_t *store, const dictionary_t *objects, const record_t *record) {
   bool usable = record->magic == RECORD_SET || record->magic == RECORD_FORGOTTEN ||
                 (record->magic == RECORD_SET_0_1_0 && record->hash == AXIS_OBJECTS_HASH32_0_1_0);
@@ -41,8 +42,8 @@ static bool is_usable(const store_t *store, const dictionary_t *objects, const r
   return usable;
 }
 
-/* Notes a parameter that does not have its stored value, or that keeps the default of an earlier
- * object table. */
+/* Stores the address of a parameter that does not have its stored value, or that keeps the default
+ * of an earlier object table. */
 static void note_change(store_t *store, const entry_t *entry) {
   const bool dropped = entry->verdict != ENTRY_OLD_DEFAULT;
   if (store->change_count < STORE_CHANGES) {
@@ -53,8 +54,8 @@ static void note_change(store_t *store, const entry_t *entry) {
   store->dropped = dropped ? 1 : store->dropped;
 }
 
-/* Writes a value of the set into its object if the object belongs to the block; AXIS_BLOCK_NONE
- * means any block. */
+/* Restores the value of an entry to its object if the object belongs to `block`. AXIS_BLOCK_NONE
+ * stands for every block. */
 static void restore(dictionary_t *objects, const entry_t *entry, uint8_t block) {
   if (entry->verdict != ENTRY_DROPPED &&
       (block == AXIS_BLOCK_NONE || axis_objects[entry->object].block == block)) {
@@ -68,13 +69,14 @@ static uint32_t sector_of(const store_t *store, uint32_t at) {
   return (at < store->memory->sector_bytes) ? 0 : 1;
 }
 
-/* Returns the offset in the sector at which a record ends. */
+/* Returns the offset in bytes, from the start of the sector, at which a record ends. */
 static uint32_t end_of(const store_t *store, const record_t *record) {
   const uint32_t sector = sector_of(store, record->begin);
   return record->begin - sector * store->memory->sector_bytes + record_bytes(record->entries);
 }
 
-/* Continues after this record, whose CRC may look blank, and after all bytes that follow it. */
+/* Sets home and tail of the store: the next record is programmed after this record, whose CRC may
+ * look blank, and after all following bytes that are not blank. */
 static void settle(store_t *store, const record_t *record) {
   const uint32_t end = end_of(store, record);
   store->home = sector_of(store, record->begin);
@@ -82,8 +84,8 @@ static void settle(store_t *store, const record_t *record) {
   store->tail = (store->tail < end) ? end : store->tail;
 }
 
-/* Whether there are bytes that only a newer set can have left: after this set, to which the store
- * has moved, or in a sector that does not begin with a complete record. */
+/* Returns true if the memory has bytes that only a newer parameter set can have left: bytes after
+ * this set, or a used sector that does not begin with a complete record. */
 static bool has_remains(const store_t *store, const record_t *record) {
   const uint32_t sector_bytes = store->memory->sector_bytes;
   if (store->tail > end_of(store, record)) {
@@ -168,12 +170,13 @@ static uint32_t bytes_of_entries(const store_t *store) {
   return (store->forget != 0) ? 0 : (uint32_t)ENTRY_BYTES * AXIS_STORED_COUNT;
 }
 
-/* Returns the address at which the entries end and the CRC begins. */
+/* Returns the address at which the entries of the record end and its CRC begins. */
 static uint32_t entries_end(const store_t *store) {
   return store->begin + RECORD_HEAD_BYTES + bytes_of_entries(store);
 }
 
-/* Begins a record after the newest set, or in the other sector once that is erased. */
+/* Begins a record in a sector: after the newest parameter set, or at the start of the other sector,
+ * which is erased first. */
 static void begin_in(store_t *store, uint32_t sector) {
   const bool behind = sector == store->home;
   store->sector = (uint8_t)sector;
@@ -229,7 +232,8 @@ int store_save_only(store_t *store, uint16_t first, uint16_t last) {
 
 int store_forget(store_t *store) { return begin(store, true); }
 
-/* The record cannot be completed in this sector. */
+/* Ends the attempt to write the record in this sector. Begins a second attempt in the other sector,
+ * if that sector does not contain the newest parameter set. */
 static uint8_t give_up(store_t *store) {
   const uint32_t other = other_sector(store->sector);
   if (store->sector == store->home) {
@@ -244,7 +248,7 @@ static uint8_t give_up(store_t *store) {
   return AXIS_STORE_STATE_FAILED;
 }
 
-/* Programs the next bytes. Returns false if the memory refused them. */
+/* Programs the next bytes of the record. Returns false if the memory reports a failure. */
 static bool program(store_t *store, const uint8_t *bytes, uint32_t count) {
   const bool done = store->memory->program(store->memory->context, store->at, bytes, count);
   store->at += count;
@@ -270,7 +274,7 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* Returns the step that follows the bytes that were programmed. */
+/* Returns the step that follows after the bytes programmed so far. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }
@@ -286,11 +290,12 @@ static bool step_head(store_t *store) {
   return done;
 }
 
-/* Returns the value to save for the next object. */
+/* Returns the value of the next object that is saved. */
 static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
   int32_t value = 0;
   if (store->object < store->first || store->object > store->last) {
-    /* Without a set the first motion test is on at power-up; it must remain on with this set. */
+    /* Without a stored parameter set the first motion test is on at power-up. The first motion test
+     * must stay on after this save. */
     const bool has_none = store->basis.magic == RECORD_NONE;
     return (has_none && store->object == AXIS_OBJ_FIRST_MOTION_TEST)
                ? AXIS_FIRST_MOTION_TEST_ON

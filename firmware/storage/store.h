@@ -42,39 +42,41 @@
 
 enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
-  STORE_SECTOR_MIN = 8192, /* bytes: room for a set, and for more parameters */
-  STORE_CHANGES = 8        /* number of changes that are reported by address */
+  STORE_SECTOR_MIN = 8192, /* size in bytes: room for a parameter set and for more parameters */
+  STORE_CHANGES = 8        /* number of store changes that are reported with their address */
 };
 
-/* Kinds of a store_change. Dropped: the stored value is not active (the entry was dropped, or it is
- * a mapping that is no longer permitted and its PDO carries nothing). Old default: an earlier
- * default was kept. */
+/* Kinds of a store_change. STORE_CHANGE_DROPPED: the stored value is not active, because its entry
+ * was dropped or because it is a mapping that is no longer permitted. STORE_CHANGE_OLD_DEFAULT: the
+ * parameter keeps the default of an earlier object table. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 #define STORE_CHANGE_OLD_DEFAULT UINT32_C(0x01000000)
 
 typedef struct {
-  const store_memory_t *memory; /* NULL: no parameter is stored */
-  uint32_t home;                /* sector of the newest set, or STORE_NOWHERE without a set */
-  uint32_t tail;                /* offset in this sector after which all bytes are blank */
-  uint32_t sequence;            /* highest sequence number in use */
-  uint32_t set;                 /* address of the loaded set, or STORE_NOWHERE */
-  /* changes found when the set was loaded: address and STORE_CHANGE_ */
+  const store_memory_t *memory; /* memory of the store; NULL: no parameter is stored */
+  uint32_t home;     /* number of the sector with the newest parameter set, or STORE_NOWHERE */
+  uint32_t tail;     /* offset in the sector `home` after which all bytes are blank */
+  uint32_t sequence; /* highest sequence number of all records */
+  uint32_t set;      /* address of the loaded parameter set, or STORE_NOWHERE */
+  /* changes that the load of the parameter set found: address of the parameter plus
+   * STORE_CHANGE_ */
   uint32_t changes[STORE_CHANGES];
-  uint16_t change_count; /* number of all changes */
-  uint8_t dropped;       /* 1: one of the changes is STORE_CHANGE_DROPPED */
+  uint16_t change_count; /* number of all changes that the load of the parameter set found */
+  uint8_t dropped;       /* 1: at least one change is a STORE_CHANGE_DROPPED */
   /* Work in progress. */
   uint8_t step;
   uint8_t sector;
-  uint8_t forget;  /* 1: the record has no entries */
-  uint8_t again;   /* 1: this is the second attempt */
-  uint16_t object; /* next object to be programmed */
-  uint16_t first;  /* first and last object whose present values are saved */
+  uint8_t forget;  /* 1: the record that is written has no entries */
+  uint8_t again;   /* 1: this is the second attempt to write the record */
+  uint16_t object; /* next object whose entry is programmed */
+  /* first object whose present value is saved; `last` is the last of these objects */
+  uint16_t first;
   uint16_t last;
-  record_t basis; /* stored record from which the other objects have their values */
-  uint32_t begin; /* address of the record */
+  record_t basis; /* stored record that gives the values of all objects outside `first` to `last` */
+  uint32_t begin; /* address of the record that is written */
   uint32_t at;    /* address of the next bytes */
-  uint32_t crc;   /* CRC of the programmed bytes */
-  uint32_t check; /* CRC of the bytes that are read back */
+  uint32_t crc;   /* CRC of the bytes programmed so far */
+  uint32_t check; /* CRC of the bytes read back so far */
 } store_t;
 
 #define STORE_NOWHERE UINT32_MAX
@@ -99,27 +101,30 @@ void store_init(store_t *store, const store_memory_t *memory);
  * 300,000 instructions more than blank ones, and the complete power-up needs 1.2 million. */
 uint8_t store_load(store_t *store, dictionary_t *objects);
 
-/* Restores the stored values of one block of objects (AXIS_BLOCK_) from the set that was last
- * loaded or saved. Returns false if that set is damaged; the block is then unchanged. */
+/* Restores the stored values of one block of objects (AXIS_BLOCK_) from the parameter set that was
+ * last loaded or saved. Returns false, without a change of the block, if this parameter set is
+ * damaged. */
 bool store_load_block(const store_t *store, dictionary_t *objects, uint8_t block);
 
-/* Starts to save the present parameters, or to erase the saved ones: FW_OK, FW_ERROR_BUSY or
- * FW_ERROR_NO_MEMORY. The parameters must not change until the work ends. */
+/* store_save() starts to save the present parameters; store_forget() starts to erase the saved
+ * parameters. Both return FW_OK, FW_ERROR_BUSY or FW_ERROR_NO_MEMORY. The parameters must not
+ * change until the work of the store ends. */
 int store_save(store_t *store);
 
-/* Starts to save only the objects `first` to `last` (AXIS_OBJ_). The other objects keep their
- * values in the loaded set, or their defaults without a set. Returns FW_OK, FW_ERROR_BUSY,
- * FW_ERROR_NO_MEMORY, or FW_ERROR_NO_DATA if the loaded set is damaged. */
+/* Starts to save only the present values of the objects `first` to `last` (AXIS_OBJ_). All other
+ * objects keep the values of the loaded parameter set, or their defaults if no set is loaded.
+ * Returns FW_OK, FW_ERROR_BUSY, FW_ERROR_NO_MEMORY, or FW_ERROR_NO_DATA if the loaded set is
+ * damaged. */
 int store_save_only(store_t *store, uint16_t first, uint16_t last);
 int store_forget(store_t *store);
 
-/* Whether the store is working. */
+/* Returns true if the parameter store is working. */
 static inline bool store_is_busy(const store_t *store) { return store->step != 0; }
 
-/* Call it once in each tick. It does one bounded step: an erase, at most 16 bytes programmed, or 64
- * bytes read back. A save takes one tick for each stored parameter, some 40 more, and one for each
- * 64 bytes of a sector that has to be erased. Returns AXIS_STORE_STATE_SAVING, _SAVED, _RESTORED or
- * _FAILED, or AXIS_STORE_STATE_COUNT if there was no work. */
+/* Does one bounded step of the store: one erase, at most 16 bytes programmed, or 64 bytes read
+ * back. Call store_tick() once in each tick. A save takes one tick for each stored parameter, some
+ * 40 ticks more, and one tick for each 64 bytes of a sector that has to be erased. Returns
+ * AXIS_STORE_STATE_SAVING, _SAVED, _RESTORED or _FAILED, or AXIS_STORE_STATE_COUNT without work. */
 uint8_t store_tick(store_t *store, const dictionary_t *objects);
 
 #endif
