@@ -7,9 +7,8 @@
 // and rounded to the nearest raw value:
 // * A force in counts uses the scale of ADC 0 and `force_sign`. The quantity has the unit of the
 //   signal of this ADC.
-// * Positions, velocities and accelerations in counts use the scale of the encoder and the origin
-// of
-//   the model. An object that cannot be negative uses the magnitude of the scale.
+// * Positions, velocities and accelerations in counts use the scale of the encoder. Positions also
+//   use the origin of the model. Objects that cannot be negative use the magnitude of the scale.
 // * DAC codes use the scale of the DAC without its offset. Gains and impedances use both scales.
 // * A force in per mille uses the object rated_force, from this table or from an earlier write.
 // * Objects in ticks, ms, us, mN, uN or Hz need no scale of the model.

@@ -12,7 +12,7 @@ enum ContactState { kApart = 0, kPressed = 1, kOverlap = 2 };
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Builds a Wiring element by element.
+// Builds a Wiring by adding one element of the model after the other.
 class Assembly : public Wiring {
  public:
   explicit Assembly(const Model &model) {
@@ -53,8 +53,8 @@ class Assembly : public Wiring {
     const int index = add_switch(element, std::move(names), false, kApart);
     auto &phases = bounds.back();
     phases[kApart] = {{deflection, -kInfinity, 0.0, kApart, kPressed}};
-    // The force of a damped contact becomes 0 before its overlap does. Without damping, both become
-    // 0 at the same instant.
+    // When a damped contact opens, its force becomes 0 before its overlap becomes 0. Without
+    // damping, force and overlap become 0 at the same instant.
     if (damped) {
       phases[kPressed] = {{force, 0.0, kInfinity, kOverlap, kPressed}};
       phases[kOverlap] = {{deflection, 0.0, kInfinity, kApart, kOverlap},
@@ -91,8 +91,8 @@ class Assembly : public Wiring {
       rates.push_back({wire(rate, segment.slope)});
     push(spring.ends, force);
     if (segments != kAlways) {
-      // The energy of a segment is E = 1/2 (f + f_b) (d - d_b) + E_b, from its break nearer to the
-      // origin on.
+      // The energy in a segment is E = 1/2 (f + f_b) (d - d_b) + E_b. Index b is the end of the
+      // segment that is nearer to the origin.
       std::vector<Terms> first(curve.segments.size());
       std::vector<Terms> second = first;
       std::vector<Terms> base = first;
@@ -150,7 +150,8 @@ class Assembly : public Wiring {
     name_link(contact.name, link);
   }
 
-  // A stop is a contact on either side. The lower contact has all signs reversed.
+  // A stop consists of two contacts, one at each end of its range. The contact at the lower end has
+  // all signs reversed.
   void add(const Stop &stop) {
     const Wire deflection = deflection_of(stop.ends);
     const Wire rate = rate_of(stop.ends);
@@ -208,8 +209,8 @@ class Assembly : public Wiring {
       frictions[i].beside = static_cast<int>(place);
       beside_N = frictions_before[i].stiction;
     }
-    // While brake and friction both stick, the brake carries the force that the friction would
-    // carry.
+    // While a brake and a parallel friction stick, the brake also transmits the force of the
+    // friction.
     add_friction(brake.name, brake.ends, brake.holding, brake.holding + beside_N, true);
     brakes.push_back({static_cast<int>(place), brake.release_s, brake.engage_s});
   }
@@ -247,8 +248,8 @@ class Assembly : public Wiring {
   void add_adc(std::size_t channel, const Adc &adc) {
     Wire signal = named(adc.signal);
     if (adc.filter) {
-      // With a filter, the saturation of the sensor acts on a state of the network. Without a
-      // filter, it acts only at the conversion.
+      // With a filter, the saturation of the sensor changes the input of the filter and is part of
+      // the network. Without a filter, the saturation acts only at the conversion.
       if (adc.sensor_limit)
         signal = add_clamp("adc" + std::to_string(channel) + ".sensor", signal, *adc.sensor_limit,
                            false);
@@ -264,7 +265,7 @@ class Assembly : public Wiring {
     const int current = add_state("drive.current", 0.0);
     const int filtered = add_state("drive.tach_filtered", 0.0);
     drive_states.push_back(current);
-    // ratio of the transmission, in rad/m
+    // transmission ratio of the motor in rad/m
     const Extended ratio = 1 / static_cast<Extended>(motor.r_trans);
     const Wire tach = add_sum({wire(speed, static_cast<Extended>(motor.k_tach) * ratio)});
     const Extended a = motor.a_preamp_fdbk;
@@ -333,8 +334,8 @@ class Assembly : public Wiring {
       force = add_select(kEnable, {{}, {wire(limited(wanted, perfect.force_limit))}});
       supplies.push_back({"drive", force, speed});
     }
-    // The drive pushes its body forwards and the reaction backwards, so the ends are in reverse
-    // order.
+    // The drive accelerates its body forwards and the reaction body backwards, so the reaction body
+    // is end a.
     push({drive.reaction, drive.body}, force);
     name_signal("drive.force", force);
     name_signal("drive.command", add_sum({command()}));

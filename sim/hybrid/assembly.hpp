@@ -5,7 +5,7 @@
 namespace forceaxis::sim {
 
 /// Builds the wires, switches and states of every element of a model. Throws InputError if the
-/// states of its switches need more bits than a ModeKey has.
+/// states of the switches need more bits than a ModeKey has.
 Wiring assemble(const Model &model);
 
 }  // namespace forceaxis::sim

@@ -7,11 +7,11 @@ namespace {
 
 using kernel::magnitude;
 
-// A polynomial on the interval [0, 1].
+// A polynomial g(s) on the interval [0, 1].
 struct Polynomial {
   const double *q;
   std::size_t degree;
-  double noise;       // bound on the rounding error of a value of the polynomial
+  double noise;       // upper bound of the rounding error of value()
   double whole_bend;  // value of bend(1)
 
   double value(double s) const {
@@ -29,7 +29,7 @@ struct Polynomial {
     *slope = derivative;
     return sum;
   }
-  // Returns a bound on |g''| in [0, s].
+  // Returns an upper bound of |g''| in [0, s].
   double bend(double s) const {
     if (s == 1.0) return whole_bend;
     double sum = 0.0;
@@ -39,8 +39,8 @@ struct Polynomial {
   }
 };
 
-// Returns the root of a falling g in [a, b], with g(a) >= 0 > g(b). `bend` is a bound on |g''|
-// there.
+// Returns the root of g in [a, b], where g(a) >= 0 > g(b). `bend` is an upper bound of |g''| in [a,
+// b].
 double refine(const Polynomial &g, double a, double ga, double b, double gb, double bend) {
   double s = a + (b - a) * (ga / (ga - gb));
   double last_width = b - a;
@@ -58,9 +58,9 @@ double refine(const Polynomial &g, double a, double ga, double b, double gb, dou
     }
     double next = slope < 0.0 ? s - value / slope : a + 0.5 * (b - a);
     const double move = magnitude(next - s);
-    // After a Newton step, the error is at most 2 bend move^2 / |slope|, because the root is within
-    // 2 |move| if bend |move| <= |slope| / 4. The search ends when this error is below the rounding
-    // error of s.
+    // The error after a Newton step is at most 2 bend move^2 / |slope|, because the distance of the
+    // root is at most 2 |move| if bend |move| <= |slope| / 4. The search ends when the error is
+    // below the rounding error of s.
     const double error = 2.0 * bend * move * move;
     if (move <= 0x1p-53 * s || magnitude(value) <= 0x1p-54 * g.noise ||
         (next > a && next < b && error <= -0x1p-54 * slope * s)) {
@@ -115,8 +115,9 @@ bool first_crossing(const double *q, std::size_t degree, double end, double *roo
     bend += index * (index - 1.0) * size;
   }
   if (scaled[0] >= sum - scaled[0])
-    return false;  // The constant term exceeds the sum of all other terms.
-  // Terms that are too small to change the sign are dropped to save time.
+    // The polynomial has no root, because the constant term exceeds the sum of all other terms.
+    return false;
+  // To save time, terms are ignored that are too small to change the sign of the polynomial.
   double dropped = magnitude(scaled[degree]);
   while (degree > 2 && dropped * 0x1p58 < sum) dropped += magnitude(scaled[--degree]);
   const Polynomial g{scaled, degree, 0x1p-50 * sum, bend};

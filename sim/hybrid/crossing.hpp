@@ -4,11 +4,12 @@
 
 namespace forceaxis::sim {
 
-/// Finds the smallest root in (0, end] at which g(s) = q[0] + q[1] s + ... + q[degree] s^degree,
-/// with g(0) > 0, becomes negative. The search skips an interval [a, b] only if g exceeds (b - a)^2
-/// / 8 max |g''| at both ends, the largest possible dip between them, or if g is monotone on it. A
-/// dip below the rounding error of g, about 1e-15 of its largest term, is ignored. Newton steps
-/// with bisection as a safeguard then refine the root to rounding. Returns true and the root in
+/// Finds the smallest root in (0, end] at which the polynomial g(s) = q[0] + q[1] s + ... +
+/// q[degree] s^degree becomes negative. g(0) must be > 0. The search skips an interval [a, b] in
+/// two cases: g is monotone on the interval, or g exceeds (b - a)^2 / 8 max |g''| at a and b. This
+/// value is the largest possible dip of g between a and b. A dip below the rounding error of g,
+/// about 1e-15 of its largest term, is ignored. Newton steps, with bisection as a safeguard, refine
+/// the root to the rounding error. Returns true and the root in
 /// *root, or false if g has no such root.
 bool first_crossing(const double *q, std::size_t degree, double end, double *root);
 

@@ -24,8 +24,8 @@ Curve Curve::clamp(double limit) {
 Curve Curve::amplifier(double inner, double corner, double outer, double limit) {
   const Extended k = inner;
   const Extended ko = outer;
-  const Extended step = (k - ko) * static_cast<Extended>(corner);  // value at input 0 of the line
-                                                                   // above the corner
+  // Output at the input 0 if the line above the corner is extended to this input.
+  const Extended step = (k - ko) * static_cast<Extended>(corner);
   Curve curve;
   curve.segments = {{"inner", k, 0}};
   const auto wrap = [&curve](const char *name, Extended slope, Extended offset, Extended at) {
@@ -55,8 +55,8 @@ Curve Curve::through_origin(const Slopes &given) {
       std::count_if(given.breaks.begin(), given.breaks.end(), [](double at) { return at < 0.0; }));
   for (std::size_t k = 0; k < given.slopes.size(); ++k)
     curve.segments.push_back({"segment " + std::to_string(k), given.slopes[k], 0});
-  // Neighbouring segments have the same value at their break. The segment at the origin has no
-  // offset.
+  // Two neighbouring segments have the same output at the break between them. The segment at the
+  // origin has no offset.
   const auto home = static_cast<std::size_t>(curve.home);
   const auto meet = [&curve](std::size_t next, std::size_t known, double at) {
     Curve::Segment &segment = curve.segments[next];

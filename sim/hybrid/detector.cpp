@@ -9,7 +9,8 @@ namespace {
 
 using kernel::magnitude;
 
-// Number of ticks in which the second test runs first. It affects only the speed.
+// Number of ticks in which the second test runs before the quiet test. This number affects only the
+// computing time.
 constexpr int kCalmTicks = 15;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
@@ -45,7 +46,8 @@ bool Detector::calm(const double *z) {
   return true;
 }
 
-// Runs the second test of Mode with the signals that the quiet test has computed in result_.
+// Runs the second test that Mode describes, with the signals in result_, which the quiet test has
+// computed.
 bool Detector::passes_second_test(const double *z) {
   const Mode &m = *mode_;
   const double *signal = result_.data() + m.signal_place;
@@ -100,12 +102,13 @@ Detector::Verdict Detector::examine_side(std::size_t channel, double bound, doub
   const std::size_t c = m.columns;
   const double *q = polynomial_.data();
 
-  // If a signal is on its bound, the sign of the first Taylor coefficient above rounding decides,
-  // and the search for a root runs on the polynomial divided by its root at 0. If no coefficient is
-  // above rounding, the signal stays on its bound in this part. The rounding error is that of the
-  // state in the balanced norm (Mode::doubt). If positions have a rounding error of 1e-18 m, a
-  // velocity below 1e-18 m times the fastest rate has no meaning; otherwise the last bits of the
-  // positions would switch contacts that are in contact without force.
+  // If a signal is on its bound, the sign of the first Taylor coefficient above the rounding error
+  // decides. The polynomial is divided by its root at 0 before the search for a root. If no
+  // coefficient is above the rounding error, the signal stays on its bound in this part. The
+  // rounding error is that of the state in the balanced norm (Mode::doubt). For example, if
+  // positions have a rounding error of 1e-18 m, a velocity below 1e-18 m times the fastest rate is
+  // ignored. Otherwise the last bits of the positions would open and close contacts whose force is
+  // 0.
   const double *doubt = &m.doubt[channel * (m.order + 1) * c];
   for (std::size_t k = 0; k <= m.order; ++k, doubt += c) {
     double scale = k == 0 ? magnitude(bound) : 0.0;
@@ -145,7 +148,8 @@ Detector::Verdict Detector::examine(const double *z, std::size_t channel, double
   return verdict;
 }
 
-// Returns the parts of the grid in which the signal of one channel may reach a bound.
+// Returns the parts of the grid in which the signal of one channel can reach a bound, one bit for
+// each part.
 std::uint64_t Detector::parts_in_doubt(const double *z, std::size_t channel, std::size_t wanted) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;

@@ -1,6 +1,6 @@
 #pragma once
-// Finds the switches of a mode that change their state in the next tick, and the instant of the
-// first change.
+// Finds out which switches of a mode change their state in the next tick, and when the first switch
+// changes.
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -13,55 +13,55 @@ namespace forceaxis::sim {
 /// Upper bound of the relative rounding error of a channel's value.
 inline constexpr double kChannelRounding = 0x1p-46;
 
-/// Runs the tests that Mode describes, the cheapest first: quiet(), then doubtful_parts() and
-/// calm(), then first_change() within a part of the tick. The detector owns the buffers. The caller
-/// owns the vector z = (x, 1, u) and must not change it between the calls of such a sequence.
-/// Copies are independent. No call changes the state of a switch.
+/// Runs the tests that are described at Mode. The caller starts with the fastest test, quiet(),
+/// continues with doubtful_parts() and calm(), and then calls first_change() for a part of the
+/// tick. The caller owns the vector z = (x, 1, u) and must not change z between these calls. Copies
+/// of a detector are independent. No call changes the state of a switch.
 class Detector {
  public:
   struct Change {
     std::size_t channel = 0;
     bool above = false;
-    double after = 0.0;  ///< time from now until the change, in ticks
+    double after = 0.0;  ///< time from the instant of z to the change of the switch, in ticks
   };
 
-  /// The rounding error of a coefficient is assumed to be `factor` times its normal bound. If a
-  /// signal is on its bound, the first coefficient above this rounding error decides whether the
-  /// switch changes. The factor is 1; the stepper increases it for the rest of a tick in which the
-  /// states of switches contradict each other.
+  /// Sets the assumed rounding error of Taylor coefficients to `factor` times its normal bound. If
+  /// a signal is on a bound, its first coefficient above this rounding error decides whether the
+  /// switch changes. The factor is normally 1. The stepper increases the factor for the rest of a
+  /// tick in which the states of switches contradict each other.
   void set_doubt(double factor) { rounding_ = factor * kChannelRounding; }
 
-  /// Selects the mode of all further calls. The mode must exist as long as the detector uses it.
+  /// Selects the mode of all further calls. The mode must exist as long as it is selected.
   void enter(const Mode &mode);
 
-  /// Tests whether no switch changes during one tick from now. If it returns true, result() has the
-  /// state at the end of the tick.
+  /// The quiet test. Returns true if certainly no switch changes during the tick that starts at z.
+  /// result() then has the state at the end of the tick.
   bool quiet(const double *z) {
     if (mode_->samples == 0) return false;
-    // After a tick in which only the second test passed in this mode, the second test runs first
-    // for kCalmTicks ticks.
+    // If only the second test passed in a tick, the second test runs first in the next kCalmTicks
+    // ticks of the same mode.
     if (mode_ == calm_mode_ && calm_left_ > 0 && still_calm(z)) return true;
     return quiet_(mode_->quiet, z, result_.data(), curve_.data());
   }
   /// The state and the ADC signals at the end of the tick for which quiet() or calm() returned
   /// true.
   const double *result() const { return result_.data(); }
-  /// To be called after quiet(): returns whether a signal is outside its bounds at the start of the
-  /// tick.
+  /// Returns true if a signal is outside its bounds at the start of the tick. To be called after
+  /// quiet().
   bool beyond_now() const;
-  /// To be called after quiet() has returned true: returns whether the change of the command, in V,
-  /// moves a signal outside its bounds.
+  /// Returns true if a change of the command by `change`, in V, moves a signal outside its bounds.
+  /// To be called after quiet() has returned true.
   bool beyond_after(double change) const;
 
-  /// To be called after quiet() has returned false: returns one bit for each of the first `wanted`
-  /// parts of the grid, set if a signal may reach a bound in that part.
+  /// Returns one bit for each of the first `wanted` parts of the grid. A bit is set if a signal can
+  /// reach a bound in this part. To be called after quiet() has returned false.
   std::uint64_t doubtful_parts(const double *z, std::size_t wanted);
-  /// To be called after quiet() has returned false: runs the second test. Returns true if no switch
-  /// changes during the tick.
+  /// The second test. Returns true if certainly no switch changes during the tick. To be called
+  /// after quiet() has returned false.
   bool calm(const double *z);
-  /// Finds the first change of a switch from now to `end` ticks, within part `part` of the grid.
-  /// Only the channels for which doubtful_parts() has set the bit of this part are searched.
-  /// Returns false if no switch changes.
+  /// Finds the first change of a switch within the next `end` ticks, which lie in the part `part`
+  /// of the grid. Only channels that can reach a bound in this part, by doubtful_parts(), are
+  /// searched. Returns false if no switch changes.
   bool first_change(const double *z, std::size_t part, double end, Change *found);
 
  private:
@@ -77,9 +77,10 @@ class Detector {
   kernel::Quiet quiet_ = kernel::best_quiet();
   kernel::Grid grid_ = kernel::best_grid();
   const Mode *mode_ = nullptr;
-  const Mode *calm_mode_ = nullptr;  // last mode in which only the second test passed
+  const Mode *calm_mode_ = nullptr;  // last mode in which quiet() failed and calm() passed
   int calm_left_ = 0;
-  double rounding_ = kChannelRounding;  // assumed relative rounding error of Taylor coefficients
+  // Assumed relative rounding error of the Taylor coefficients.
+  double rounding_ = kChannelRounding;
   kernel::Vector result_;
   kernel::Vector curve_;
   kernel::Vector calm_;
@@ -87,8 +88,8 @@ class Detector {
   kernel::Vector grid_dip_;
   kernel::Vector polynomial_;
   std::vector<double> absolute_;
-  // Parts of the grid in which the signal of a channel may reach a bound: one word for each
-  // channel, one bit for each part.
+  // One word for each channel, with one bit for each part of the grid. A bit is set if the signal
+  // of the channel can reach a bound in this part.
   std::vector<std::uint64_t> parts_in_doubt_;
 };
 

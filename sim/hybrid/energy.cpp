@@ -3,7 +3,7 @@
 namespace forceaxis::sim {
 namespace {
 
-// The reciprocals 1 / k, each rounded once.
+// The reciprocals 1 / k of the integers, each with one rounding.
 struct Reciprocals {
   double value[64];
   constexpr Reciprocals() : value{} {
@@ -58,7 +58,8 @@ void EnergyAccount::add_tick(const double *z) {
   for (Sum &sum : dissipated_) sum.add(*value++);
 }
 
-// Integrates the products of two polynomials term by term over the first s ticks of the expansion.
+// Integrates each product of two polynomials term by term, from the start of the expansion over s
+// ticks.
 void EnergyAccount::add_part(const double *z, const double *chain, double s, double rate_hz) {
   const Mode &m = *mode_;
   const std::size_t c = m.columns;

@@ -10,29 +10,31 @@ namespace forceaxis::sim {
 
 /// Energies in J, integrated from the start of the run.
 struct EnergyIntegrals {
-  std::vector<double> supplied;    ///< work of each source of Network::supplies()
-  std::vector<double> dissipated;  ///< energy that each damper of Network::dampers() dissipates
-  double discarded = 0.0;          ///< spring energy lost at the separation of loaded contacts
-  double impulse = 0.0;            ///< work of the impulses of the experiment
+  /// Work of each energy source, in the order of Network::supplies().
+  std::vector<double> supplied;
+  /// Energy that each damper has dissipated, in the order of Network::dampers().
+  std::vector<double> dissipated;
+  double discarded = 0.0;  ///< spring energy of contacts that was lost when the contacts opened
+  double impulse = 0.0;    ///< work of all impulses on bodies
 };
 
 /// Returns the spring energy in J of each element of Network::storages().
 std::vector<double> stored_energies(const Mode &mode, const ModeAudit &audit, const double *z);
 
-/// Integrates the energies with compensated sums. The motion of the plant does not depend on this
-/// account. Copies are independent.
+/// Integrates the energies with compensated sums. The motion of the plant does not depend on these
+/// energies. Copies of an account are independent.
 class EnergyAccount {
  public:
   explicit EnergyAccount(const Network &network);
 
-  /// Selects the mode of all further calls. `mode` and `audit` must exist as long as the account
-  /// uses them.
+  /// Selects the mode of all further calls. `mode` and `audit` must exist as long as this mode is
+  /// selected.
   void enter(const Mode &mode, const ModeAudit &audit);
   /// Adds the energies of one complete tick that starts at the state z.
   void add_tick(const double *z);
-  /// Adds the energies of `s` ticks that start at the state z, with `rate_hz` ticks in a second.
-  /// `chain` has the Taylor coefficients of the state: order + 1 blocks of Mode::flow_stride
-  /// values.
+  /// Adds the energies of a period of `s` ticks that starts at the state z. `rate_hz` is the number
+  /// of ticks in a second. `chain` has the Taylor coefficients of the state: order + 1 blocks of
+  /// Mode::flow_stride values.
   void add_part(const double *z, const double *chain, double s, double rate_hz);
   /// Returns the spring energy at the state z, in J.
   double stored(const double *z) const;
@@ -45,7 +47,7 @@ class EnergyAccount {
   EnergyIntegrals integrals() const;
 
  private:
-  struct Sum {  // compensated sum by the method of Neumaier
+  struct Sum {  // compensated summation by the method of Neumaier
     double value = 0.0;
     double lost = 0.0;
     void add(double term);
@@ -56,7 +58,7 @@ class EnergyAccount {
   const Mode *mode_ = nullptr;
   const ModeAudit *audit_ = nullptr;
   kernel::Vector forms_;
-  kernel::Vector integrals_;  // energies of the supplies, followed by those of the dampers
+  kernel::Vector integrals_;  // energies of all supplies, followed by the energies of all dampers
   std::vector<Sum> supplied_;
   std::vector<Sum> dissipated_;
   Sum discarded_;

@@ -1,9 +1,10 @@
 #pragma once
-// The arithmetic of a tick without a change of mode: y = M v, with the matrix M stored by columns.
+// The arithmetic for a tick in which the mode does not change: the product y = M v. The matrix M is
+// stored by columns.
 //
-// Every row is summed over the columns in ascending order, independent of the blocking and of the
-// width of the vector registers. So a result does not depend on optimisation level, processor,
-// alignment or neighbouring rows. The build needs the option -ffp-contract=off.
+// Every row is summed over the columns in ascending order, for every block size and every width of
+// the vector registers. So a result does not depend on optimisation level, processor, alignment or
+// neighbouring rows. The build needs the option -ffp-contract=off.
 #include <cstddef>
 #include <cstdint>
 #include <new>
@@ -11,12 +12,12 @@
 
 namespace forceaxis::sim::kernel {
 
-/// Number of rows in memory: `rows` rounded up to a multiple of 4. The parameter `stride` of the
-/// functions below is this number.
+/// Returns the number of rows of a matrix in memory, which is `rows` rounded up to a multiple of 4.
+/// The functions below call this number `stride`.
 constexpr std::size_t padded(std::size_t rows) { return (rows + 3) & ~std::size_t{3}; }
 
-/// Allocator that aligns memory to the start of a cache line. No vector of rows then spans two
-/// cache lines, so a product takes less time and the same time in every run.
+/// Allocator that aligns memory to the start of a cache line. A vector register then never loads
+/// from two cache lines, so a product takes less time and the same time in every run.
 template <class Value>
 struct Aligned {
   using value_type = Value;
@@ -31,20 +32,21 @@ struct Aligned {
 };
 using Vector = std::vector<double, Aligned<double>>;
 
-/// Computes y[0..stride) = M v. The matrix has at least one column.
+/// Computes the product y[0..stride) = M v. The matrix has at least one column.
 using Multiply = void (*)(const double *m, std::size_t stride, const double *v, std::size_t columns,
                           double *y);
 
-/// Returns the fastest variant that this processor supports. All variants compute the same doubles.
+/// Returns the fastest variant of the product that this processor supports. All variants compute
+/// the same doubles.
 Multiply best_multiply();
-/// Variant that every processor of the target platform supports.
+/// Variant of the product that every processor of the target platform supports.
 void multiply_base(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y);
-/// Variant with vectors of 256 bits, compiled for x86-64 only.
+/// Variant of the product with vectors of 256 bits, compiled for x86-64 only.
 void multiply_wide(const double *m, std::size_t stride, const double *v, std::size_t columns,
                    double *y);
 
-/// Data of the quiet test of one tick, described at Mode. All strides are padded.
+/// Data of the quiet test of one tick, which is described at Mode. All strides are multiples of 4.
 struct QuietTest {
   const double *tick = nullptr;
   std::size_t tick_stride = 0;
@@ -52,25 +54,26 @@ struct QuietTest {
   std::size_t curve_stride = 0;
   const double *low = nullptr;
   const double *high = nullptr;
-  /// first row of the signals in `tick`; the signals occupy (samples + 1) * stride rows
+  /// First row of the signals in `tick`. The signals occupy (samples + 1) * stride rows.
   std::size_t first = 0;
   std::size_t stride = 0;
   std::size_t samples = 0;
   std::size_t columns = 0;
 };
 
-/// Computes result = tick z and dip = curve |z|. Returns true if every signal stays inside() its
-/// bounds in all parts of the tick.
+/// Computes the products result = tick z and dip = curve |z|. Returns true if every signal stays
+/// within its bounds in all parts of the tick, by inside().
 using Quiet = bool (*)(const QuietTest &test, const double *z, double *result, double *dip);
 
 Quiet best_quiet();
 bool quiet_base(const QuietTest &test, const double *z, double *result, double *dip);
 bool quiet_wide(const QuietTest &test, const double *z, double *result, double *dip);
 
-/// Data of the quiet test for one signal on a grid of `parts` parts, a multiple of 4 and at most
-/// 64. The test computes signal = M z at the ends of the parts, with columns of padded(parts + 1)
-/// rows, and dip = D |z| in each part. It returns one bit for each part, set if the signal may
-/// leave the range from `low` to `high` in it.
+/// Data of the quiet test for one signal on a grid of `parts` parts. This number is a multiple of 4
+/// and at most 64. The test computes the signal at the ends of the parts, signal = M z, with
+/// columns of padded(parts + 1) rows. It also computes dip = D |z| for each part. The result has
+/// one bit for each part. A bit is set if the signal can leave the range from `low` to `high` in
+/// this part.
 struct GridTest {
   const double *signal;
   const double *dip;
@@ -85,9 +88,9 @@ Grid best_grid();
 std::uint64_t grid_base(const GridTest &test, const double *z, double *signal, double *dip);
 std::uint64_t grid_wide(const GridTest &test, const double *z, double *signal, double *dip);
 
-/// Returns whether a signal stays within [low, high] on an interval. The signal is `a` and `b` at
-/// the ends of the interval and deviates between them by at most `dip` from the straight line.
-/// Returns false if a value is not a number.
+/// Returns true if a signal stays within [low, high] on an interval. The signal has the values `a`
+/// and `b` at the ends of the interval. Between the ends it deviates by at most `dip` from the
+/// straight line. Returns false if a value is not a number.
 inline bool inside(double a, double b, double dip, double low, double high) {
   const double least = (b < a ? b : a) - dip;
   const double most = (b < a ? a : b) + dip;

@@ -10,7 +10,7 @@
 namespace {
 
 // Vectors of two and four doubles. The types are members of a struct, because a template argument
-// loses its attributes. `Memory` needs no alignment of its address beyond that of a double.
+// loses its attributes. The address of a `Memory` needs only the alignment of a double.
 struct Pair {
   static constexpr std::size_t kWidth = 2;
   typedef double Value __attribute__((vector_size(16)));
@@ -22,8 +22,8 @@ struct Quad {
   typedef double Memory __attribute__((vector_size(32), aligned(8), may_alias));
 };
 
-// Computes M v, or M |v| if kAbsolute, for as many vectors of rows at once as there are indices.
-// The sums stay in registers.
+// Computes M v, or M |v| if kAbsolute is true. The rows of one vector register are summed together,
+// for as many registers as there are indices, so the sums stay in registers.
 template <class Lanes, bool kAbsolute, std::size_t... kIndex>
 inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_t stride,
                      const double *v, std::size_t columns, double *y) {
@@ -39,8 +39,8 @@ inline void unrolled(std::index_sequence<kIndex...>, const double *m, std::size_
   ((reinterpret_cast<Memory *>(y)[kIndex] = sum[kIndex]), ...);
 }
 
-// Computes the product for a matrix of exactly kCount vectors of rows. The compiler knows the
-// stride of this matrix.
+// Computes the product for a matrix whose rows fill exactly kCount vector registers. The stride of
+// this matrix is a constant for the compiler.
 template <class Lanes, bool kAbsolute, std::size_t kCount>
 inline void block(const double *m, const double *v, std::size_t columns, double *y) {
   unrolled<Lanes, kAbsolute>(std::make_index_sequence<kCount>(), m, kCount * Lanes::kWidth, v,

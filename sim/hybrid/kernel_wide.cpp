@@ -1,5 +1,5 @@
-// This file is compiled with the portable options and -mavx2. Fused multiply-add stays off, because
-// it rounds differently.
+// This file is compiled with -mavx2 in addition to the portable options. Fused multiply-add must
+// not be used, because its rounding differs from that of the portable variant.
 #include <immintrin.h>
 
 #include "sim/hybrid/kernel.hpp"
@@ -14,9 +14,9 @@ void multiply_wide(const double *m, std::size_t stride, const double *v, std::si
 
 namespace {
 
-// Computes quiet() for one sample and up to four channels, with all values in registers. The number
-// of indices is the number of vectors of rows: states and ADCs, then the signals at the start, then
-// the signals at the end.
+// Computes quiet() for one sample and up to four channels, with all values in vector registers. The
+// number of indices is the number of vector registers for the rows: states and ADC signals, then
+// the channel signals at the start, then the channel signals at the end.
 template <std::size_t... kIndex>
 inline bool quiet_small(std::index_sequence<kIndex...>, const QuietTest &test, const double *z,
                         double *result, double *dip) {

@@ -10,21 +10,23 @@
 namespace forceaxis::sim {
 namespace {
 
-constexpr int kHighestOrder = 13;        // highest order of the Taylor series of a part of a tick
-constexpr std::size_t kFewestParts = 8;  // number of parts of the grid in each sample of the quiet
-                                         // test
-// Largest number of parts in a tick for which a mode still has a quiet test.
+// Highest order of the Taylor series on a part of a tick.
+constexpr int kHighestOrder = 13;
+// Number of grid parts in one sample of the quiet test.
+constexpr std::size_t kFewestParts = 8;
+// A mode has a quiet test only if a tick has at most this number of grid parts.
 constexpr std::size_t kMostTested = 128;
-constexpr std::size_t kMostGrid = 64;  // largest number of parts of the grid, one bit of a word for
-                                       // each
-constexpr std::size_t kFastGrid = 8;   // number of parts of the grid in a mode without a quiet test
+// Largest number of grid parts; a word of 64 bits has one bit for each.
+constexpr std::size_t kMostGrid = 64;
+constexpr std::size_t kFastGrid = 8;  // number of grid parts in a mode without a quiet test
 constexpr std::size_t kMostTickParts = 1 << 16;
 constexpr Extended kTruncation = 0x1p-58L;
-constexpr Extended kRounding = 0x1p-46L;  // bound on the relative rounding error of a sum of
-                                          // products
+// Upper bound of the relative rounding error of a sum of products.
+constexpr Extended kRounding = 0x1p-46L;
 
-// Computes a b without the terms in which an entry of b is 0. The sums of four rows at a time stay
-// in registers, because stores in extended precision take most of the time.
+// Computes the product a b and skips the terms in which an entry of b is 0. Four rows are summed
+// together so that the sums stay in registers, because stores in extended precision take most of
+// the time.
 ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
   ExtendedMatrix c(a.rows(), b.cols());
   struct Factor {
@@ -63,18 +65,18 @@ ExtendedMatrix product(const ExtendedMatrix &a, const ExtendedMatrix &b) {
 
 ExtendedMatrix absolute(const ExtendedMatrix &a) { return a.cwiseAbs(); }
 
-// The influence of each entry of z on each other entry: the sum of W^k with W = |a| / rate. The
-// rate is at least twice the spectral radius of |a| and at least 1. The truncation error of a
-// Taylor series is relative to this influence.
+// The influence of each entry of z on each other entry, which is the sum of all W^k with W = |a| /
+// rate. `rate` is at least twice the spectral radius of |a| and at least 1. The truncation error of
+// a Taylor series is relative to this influence.
 struct Influence {
-  // Scale of `a`: a power of two in the unit of the entries of `a`.
+  // Scale of the matrix `a`: a power of two in the unit of the entries of `a`.
   Extended rate = 1;
   ExtendedMatrix sum;
 };
 
 Influence influence(const ExtendedMatrix &a) {
-  // |a|^(2^k) is power * 2^exponent. The 2^k-th root of its norm is an upper bound of the spectral
-  // radius.
+  // The matrix |a|^(2^k) is power * 2^exponent. The 2^k-th root of the norm of this matrix is an
+  // upper bound of the spectral radius.
   constexpr int kSquarings = 8;
   ExtendedMatrix power = absolute(a);
   long exponent = 0;
@@ -96,8 +98,8 @@ Influence influence(const ExtendedMatrix &a) {
     const long whole = exponent >= 0 ? (exponent + kRoot - 1) / kRoot : -(-exponent / kRoot);
     result.rate = std::max(std::ldexp(Extended{2}, static_cast<int>(whole)), Extended{1});
   }
-  // 2^7 terms are sufficient: the norm at least halves from term to term, and no path through the
-  // states has more steps.
+  // 2^7 terms are sufficient, because the norm of each term is at most half the norm of the
+  // previous term, and no path through the states has more steps.
   ExtendedMatrix w = absolute(a) / result.rate;
   result.sum = ExtendedMatrix::Identity(a.rows(), a.cols()) + w;
   for (int k = 1; k < 7; ++k) {
@@ -107,9 +109,9 @@ Influence influence(const ExtendedMatrix &a) {
   return result;
 }
 
-// Computes the sum of |b|^k / k! with b = a / parts, until the terms are below `accuracy` times the
-// influence in each entry. This amount is added, so the result is an upper bound of e^|b|. Returns
-// the number of terms after the identity, or 0 if `most` terms are not sufficient.
+// Computes an upper bound of e^|b| with b = a / parts. The terms |b|^k / k! are summed until every
+// entry of the remaining terms is below `accuracy` times the influence; this amount is then added.
+// Returns the number of terms after the identity, or 0 if `most` terms are not sufficient.
 int absolute_series(const ExtendedMatrix &a, std::size_t parts, const Influence &scale,
                     Extended accuracy, int most, ExtendedMatrix *sum) {
   const ExtendedMatrix size = absolute(a) / static_cast<Extended>(parts);
@@ -139,7 +141,7 @@ ExtendedMatrix series(const ExtendedMatrix &b, int terms) {
     term = product(b, term) / static_cast<Extended>(k);
     all.push_back(term);
   }
-  // The sum begins with the smallest terms.
+  // The terms are added from the smallest to the largest.
   ExtendedMatrix tail = ExtendedMatrix::Zero(b.rows(), b.cols());
   for (auto it = all.rbegin(); it != all.rend(); ++it) tail += *it;
   return sum + tail;
@@ -150,7 +152,8 @@ void put_rows(const ExtendedMatrix &rows, std::vector<double> *out) {
     for (Eigen::Index j = 0; j < rows.cols(); ++j) out->push_back(static_cast<double>(rows(i, j)));
 }
 
-// Copies rows into a matrix stored by columns, beginning at row `first`.
+// Copies `rows` into a matrix that is stored by columns. The first row is copied to the row
+// `first`.
 void put_block(const ExtendedMatrix &rows, std::size_t first, std::size_t stride,
                kernel::Vector *out, std::size_t offset = 0) {
   for (Eigen::Index j = 0; j < rows.cols(); ++j)
@@ -170,14 +173,15 @@ ExtendedMatrix square_flow(const ModeCache &cache, const ModeEquations &equation
   return a;
 }
 
-// Adds the flow at every point of the grid and, from it, the quiet test on the coarser samples.
+// Computes the flow matrix at every point of the grid. Computes the quiet test on the larger
+// samples from these matrices.
 void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const ExtendedMatrix &growth,
               const ExtendedMatrix &a, const ExtendedMatrix &r, const ExtendedMatrix &sensor) {
   const auto n = static_cast<Eigen::Index>(mode.states);
   const auto c = static_cast<Eigen::Index>(mode.columns);
   const std::size_t g = mode.channels;
   const ExtendedMatrix part = series(part_flow, order + 6);
-  // |e^{A t}| <= e^{|A| t}. The growth over a sample of eight parts is the growth over one part,
+  // By |e^{A t}| <= e^{|A| t}, the growth over a sample of eight parts is the growth over one part,
   // squared three times.
   ExtendedMatrix sample_growth = growth;
   for (std::size_t k = 1; k < kFewestParts; k *= 2)
@@ -220,7 +224,8 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
 
   ExtendedMatrix flow = ExtendedMatrix::Identity(c, c);
   ExtendedMatrix signal = r;
-  ExtendedMatrix size = absolute(r);  // the rounding error of a signal is relative to |r| |Phi|
+  // |r| |Phi|, to which the rounding error of a signal is relative.
+  ExtendedMatrix size = absolute(r);
   const std::size_t parts = mode.samples > 0 ? mode.samples * kFewestParts : mode.grid;
   for (std::size_t k = 0; k <= parts; ++k) {
     const bool sampled = mode.samples > 0 && k % kFewestParts == 0;
@@ -232,8 +237,8 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
     if (sampled) put_block(signal, first + sample * stride, mode.tick_stride, &mode.tick);
     if (k == parts) break;
 
-    // s'' = r A^2 e^{A t} z. A and e^{A t} commute, so the factor of the part's start may be on the
-    // left.
+    // The second derivative is s'' = r A^2 e^{A t} z. A and e^{A t} commute, so the order of the
+    // factors may change.
     const ExtendedMatrix curvature = product(bend, flow);
     const ExtendedMatrix here = absolute(curvature);
     if (sampled) {
@@ -299,7 +304,7 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   mode->channels = equations.channels.size();
   mode->channel = equations.channels;
 
-  // The part of a tick is halved until a short Taylor series is accurate to rounding.
+  // Parts of a tick are halved until a short Taylor series is accurate to the rounding error.
   std::size_t parts = kFewestParts;
   const Influence scale = influence(a);
   ExtendedMatrix growth;  // e^{|A| T / parts}
@@ -333,8 +338,9 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
     for (Eigen::Index i = 0; i < g; ++i)
       put_block(rows.row(i), k, mode->series_stride, &mode->series,
                 static_cast<std::size_t>(i) * mode->columns * mode->series_stride);
-    // Bound on the rounding error if the state has a relative rounding error in the balanced norm.
-    // The effect of the other states' rounding errors within a time constant is included.
+    // Upper bound of the rounding error of a Taylor coefficient, for a state with a relative
+    // rounding error in the balanced norm. The bound includes the effect of the rounding errors of
+    // all states within a time constant.
     const ExtendedMatrix doubt = product(product(absolute(r), absolute(term)), scale.sum);
     for (Eigen::Index i = 0; i < g; ++i)
       for (Eigen::Index j = 0; j < c; ++j)
@@ -374,8 +380,8 @@ std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {
   return mode;
 }
 
-// Computes the integral over one tick of Phi(t)' q Phi(t) dt, from its Taylor series on a short
-// part and by doubling the part.
+// Computes the integral of Phi(t)' q Phi(t) dt over one tick. The Taylor series gives the integral
+// over a short part of the tick. The length of the part is then doubled until the part is a tick.
 class Gram {
  public:
   Gram(const ExtendedMatrix &a, Extended tick) : tick_(tick) {
@@ -392,7 +398,7 @@ class Gram {
     ExtendedMatrix term = q;
     ExtendedMatrix sum = q;
     for (int k = 1; k <= 2 * order_ + 8; ++k) {
-      const ExtendedMatrix half = product(term, b_);  // Few entries of b_ differ from 0.
+      const ExtendedMatrix half = product(term, b_);  // Most entries of b_ are 0.
       const ExtendedMatrix mirrored = half.transpose();
       term = (half + mirrored) / static_cast<Extended>(k);
       sum += term / static_cast<Extended>(k + 1);
@@ -410,8 +416,7 @@ class Gram {
   std::size_t parts_ = 1;
   int order_ = 0;
   ExtendedMatrix b_;
-  std::vector<ExtendedMatrix> flows_;  // flow matrices over 1, 2, 4 and more parts, up to half a
-                                       // tick
+  std::vector<ExtendedMatrix> flows_;  // Flow matrices over 1, 2, 4, ... parts, up to half a tick.
 };
 
 std::unique_ptr<const ModeAudit> build_audit(const ModeCache &cache, ModeKey key) {

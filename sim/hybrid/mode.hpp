@@ -1,8 +1,10 @@
 #pragma once
-// One linear mode of a plant with the matrices for a step, and the cache that owns all modes.
+// One linear mode of a plant, with the matrices to simulate one step, and the cache that owns all
+// modes.
 //
-// The unit of time is the tick T = 1/1500 s, or the integer part of it that the cache steps: all
-// matrices contain A T. Rows of matrices multiply the vector z = (x, 1, u).
+// The unit of time is one step of the cache: the tick T = 1/1500 s or an integer fraction of a
+// tick. So all matrices contain A T in place of A. Rows of matrices multiply the vector z = (x, 1,
+// u).
 #include <cstddef>
 #include <memory>
 #include <mutex>
@@ -18,21 +20,22 @@ namespace forceaxis::sim {
 
 inline constexpr double kTickRateHz = 1500.0;
 
-/// The simulation cannot continue, because switches chatter or a state is not finite. what() names
-/// the element and the time if they are known.
+/// The simulation cannot continue, because a switch changes without end or a state is not finite.
+/// If element and time are known, what() names them.
 struct SimulationError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// The matrices of one mode; immutable once built. Sizes: n states, c = n + 2 columns, g channels.
+/// The matrices of one mode, which never change after the mode is built. Sizes: n states, c = n + 2
+/// columns, g channels.
 ///
 /// Quiet test. A tick has K = `samples` equal parts. The matrix `tick` maps z to the state and the
 /// ADC signals after one tick and to the signals of all channels at the K + 1 ends of the parts.
 /// The matrix `curve` maps |z| to a bound on the deviation of each signal from its chord in a part,
 ///     (T/K)^2 / 8 max |s''|  with  |s''(t)| <= |r A^2 Phi(t_k)| e^{|A| T/K} |z|   (entrywise),
-/// plus the rounding error of both products. If all signals stay within their bounds by more than
-/// that, no switch changes during the tick. The test is valid for each channel alone, and for one
-/// tick from any instant.
+/// plus the rounding error of both products. If the distance of all signals from their bounds is
+/// larger than this deviation, no switch changes during the tick. The test is valid for each
+/// channel alone, and for one tick that starts at any instant.
 ///
 /// Second test. In the product with |z|, large terms add up that cancel in the plant, for example
 /// the positions of two bodies at a stiff spring, or the current and its command. A channel that
@@ -51,10 +54,9 @@ struct SimulationError : std::runtime_error {
 ///
 /// Accuracy of the series. `reach` is halved until the term of order `order` is below 2^-58 N in
 /// each entry, where the influence N = sum over k of (|A| T / s)^k and s is a power of two, at
-/// least
-/// 1. Unless s is 1, s is 2 to 5 times the spectral radius of |A| T. The omitted terms then add up
-/// to less than 2^-58 N |z|. Let d be the Perron vector of |A| T, with |A| T d = radius d; for a
-/// chain of equal bodies and springs, d is the highest frequency for velocities and 1 for
+/// least 1. Unless s is 1, s is 2 to 5 times the spectral radius of |A| T. The omitted terms then
+/// add up to less than 2^-58 N |z|. Let d be the Perron vector of |A| T, with |A| T d = radius d;
+/// for a chain of equal bodies and springs, d is the highest frequency for velocities and 1 for
 /// positions. In the norm max_j |x_j| / d_j, N is at most 2, so one part changes the state by less
 /// than 2^-57 of its norm from the exact flow. That is a sixteenth of the rounding error 2^-53. An
 /// error in a state is relative to the effect of the other states on it within some time constants,
@@ -71,74 +73,95 @@ struct Mode {
   std::size_t channels = 0;
   std::size_t samples = 0;
 
-  std::size_t channel_stride = 0;  ///< rows of one set of channel signals: padded(g)
-  std::size_t signal_place = 0;    ///< first row of the signals in `tick`: padded(n + 2)
-  std::size_t tick_stride = 0;     ///< number of rows of `tick`: signal_place + (samples + 1)
-                                   ///< channel_stride
-  /// Matrix by columns. Its rows give the new state, the ADC signals and the signals at the
-  /// instants 0, 1, ..., K of the tick.
+  /// Number of rows for one value of each channel signal: padded(g).
+  std::size_t channel_stride = 0;
+  /// Index of the first signal row in `tick`: padded(n + 2).
+  std::size_t signal_place = 0;
+  /// Number of rows of the matrix `tick`.
+  std::size_t tick_stride = 0;
+  /// Matrix stored by columns. Its rows give the new state, the ADC signals, and the channel
+  /// signals at the ends 0, 1, ..., K of the parts of a tick.
   kernel::Vector tick;
-  std::size_t curve_stride = 0;  ///< samples channel_stride
-  kernel::Vector curve;     ///< matrix of the bounds on the deviation from the chord, by columns
-  kernel::QuietTest quiet;  ///< pointers to the matrices above for the quiet test
-  std::size_t calm_stride = 0;  ///< number of rows of `calm_head`: padded(n) + curve_stride
-  kernel::Vector calm_head;   ///< matrix by columns for the second test: A^2 z, then its first term
-  kernel::Vector calm_tail;   ///< matrix by columns for the second term of the second test
-  kernel::Vector calm_doubt;  ///< rounding error of each signal and part in the second test
-  /// Bounds of each channel, narrowed by the rounding error of the bounds; padded.
+  /// Number of rows of `curve`: samples * channel_stride.
+  std::size_t curve_stride = 0;
+  /// Matrix, stored by columns, of the bounds on the deviation of each signal from its chord.
+  kernel::Vector curve;
+  /// Data of the quiet test, with pointers to `tick` and `curve`.
+  kernel::QuietTest quiet;
+  /// Number of rows of `calm_head`: padded(n) + curve_stride.
+  std::size_t calm_stride = 0;
+  /// Matrix, stored by columns, that gives A^2 z and the first term of the second test.
+  kernel::Vector calm_head;
+  /// Matrix, stored by columns, for the second term of the second test.
+  kernel::Vector calm_tail;
+  /// Rounding error of the second test for each signal and part.
+  kernel::Vector calm_doubt;
+  /// Lower and upper bound of each channel, narrowed by the rounding error of the bounds.
   kernel::Vector low;
   kernel::Vector high;
 
-  double reach = 1.0;  ///< length of a part of the grid in ticks, a power of 1/2
+  double reach = 1.0;  ///< length of one part of the grid in ticks, a power of 1/2
   std::size_t order = 0;
-  std::size_t flow_stride = 0;  ///< number of rows of one block of `taylor`: padded(n)
-  /// Matrices (A T)^k / k! for k = 1..order below each other, by columns.
+  /// Number of rows of one matrix in `taylor`: padded(n).
+  std::size_t flow_stride = 0;
+  /// Matrices (A T)^k / k! for k = 1..order, one below the other, stored by columns.
   kernel::Vector taylor;
-  std::vector<double> signal;  ///< matrix of the channels' signals, g x c by rows; a row is called
-                               ///< r
-  std::size_t series_stride = 0;  ///< padded(order + 1)
-  kernel::Vector series;  ///< [channel]: matrices r (A T)^k / k! for k = 0..order, by columns
-  /// [channel][k]: |r| |(A T)^k / k!| N for k = 0..order, the rounding error of a Taylor
-  /// coefficient.
+  /// G x c matrix, stored by rows, that gives the signal of each channel. A row is called r.
+  std::vector<double> signal;
+  /// Number of rows of a matrix in `series`: padded(order + 1).
+  std::size_t series_stride = 0;
+  /// For each channel, the rows r (A T)^k / k! for k = 0..order, stored by columns.
+  kernel::Vector series;
+  /// For each channel and each k = 0..order, the rounding error of a Taylor coefficient, |r| |(A
+  /// T)^k / k!| N.
   std::vector<double> doubt;
   std::vector<Channel> channel;
-  std::vector<std::size_t> fed;  ///< indices of the channels whose signal steps with the command
+  /// Indices of the channels whose signal changes at a step of the command.
+  std::vector<std::size_t> fed;
 
   std::size_t grid = 0;
-  kernel::Vector grid_flow;  ///< [k]: flow matrix over k + 1 parts of the grid, by columns
+  /// Flow matrices over 1, 2, 3, ... parts of the grid, stored by columns.
+  kernel::Vector grid_flow;
   std::size_t grid_signal_stride = 0;
-  kernel::Vector grid_signal;  ///< [channel]: matrix of the signal at the ends of the parts, by
-                               ///< columns
+  /// For each channel, the matrix of the signal at the ends of all parts, stored by columns.
+  kernel::Vector grid_signal;
   std::size_t grid_dip_stride = 0;
-  /// [channel]: matrix of the bounds on the deviation from the chord in each part, by columns.
+  /// For each channel, the matrix of the bounds on the deviation from the chord in all parts,
+  /// stored by columns.
   kernel::Vector grid_dip;
 
-  std::vector<double> slip;  ///< ModeEquations::slip by rows, n x n, or empty
+  std::vector<double> slip;  ///< ModeEquations::slip stored by rows; empty if no friction sticks
 
-  kernel::Vector sensor;      ///< matrix by columns with two rows: signals of ADC 0 and ADC 1
-  std::vector<double> truth;  ///< matrix by rows of all signals of the model
+  /// Matrix, stored by columns, with two rows: the signals of ADC 0 and ADC 1.
+  kernel::Vector sensor;
+  std::vector<double> truth;  ///< matrix, stored by rows, that gives all signals of the model
 };
 
-/// Energies of one mode: integrals over one tick, as quadratic forms of the vector z.
+/// The matrices for the energies of one mode. Each integral of a power over one tick is a quadratic
+/// form of the vector z.
 struct ModeAudit {
-  std::size_t form_stride = 0;  ///< number of rows of `forms`: padded(supplies + dampers)
-  /// Quadratic forms of the energies in J: [column j][row i][supplies, then dampers].
+  /// Number of rows of `forms`: the padded number of supplies and dampers.
+  std::size_t form_stride = 0;
+  /// Quadratic forms of the energies in J, with the index [column j][row i][supplies, then
+  /// dampers].
   kernel::Vector forms;
-  std::vector<double> first;   ///< rows of the first factor of each supply, then of each damper
-  std::vector<double> second;  ///< rows of the second factor of each supply, then of each damper
-  std::vector<double> store_first;  ///< rows of the first factor of each storage
+  /// Row that gives the first factor of each power: supplies, then dampers.
+  std::vector<double> first;
+  /// Row that gives the second factor of each power: supplies, then dampers.
+  std::vector<double> second;
+  std::vector<double> store_first;  ///< row that gives the first factor of each stored energy
   std::vector<double> store_second;
-  std::vector<double> store_constant;  ///< constant part of the energy of each storage, in J
+  std::vector<double> store_constant;  ///< constant part of each stored energy in J
 };
 
-/// Builds each mode at its first request and keeps it. Plants of one model may share a cache
-/// between any number of threads, because modes are immutable. A plant requests only modes that it
-/// has not used yet.
+/// Builds each mode when a plant requests it for the first time, and stores the mode. Modes are
+/// immutable, so all plants of one model may share a cache in any number of threads. A plant
+/// requests only modes that it has not used before.
 class ModeCache {
  public:
   /// `parts` is the number of steps of the plant in one tick of the firmware, 1 to kMostParts. A
-  /// mode describes one step. A plant with more than one part outputs analog signals at a higher
-  /// rate than the ticks, for an analyzer.
+  /// mode describes one step. With more than one part, a plant outputs analog signals at a higher
+  /// rate than the tick rate, for a signal analyzer.
   explicit ModeCache(std::shared_ptr<const Model> model, int parts = 1);
   static constexpr int kMostParts = 64;
   ModeCache(const ModeCache &) = delete;
@@ -146,11 +169,12 @@ class ModeCache {
 
   const Model &model() const { return *model_; }
   const Network &network() const { return network_; }
-  /// Rate of the steps in Hz.
+  /// Returns the number of steps of the plant per second.
   double rate_hz() const { return kTickRateHz * static_cast<double>(parts_); }
   int parts() const { return parts_; }
-  /// Returns a mode. The reference is valid as long as the cache exists. Throws InputError if the
-  /// mode has a rate above about 1.2e7 1/s, which cannot be simulated.
+  /// Returns the mode with this key. The reference is valid as long as the cache exists. Throws
+  /// InputError if a rate of the mode is above about 1.2e7 1/s, because such a mode cannot be
+  /// simulated.
   const Mode &mode(ModeKey key);
   const ModeAudit &audit(ModeKey key);
   /// Returns the number of modes that the cache has built.

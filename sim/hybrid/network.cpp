@@ -34,7 +34,8 @@ ModeKey Network::with_enable(ModeKey key, bool enable) const {
   return key;
 }
 
-// While the drive is disabled, its switches have no effect and count as being in their home state.
+// Returns the state of a switch. While the drive is disabled, returns the home state for the
+// switches of the drive, because they have no effect.
 int Network::effective_state(ModeKey key, int switch_index) const {
   const Wiring::Switch &s = wiring_.switches[static_cast<std::size_t>(switch_index)];
   return s.of_drive && !enabled(key) ? s.home : state_of(key, switch_index);
@@ -42,7 +43,8 @@ int Network::effective_state(ModeKey key, int switch_index) const {
 
 ModeEquations Network::equations(ModeKey key) const {
   const int n = states();
-  // The force of a friction that sticks is unknown. It has a column of its own until solve_holds().
+  // The force of a sticking friction is unknown. This force has a separate column, which
+  // solve_holds() eliminates.
   std::vector<int> hold_column(wiring_.frictions.size(), -1);
   int wide = columns();
   for (std::size_t i = 0; i < wiring_.frictions.size(); ++i)
@@ -95,9 +97,9 @@ ModeEquations Network::equations(ModeKey key) const {
   return result;
 }
 
-// The ends of a sticking friction keep their relative velocity: (C A) z + (C G) h = 0 for the
-// relative velocities C z and the columns G with which the forces h act. C G is regular, because
-// frictions form no loop.
+// Computes the forces h of all sticking frictions. Their relative velocities C z do not change, so
+// (C A) z + (C G) h = 0, where the columns of G are the effects of the forces h. C G is regular,
+// because frictions form no loop.
 void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
   const Eigen::Index n = states();
   const Eigen::Index c = columns();
@@ -133,16 +135,17 @@ void Network::solve_holds(ModeKey key, ModeEquations &equations) const {
       }
     }
   }
-  // The sticking forces, applied as impulses, remove a relative velocity. They act on velocities
-  // only.
+  // The forces of sticking frictions, applied as impulses, remove a relative velocity. The impulses
+  // change only velocities.
   ExtendedMatrix impulse = ExtendedMatrix::Zero(n, unknowns);
   for (const Wiring::BodyState &body : wiring_.bodies)
     impulse.row(body.velocity) = acting.row(body.velocity);
   equations.slip = impulse * solver.solve(rate);
 }
 
-// Sums for each state the loops through the other states. Entry (i, i) of a high power of |A| is
-// largest for the state of the fastest motion.
+// Finds the state of the fastest motion. The entry (i, i) of a high power of |A| is the sum of all
+// loops from state i through the other states. This entry is largest for the state of the fastest
+// motion.
 Network::Fastest Network::fastest(const ModeEquations &equations) const {
   const Eigen::Index n = states();
   const ExtendedMatrix size = equations.flow.leftCols(n).cwiseAbs();

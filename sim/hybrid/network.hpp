@@ -1,5 +1,6 @@
 #pragma once
-// A plant as a network of affine wires and discrete switches.
+// A plant described as a network of wires, which are affine functions of the state, and discrete
+// switches.
 //
 // The vector z = (x, 1, u) has the states x, the constant 1 and the command voltage u, which is
 // constant during a tick. A wire is a quantity that is a linear function of z when the state of
@@ -22,24 +23,25 @@ namespace forceaxis::sim {
 
 using ExtendedMatrix = Eigen::Matrix<Extended, Eigen::Dynamic, Eigen::Dynamic>;
 
-/// A signal that must stay within [low, high]. If the signal leaves this range, its switch changes
-/// to another state.
+/// A signal that must stay within [low, high] while a switch has a certain state. If the signal
+/// leaves this range, the switch changes to another state.
 struct Channel {
   int wire = 0;
   int switch_index = 0;
   double low = -std::numeric_limits<double>::infinity();
   double high = std::numeric_limits<double>::infinity();
-  int state_below = 0;  ///< new state of the switch if the signal is below `low`
+  int state_below = 0;  ///< new state of the switch after the signal falls below `low`
   int state_above = 0;
 };
 
 /// The linear equations of one mode, in SI units.
 struct ModeEquations {
-  ExtendedMatrix flow;   ///< matrix of n x (n + 2) for the derivatives: x' = flow z
-  ExtendedMatrix wires;  ///< one row for each wire
+  /// N x (n + 2) matrix that gives the derivatives of the states x from z: x' = flow z.
+  ExtendedMatrix flow;
+  ExtendedMatrix wires;  ///< matrix that gives all wires from z, one row for each wire
   std::vector<Channel> channels;
-  /// Matrix of n x n. The product slip x is subtracted from the state x so that the ends of
-  /// sticking frictions have no relative velocity. Empty if no friction sticks.
+  /// n x n matrix. Subtracting the product slip x from the states x makes the relative velocity of
+  /// the ends of each sticking friction 0. Empty if no friction sticks.
   ExtendedMatrix slip;
 };
 
@@ -54,7 +56,8 @@ class Network {
   int columns() const { return states() + 2; }
   int wire_count() const { return static_cast<int>(wiring_.wires.size()); }
   const std::vector<double> &initial() const { return wiring_.initial; }
-  /// States that are set to 0 when the drive is disabled: winding current or actuator force.
+  /// Indices of the states that are set to 0 when the drive is disabled: motor current or actuator
+  /// force.
   const std::vector<int> &drive_states() const { return wiring_.drive_states; }
 
   const std::vector<Switch> &switches() const { return wiring_.switches; }
@@ -69,35 +72,35 @@ class Network {
   }
   /// Returns the key of the mode in which every switch has its initial state.
   ModeKey home_key(bool enable) const;
-  /// Returns the key of the mode that linear analysis begins with: the drive is enabled and brakes
+  /// Returns the key of the first mode of a linear analysis: the drive is enabled and all brakes
   /// are released.
   ModeKey analysed_key() const;
-  /// Returns the key with the drive enabled or disabled. The switches of the drive return to their
-  /// initial state, all others do not change.
+  /// Returns the key for the drive enabled or disabled. The switches of the drive have their
+  /// initial state; all other switches have the same state as in `key`.
   ModeKey with_enable(ModeKey key, bool enable) const;
 
   ModeEquations equations(ModeKey key) const;
 
-  /// The state with the shortest time constant of a mode.
+  /// The state of the plant that has the shortest time constant in a mode.
   struct Fastest {
-    std::string state;    ///< name of a body, or of a state of the drive or of a filter
-    std::string element;  ///< name of the element with the largest effect on this state
-    double rate;          ///< inverse of the time constant, in 1/s
+    std::string state;    ///< name of the state: a body, a state of the drive, or a filter
+    std::string element;  ///< name of the element that affects this state most
+    double rate;          ///< inverse of the time constant of the state, in 1/s
   };
   Fastest fastest(const ModeEquations &equations) const;
 
-  /// The wire of each signal, in the order of Model::signal_list().
+  /// Index of the wire of each signal, in the order of Model::signal_list().
   const std::vector<Wire> &signal_wires() const { return wiring_.signal_wires; }
-  /// The wire of the signal that each ADC converts, without the limits that act only at the
-  /// conversion. The index is -1 for an ADC that the model does not have.
+  /// Index of the wire that each ADC converts; -1 if the model does not have the ADC. The wire is
+  /// not yet limited to the range of the conversion.
   const std::array<Wire, 2> &adc_wires() const { return wiring_.adc_wires; }
   const std::vector<Wiring::BodyState> &bodies() const { return wiring_.bodies; }
   const std::vector<Wiring::FrictionEnds> &frictions() const { return wiring_.frictions; }
   const std::vector<Wiring::BrakeTimes> &brakes() const { return wiring_.brakes; }
-  /// Sources and dampers; each product is a power in W.
+  /// Energy sources and dampers. Each product is a power in W.
   const std::vector<Wiring::Product> &supplies() const { return wiring_.supplies; }
   const std::vector<Wiring::Product> &dampers() const { return wiring_.dampers; }
-  /// Energy stores; each product is twice an energy in J.
+  /// Elements that store energy. Each product is twice an energy in J.
   const std::vector<Wiring::Product> &storages() const { return wiring_.storages; }
 
  private:
@@ -106,8 +109,8 @@ class Network {
   bool sticks(ModeKey key, const Wiring::FrictionEnds &friction) const {
     return state_of(key, friction.switch_index) == Wiring::kStuck;
   }
-  // Returns whether a friction sticks and transmits force. A friction parallel to a closed brake
-  // that sticks transmits none.
+  // Returns true if a friction sticks and transmits force. A friction parallel to a sticking brake
+  // transmits no force.
   bool holds(ModeKey key, const Wiring::FrictionEnds &friction) const {
     return sticks(key, friction) &&
            (friction.beside < 0 ||

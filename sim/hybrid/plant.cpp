@@ -10,7 +10,7 @@
 namespace forceaxis::sim {
 namespace {
 
-// floor() without the C library, for values within the range of std::int64_t.
+// Returns floor(value), without the C library, for a value within the range of std::int64_t.
 std::int64_t floor_integer(double value) {
   const auto cut = static_cast<std::int64_t>(value);
   return cut - static_cast<std::int64_t>(static_cast<double>(cut) > value);
@@ -18,7 +18,7 @@ std::int64_t floor_integer(double value) {
 
 double smaller(double a, double b) { return a < b ? a : b; }
 
-// Distance from y to the nearest integer, computed from floor(y).
+// Returns the distance from y to the nearest integer, computed from floor(y).
 double edge_distance(double y, std::int64_t floor_y) {
   const double past = y - static_cast<double>(floor_y);
   return smaller(past, 1.0 - past);
@@ -26,13 +26,13 @@ double edge_distance(double y, std::int64_t floor_y) {
 
 constexpr double kFar = 0x1p62;
 
-constexpr std::uint64_t kDacChannel = 2;  // number of the DAC in the noise generator; the ADCs have
-                                          // 0 and 1
+// Channel number of the DAC in the noise generator. The ADCs have the numbers 0 and 1.
+constexpr std::uint64_t kDacChannel = 2;
 
-// Returns a normal deviate of variance 1, computed from integers only: the sum of twelve integers
-// of 16 bits, whose standard deviation is 2^16 (to 1 part in 2^33), in half steps so that the mean
-// is 0. The integers come from a counter through splitmix64 (Steele, Lea, Flood 2014), so the noise
-// of a tick does not depend on other ticks.
+// Returns a random number with approximately a normal distribution of mean 0 and variance 1. It is
+// computed from the sum of twelve random integers of 16 bits, whose standard deviation is 2^16 (to
+// 1 part in 2^33). splitmix64 (Steele, Lea, Flood 2014) computes the integers from a counter, so
+// the noise of a tick does not depend on other ticks.
 double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
   const auto mixed = [](std::uint64_t x) {
     x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;
@@ -71,8 +71,8 @@ Plant::Plant(std::shared_ptr<ModeCache> cache, PlantOptions options)
     if (const auto &adc = description.adc[channel]) {
       constexpr double kInfinity = std::numeric_limits<double>::infinity();
       const int top = (1 << adc->bits) - 1;
-      // With a filter between sensor and ADC, the limit of the sensor acts before the filter, in
-      // the network.
+      // If there is a filter between sensor and ADC, the network limits the signal of the sensor
+      // before the filter.
       const double sensor_limit = adc->filter ? kInfinity : adc->sensor_limit.value_or(kInfinity);
       converters_[channel] = {true,
                               top,

@@ -32,25 +32,26 @@
 namespace forceaxis::sim {
 
 struct PlantOptions {
-  /// Computes the energy balance, which about doubles the time of a tick.
+  /// true: the plant computes its energy balance, which about doubles the computing time of a tick.
   bool audit = false;
-  /// Number of events that events() lists. Later events are only counted.
+  /// Number of events that events() lists. Further events are counted but not listed.
   std::size_t listed_events = 4096;
-  std::uint64_t seed = 0;  ///< seed of the noise of ADCs and DAC
+  std::uint64_t seed = 0;  ///< seed of the random noise of ADCs and DAC
 };
 
 /// The codes of encoder and ADCs that the firmware reads. An encoder or ADC that the model does not
 /// have gives 0.
 struct SensorCodes {
-  std::int32_t encoder = 0;  ///< encoder count floor(x scale + 1/2), which wraps at 32 bits
-  /// Code of each ADC: clamp(floor(value * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1), with
-  /// the value that Adc describes. The noise depends on seed, channel and tick only, so a second
-  /// conversion in a tick yields the same code.
+  /// Encoder count floor(x scale + 1/2), which wraps at 32 bits.
+  std::int32_t encoder = 0;
+  /// Code of each ADC: clamp(floor(value * (1 / per_count) + 1/2) + zero_code, 0, 2^bits - 1),
+  /// where Adc describes the value. The noise depends only on seed, channel and tick, so all
+  /// conversions in one tick give the same code.
   std::uint16_t adc[2] = {0, 0};
-  std::uint8_t switches = 0;  ///< states of the switches of the model, one SwitchBit for each
+  std::uint8_t switches = 0;  ///< states of the limit, home and index switches, as SwitchBit
 };
 
-/// A change of the discrete state of one element.
+/// A change of one element from one discrete state to another.
 struct Event {
   double time_s = 0.0;
   /// Name of a contact, friction, brake, spring, damper or gravity; NAME.low or NAME.high of a
@@ -61,20 +62,20 @@ struct Event {
   /// segment 1 and so on of a table.
   std::string from;
   std::string to;
-  bool jump = false;  ///< A new DAC code or an impulse caused the change at a tick.
+  bool jump = false;  ///< true: a new DAC code or an impulse has caused the change
 };
 
 /// Mechanical energy since tick 0, in J: initial + supplied = kinetic + stored + dissipated +
 /// discarded + residual. The residual is the rounding error.
 struct EnergyAudit {
   double initial = 0.0;
-  double supplied = 0.0;  ///< work of the drive, of gravity and of impulses
-  double impulses = 0.0;  ///< part of `supplied` that comes from impulses
+  double supplied = 0.0;  ///< work of drive, gravity and impulses on the bodies
+  double impulses = 0.0;  ///< part of `supplied`: work of the impulses
   double kinetic = 0.0;
-  double stored = 0.0;     ///< energy in springs and in closed contacts
-  double discarded = 0.0;  ///< spring energy of contacts that separated with an overlap
+  double stored = 0.0;     ///< energy stored in springs and in closed contacts
+  double discarded = 0.0;  ///< spring energy that contacts lost when they opened
   struct Damper {
-    /// Name of a spring, damper, contact, friction or brake, or "drive" for the friction b_m of a
+    /// Name of a spring, damper, contact, friction or brake. "drive" is the friction b_m of a
     /// motor.
     std::string element;
     double energy = 0.0;
@@ -94,14 +95,14 @@ class Plant {
   /// outside the range of the DAC, SimulationError if the simulation cannot continue, InputError if
   /// a mode is too fast. After SimulationError or InputError the plant must not be used.
   void step(int dac_code, bool amp_enable) { step(dac_code, amp_enable, amp_enable); }
-  /// Simulates one step with the output brake_release of the firmware as third argument. The brakes
-  /// of the model act on this output.
+  /// Simulates one step. The third argument is the output brake_release of the firmware, which
+  /// releases and engages the brakes of the model.
   void step(int dac_code, bool amp_enable, bool brake_release);
-  /// Returns the output voltage of the DAC for a code in this tick, in V, with offset and noise.
+  /// Returns the voltage in V, with offset and noise, that the DAC outputs for a code in this tick.
   double volts(int dac_code) const;
-  /// Simulates one step with a voltage in V in place of a code, in two calls: hold_volts() applies
-  /// the voltage and step_volts(), with the same arguments, simulates the step. Between them
-  /// signals() returns the signals at the start of the step.
+  /// Simulate one step with a voltage in V in place of a code. First hold_volts() applies the
+  /// voltage, then step_volts() simulates the step and must have the same arguments. Between the
+  /// two calls, signals() returns the signals at the start of the step.
   void hold_volts(double volts, bool amp_enable) { stepper_.hold(volts, amp_enable); }
   void step_volts(double volts, bool amp_enable) { step_volts(volts, amp_enable, amp_enable); }
   void step_volts(double volts, bool amp_enable, bool brake_release) {
@@ -111,24 +112,26 @@ class Plant {
   /// for an unknown body and for an impulse that is not finite.
   void apply_impulse(std::string_view body, double impulse_N_s);
 
-  /// Converts encoder and ADCs at this instant and updates edge_margin().
+  /// Returns the codes of encoder and ADCs at this instant, and updates edge_margin().
   SensorCodes codes();
-  /// Smallest distance so far, in LSB, between a value that codes() has converted and a value at
-  /// which its code changes. At most 0.5 unless a converter saturates. Infinite before the first
-  /// call of codes().
+  /// Smallest distance so far, in LSB, between a converted value and the nearest value at which the
+  /// code changes. The distance is at most 0.5 unless a converter saturates, and infinite before
+  /// the first call of codes().
   double edge_margin() const { return edge_margin_; }
 
-  /// Names and values of all signals, in the order and the units of Model::signal_list(). Throws
-  /// std::invalid_argument if `values` does not have one element for each signal.
+  /// Return the names and values of all signals, in the order and the units of
+  /// Model::signal_list(). signals() throws std::invalid_argument if `values` does not have one
+  /// element for each signal.
   const std::vector<std::string> &signal_names() const { return *signal_names_; }
   void signals(std::span<double> values) const;
-  /// Returns one signal in the unit of its SignalInfo. signal() takes a name and throws
-  /// std::invalid_argument for an unknown name. signal_at() takes the index in signal_names() and
-  /// costs one row product.
+  /// Return one signal in the unit of its SignalInfo. signal() finds the signal by name and throws
+  /// std::invalid_argument for an unknown name. signal_at() finds the signal by the index in
+  /// signal_names().
   double signal(std::string_view name) const;
   double signal_at(std::size_t place) const;
 
-  /// Number of steps since the start, and the time in s. One step is 1 / (1500 parts()) s.
+  /// tick() is the number of steps since the start, time_s() the simulated time in s. One step is 1
+  /// / (1500 parts()) s.
   std::int64_t tick() const { return stepper_.tick(); }
   double time_s() const {
     return static_cast<double>(stepper_.tick()) / stepper_.cache().rate_hz();
@@ -136,10 +139,10 @@ class Plant {
   const Model &model() const { return stepper_.cache().model(); }
   int parts() const { return stepper_.cache().parts(); }
 
-  /// The first PlantOptions::listed_events events.
+  /// Returns the first events, at most PlantOptions::listed_events.
   std::vector<Event> events() const;
-  /// crossings() counts changes between two ticks. jumps() counts changes at a tick that a DAC code
-  /// or an impulse has caused.
+  /// crossings() is the number of state changes between ticks. jumps() is the number of state
+  /// changes that a DAC code or an impulse has caused at a tick.
   std::int64_t crossings() const { return stepper_.crossings(); }
   std::int64_t jumps() const { return stepper_.jumps(); }
   struct EventCount {
@@ -148,14 +151,15 @@ class Plant {
     std::string to;
     std::int64_t count = 0;
   };
-  /// Returns the number of changes since the start for each element and pair of states. A change
-  /// that did not occur is omitted.
+  /// Returns how often each element has changed from one state to another since the start. Changes
+  /// that never occurred are omitted.
   std::vector<EventCount> event_counts() const;
-  /// Returns "element: state" for every element with discrete states. The state of the drive's
-  /// elements is "off" while the drive is disabled.
+  /// Returns the text "element: state" for every element with discrete states. Elements of the
+  /// drive have the state "off" while the drive is disabled.
   std::vector<std::string> mode() const;
 
-  /// Returns the energy balance. Throws std::logic_error if PlantOptions::audit is false.
+  /// Returns the energy balance since tick 0. Throws std::logic_error if PlantOptions::audit is
+  /// false.
   EnergyAudit energy() const;
 
   /// State vector: position in m and velocity in m/s of each body, then the states of the drive
@@ -180,10 +184,11 @@ class Plant {
     bool present = false;
     int top = 0;
     int zero_code = 0;
-    double limit = 0.0;  // limit of the analog value before its conversion
+    double limit = 0.0;  // largest magnitude of the analog value before the conversion
     double noise = 0.0;
     double counts_per_unit = 0.0;
-    // The code leaves 0 and 2^bits - 1 at these bounds of the signal, in counts + 1/2.
+    // Values of the signal at which the code changes from 0 to 1 (`low`) and from 2^bits - 2 to
+    // 2^bits - 1 (`high`), in counts + 1/2.
     double low = 0.0;
     double high = 0.0;
   };

@@ -14,19 +14,21 @@ using kernel::dot;
 using kernel::magnitude;
 
 constexpr int kMostChangesPerTick = 5000;
-constexpr int kMostChangesPerInstant = 1000;  // largest number of changes at one instant in
-                                              // settle()
-// Time that counts as one instant, as a share of Mode::reach.
+// Largest number of switch changes in one call of settle().
+constexpr int kMostChangesPerInstant = 1000;
+// Length of the period that is simulated without changes of switches after states contradicted each
+// other, as a part of Mode::reach.
 constexpr double kMoment = 0x1p-20;
-// Factor by which the assumed rounding error grows each time that the states of switches contradict
-// each other.
+// Factor by which the assumed rounding error increases each time that the states of switches
+// contradict each other.
 constexpr double kDoubtGrowth = 4.0;
-// Largest factor: a rounding error of 1.5e-11 of the state.
+// Largest argument of set_doubt(), for an assumed rounding error of 1.5e-11 of the state.
 constexpr double kMostDoubt = 0x1p10;
 constexpr std::size_t kRecentModes = 64;
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
-// Relative difference of the velocities of two sticking ends that counts as rounding.
+// Largest relative difference of two velocities that is attributed to rounding, so that the ends of
+// a friction stick.
 constexpr double kSame = 0x1p-36;
 
 double smaller(double a, double b) { return a < b ? a : b; }
@@ -51,7 +53,7 @@ Stepper::Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t liste
   check_finite();
   slide(false);
   settle(false);
-  energy_.begin();  // The search for the first mode discards no energy.
+  energy_.begin();  // The energy that the search for the first mode has discarded is not counted.
 }
 
 void Stepper::set_mode(ModeKey key) {
@@ -113,14 +115,14 @@ void Stepper::step(double command, bool enable, bool release) {
   if (Network::enabled(mode_->key) != enable) {
     switch_drive(command, enable);
   } else if (sensors_in_result_ && detector_.beyond_after(command - z_[n + 1])) {
-    // This test only avoids a quiet test. settle() makes the decision, here or after the quiet
-    // test.
+    // This test only saves the time of a quiet test that would fail. settle() decides whether a
+    // switch changes.
     z_[n + 1] = command;
     settle(true);
   }
   z_[n + 1] = command;
   if (!detector_.quiet(z_.data())) {
-    // The new command may have moved signals outside their bounds at once.
+    // The step of the command can have moved signals outside their bounds.
     sensors_in_result_ = false;
     const bool quiet = detector_.beyond_now() && (settle(true), detector_.quiet(z_.data()));
     if (!quiet && cross(0.0, 1.0)) {
@@ -152,8 +154,9 @@ const double *Stepper::sensors() {
 }
 
 // Changes the state of every switch whose signal is outside its bounds by more than rounding, in
-// the order of dependence, until no such signal is left. A signal on its bound (within rounding)
-// does not change its switch here. Its next derivative decides in examine().
+// the order of dependence, until no such signal is left. If a signal is on its bound, within
+// rounding, its switch does not change here, because Detector::examine() decides by the next
+// derivative of the signal.
 void Stepper::settle(bool count_jumps) {
   int changes = 0;
   for (std::size_t i = 0; i < mode_->channels; ++i) {
@@ -168,8 +171,8 @@ void Stepper::settle(bool count_jumps) {
     const bool above = value > channel.high + kChannelRounding * (scale + magnitude(channel.high));
     if (!below && !above) continue;
     if (++changes > kMostChangesPerInstant) fail_switching(channel.switch_index, 0.0);
-    // The new state has its own channels, which begin at the first place of the switch in the list.
-    // Channels before this place belong to switches that do not depend on this switch.
+    // In the new mode, this switch has other channels. The loop continues at the first channel of
+    // this switch. The channels before it belong to switches that do not depend on this switch.
     const int moved = channel.switch_index;
     change(i, above, 0.0, true, count_jumps);
     while (i > 0 && mode_->channel[i - 1].switch_index >= moved) --i;
@@ -177,7 +180,7 @@ void Stepper::settle(bool count_jumps) {
   }
 }
 
-// Computes the Taylor coefficients of the state, with time in ticks.
+// Computes the Taylor coefficients of the state at this instant. The unit of time is the tick.
 void Stepper::expand() {
   const Mode &m = *mode_;
   for (std::size_t i = 0; i < m.states; ++i) chain_[i] = z_[i];
@@ -185,15 +188,16 @@ void Stepper::expand() {
             chain_.data() + m.flow_stride);
 }
 
-// After expand(): computes the state `s` ticks later, with s at most Mode::reach.
+// Computes the state `s` ticks later, with s at most Mode::reach. To be called after expand().
 void Stepper::evaluate(double s) {
   const Mode &m = *mode_;
-  // s^k is computed from s^(k/2), so that consecutive products do not depend on each other.
+  // Each power s^k is the product of two lower powers, so consecutive products do not depend on
+  // each other.
   powers_[0] = s;
   for (std::size_t k = 2; k <= m.order; ++k)
     powers_[k - 1] = powers_[k / 2 - 1] * powers_[(k + 1) / 2 - 1];
-  // The increment is computed first, so that only the last addition has the rounding error of the
-  // state.
+  // The sum of all terms from k = 1 is computed first, so that only the last addition has a
+  // rounding error of the size of the state.
   multiply_(chain_.data() + m.flow_stride, m.flow_stride, powers_, m.order, increment_.data());
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
 }
@@ -205,8 +209,8 @@ void Stepper::advance_within_part(double ticks) {
   evaluate(ticks);
 }
 
-// Advances the state: complete parts of the grid by their flow matrix, the remainder by the Taylor
-// series.
+// Advances the state by a time in ticks. Complete parts of the grid use a flow matrix; the
+// remaining time uses the Taylor series.
 void Stepper::advance(double ticks) {
   const Mode &m = *mode_;
   const auto parts = static_cast<std::size_t>(ticks / m.reach);
@@ -220,7 +224,7 @@ void Stepper::advance(double ticks) {
   if (left > 0.0) advance_within_part(left);
 }
 
-// Simulates a tick in which brakes act, after hold().
+// Simulates a tick in which brakes are released or engaged. To be called after hold().
 void Stepper::step_with_brakes() {
   double done = 0.0;
   for (;;) {
@@ -239,7 +243,8 @@ void Stepper::step_with_brakes() {
   ++tick_;
 }
 
-// Releases or engages a brake. Ends that move at this instant slide.
+// Releases or engages a brake. If its ends have different velocities when it engages, the brake
+// slides.
 void Stepper::move_brake(std::size_t brake, double s) {
   const auto place = static_cast<std::size_t>(network().brakes()[brake].friction);
   const Wiring::FrictionEnds &friction = network().frictions()[place];
@@ -249,7 +254,7 @@ void Stepper::move_brake(std::size_t brake, double s) {
             true);
 }
 
-// Returns the state of a friction for the present velocities of its ends.
+// Returns the state of a friction that follows from the velocities of its ends.
 int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
   const auto velocity = [&](int state) {
     return state < 0 ? 0.0 : z_[static_cast<std::size_t>(state)];
@@ -260,32 +265,33 @@ int Stepper::sliding(const Wiring::FrictionEnds &friction) const {
   return a > b ? Wiring::kForward : Wiring::kBackward;
 }
 
-// Simulates the time `from` to `until` of a tick after the quiet test has failed, or where it does
-// not decide. Returns false if no switch changes in the complete tick; the detector then has the
-// state at its end.
+// Simulates the time `from` to `until` of a tick, after the quiet test has failed or if brakes
+// change in this tick. Returns false if no switch changes in the complete tick. The detector then
+// has the state at the end of the tick.
 bool Stepper::cross(double from, double until) {
   check_finite();
-  double done = from;  // simulated time since the start of the tick, in ticks
+  double done = from;  // time since the start of the tick, in ticks
   bool quiet = false;
   int changes = 0;
   int changes_here = 0;
   double doubt = 1.0;
   detector_.set_doubt(doubt);
-  // Limit of changes at one instant: several times the changes of a cascade through all switches.
+  // Largest number of changes at one instant. It is several times the number of changes if all
+  // switches change one after the other.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;
     const double rest = until - done;
     if (changes_here >= enough_here) {
-      // Some signals are on their bounds, and their deciding coefficients are near the limit of
-      // rounding: above it in one mode and below it in the next one. This occurs for a body that
-      // comes to rest slowly while the sum of its other forces approaches its friction. In the
-      // sliding mode, its velocity is within rounding and a higher derivative stops the body. In
-      // the sticking mode, its force is above rounding and the body slides again. The assumed
-      // rounding error is then increased until the tick ends or both modes agree. The effect of the
-      // wrong mode during this time is far below one code. If the states contradict each other
-      // beyond this rounding error, the number of changes reaches its limit and the run ends with
-      // an error.
+      // Some signals are on their bounds, and the Taylor coefficients that decide are about as
+      // large as the rounding error: larger in one mode and smaller in the next mode. An example is
+      // a body that comes to rest slowly while the sum of the other forces on it approaches its
+      // friction. In the sliding mode, the velocity of the body is within rounding, and a higher
+      // derivative stops the body. In the sticking mode, the force on the body is above rounding,
+      // and the body slides again. The assumed rounding error is then increased until the tick ends
+      // or both modes agree. The effect of the wrong mode during this time is far below one code.
+      // If the states still contradict each other at the largest rounding error, the number of
+      // changes reaches its limit and the run ends with an error.
       const double moment = smaller(rest, kMoment * m.reach);
       advance_within_part(moment);
       done = moment < rest ? done + moment : until;
@@ -293,7 +299,7 @@ bool Stepper::cross(double from, double until) {
       detector_.set_doubt(doubt);
       changes_here = 0;
     } else {
-      // The remaining parts of the grid in this tick; the last part is incomplete.
+      // Number of parts of the grid up to the end of this tick. The last part can be incomplete.
       const double places = rest / m.reach;  // exact
       std::size_t parts = m.grid;
       if (places < static_cast<double>(parts)) {
@@ -308,8 +314,9 @@ bool Stepper::cross(double from, double until) {
             (doubtful == 0 || detector_.calm(z_.data())))
           return false;
       }
-      // Parts in which a switch may change use the Taylor series even if no switch changes, because
-      // its rounding error is smaller than that of the flow matrix.
+      // A part in which a switch can change uses the Taylor series even if no switch changes in
+      // this part, because the rounding error of the series is smaller than that of the flow
+      // matrix.
       double passed = 0.0;
       bool changed = false;
       Detector::Change next;
@@ -357,8 +364,8 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   const int from = network().state_of(mode_->key, index);
   const double before = audit_ ? energy_.stored(z_.data()) : 0.0;
   set_mode(network().with_state(mode_->key, index, to));
-  // When a friction begins to stick, its relative velocity is 0 except for the rounding of the
-  // instant.
+  // When a friction begins to stick, its relative velocity differs from 0 by the rounding error of
+  // the instant. This difference is removed.
   const std::size_t n = mode_->states;
   if (to == network().switches()[static_cast<std::size_t>(index)].stuck) {
     for (std::size_t i = 0; i < n; ++i) increment_[i] = dot(&mode_->slip[i * n], z_.data(), n);
@@ -367,7 +374,7 @@ void Stepper::switch_to(int index, int to, double s, bool jump, bool counted) {
   if (audit_) energy_.discard(before - energy_.stored(z_.data()));
   if (!counted) return;
   const double time_s = (static_cast<double>(tick_) + s) / cache_->rate_hz();
-  // A change and its reversal at the same instant cancel each other.
+  // If a change is reversed at the same instant, neither change is counted.
   if (last_.switch_index == index && last_.time_s == time_s && last_.from == to &&
       last_.to == from && last_.jump == jump) {
     --(jump ? jumps_ : crossings_);
@@ -395,7 +402,7 @@ void Stepper::kick(std::size_t body, double impulse) {
   settle(true);
 }
 
-// After an impulse, every friction slides whose ends have different velocities.
+// After an impulse, each friction slides if its ends have different velocities.
 void Stepper::slide(bool counted) {
   for (const Wiring::FrictionEnds &friction : network().frictions()) {
     const int state = sliding(friction);
@@ -415,8 +422,8 @@ std::int64_t Stepper::count(int switch_index, int from, int to) const {
   return counts_[count_place(switch_index, from, to)];
 }
 
-// The flow matrix of the grid needs no Taylor expansion. The energy integrals need one in each
-// part.
+// Adds the energies of complete parts of the grid. The energy integrals need a Taylor expansion in
+// each part; the flow matrix does not.
 void Stepper::audit_grid(std::size_t parts) {
   const std::vector<double> start = z_;
   for (std::size_t k = 0; k < parts; ++k) {

@@ -1,6 +1,6 @@
 #pragma once
-// Simulates a network tick by tick with the exact flow of each mode. Every switch changes at the
-// instant at which its signal reaches a bound.
+// Simulates a network tick by tick with the exact solution of each mode. Every switch changes at
+// the instant at which a signal reaches a bound of this switch.
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -13,8 +13,8 @@
 
 namespace forceaxis::sim {
 
-/// A change of the state of one switch. `jump` marks a change at a tick that a new command or an
-/// impulse has caused; other changes are crossings between ticks.
+/// A change of the state of one switch. `jump` is true if a new command or an impulse at a tick has
+/// caused the change. All other changes occur between ticks.
 struct SwitchEvent {
   double time_s = 0.0;
   int switch_index = 0;
@@ -23,28 +23,29 @@ struct SwitchEvent {
   bool jump = false;
 };
 
-/// Copies share only the cache, which several threads may use, so a copy may run in another thread.
-/// step() allocates memory only for a new mode or a new event.
+/// Simulates one plant. Copies share only the cache of modes, which is thread-safe, so a copy may
+/// run in another thread. step() allocates memory only for a new mode or a new event.
 class Stepper {
  public:
   /// `listed_events` is the number of events that events() lists. All events are counted.
   Stepper(std::shared_ptr<ModeCache> cache, bool audit, std::size_t listed_events);
 
-  /// Simulates one tick with a constant command in V. `release` commands the brakes of the model,
-  /// which follow after their release and engage times. Throws SimulationError, and InputError as
-  /// ModeCache does.
+  /// Simulates one tick with a constant command in V. `release` is the command for the brakes,
+  /// which act after their release or engage time. Throws SimulationError, or InputError for a mode
+  /// that is too fast for a ModeCache.
   void step(double command, bool enable, bool release);
   void step(double command, bool enable) { step(command, enable, enable); }
-  /// Applies a command in V at this instant: switches and z() change at once. The next call of
-  /// step() must have the same arguments.
+  /// Applies a command in V at this instant, so switches and z() change before time advances. The
+  /// next call of step() must have the same arguments.
   void hold(double command, bool enable);
-  /// Adds impulse (N s) / mass to the velocity of a body at this instant. Switches change at once.
+  /// Adds impulse (N s) / mass to the velocity of a body at this instant. Switches change before
+  /// time advances.
   void kick(std::size_t body, double impulse);
 
   const ModeCache &cache() const { return *cache_; }
   const Network &network() const { return cache_->network(); }
   const Mode &mode() const { return *mode_; }
-  /// The vector z = (x, 1, u) at this instant.
+  /// Returns the vector z = (x, 1, u) at this instant.
   const std::vector<double> &z() const { return z_; }
   /// Returns the signals of the two ADCs at this instant, in SI units. The values are valid until
   /// the next call of any function.
@@ -52,17 +53,18 @@ class Stepper {
   std::int64_t tick() const { return tick_; }
 
   const std::vector<SwitchEvent> &events() const { return events_; }
-  /// crossings() counts changes between two ticks, both instants included. jumps() counts changes
-  /// that a command or an impulse has caused.
+  /// crossings() is the number of switch changes between ticks, including changes exactly at a
+  /// tick. jumps() is the number of switch changes that a command or an impulse has caused.
   std::int64_t crossings() const { return crossings_; }
   std::int64_t jumps() const { return jumps_; }
-  /// Returns how often one switch has changed from state `from` to state `to`, jumps included.
+  /// Returns how often one switch has changed from the state `from` to the state `to`, jumps
+  /// included.
   std::int64_t count(int switch_index, int from, int to) const;
 
   EnergyIntegrals energy() const { return energy_.integrals(); }
-  /// Kinetic energy in J.
+  /// Returns the kinetic energy in J.
   double kinetic() const;
-  /// Spring energy in J of each element of Network::storages().
+  /// Returns the spring energy in J of each element of Network::storages().
   std::vector<double> stored() const {
     return stored_energies(*mode_, cache_->audit(mode_->key), z_.data());
   }
@@ -96,14 +98,15 @@ class Stepper {
   std::int64_t tick_ = 0;
   std::vector<double> z_;
   double sensors_[kernel::padded(2)] = {};
-  // The result of the detector has the ADC signals of this instant.
+  // true: detector_.result() has the ADC signals of this instant.
   bool sensors_in_result_ = false;
-  kernel::Vector chain_;  // Taylor coefficients of x: order + 1 blocks of flow_stride values
+  // Taylor coefficients of the states x: order + 1 blocks of flow_stride values.
+  kernel::Vector chain_;
   kernel::Vector increment_;
   double powers_[64];
 
-  // Command of the model's brakes, and the time in ticks until each brake follows it. The time is
-  // infinite after the brake has followed.
+  // Command for all brakes, and the time in ticks until each brake changes its state. The time is
+  // infinite if the brake has changed its state since the last command.
   bool release_ = false;
   std::vector<double> brake_due_;
 
@@ -116,7 +119,7 @@ class Stepper {
   std::vector<std::int64_t> counts_;
   std::size_t count_stride_ = 0;
 
-  // Modes that this plant has used lately, so that it seldom locks the shared cache.
+  // Modes that this plant has used last. Their use needs no lock of the shared cache.
   struct Recent {
     ModeKey key = 0;
     const Mode *mode = nullptr;

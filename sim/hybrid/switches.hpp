@@ -12,7 +12,7 @@ namespace forceaxis::sim {
 enum SwitchBit : std::uint8_t {
   kLimitPos = 2,
   kLimitNeg = 4,
-  kIndex = 8,  ///< The body has passed the index pulse since the last conversion.
+  kIndex = 8,  ///< The body has passed the index pulse since the last call of read().
   kHome = 16
 };
 
@@ -26,7 +26,8 @@ class SwitchBank {
 
   bool fitted() const { return fitted_; }
 
-  /// Returns the bits at a position in m. Must be called once in each tick.
+  /// Returns the states of the switches, as bits SwitchBit, at a position in m. Must be called once
+  /// in each tick.
   std::uint8_t read(double place) {
     unsigned bits = 0;
     if (places_.limit_pos && place >= *places_.limit_pos) bits |= kLimitPos;
@@ -48,7 +49,7 @@ class SwitchBank {
  private:
   Switches places_;
   bool fitted_ = false;
-  // Number of the interval between index pulses in which the body was at the last call.
+  // Number of the interval between two index pulses in which the body was at the last call.
   std::optional<double> cell_;
 };
 

@@ -1,5 +1,6 @@
 #pragma once
-// The parts of a network: states, wires and switches, and functions that add them for an element.
+// The parts of a network: states, wires and switches, with functions that add these parts for an
+// element.
 #include <array>
 #include <cstdint>
 #include <string>
@@ -11,18 +12,18 @@
 
 namespace forceaxis::sim {
 
-/// Key of one mode of the plant: bit 0 is set if the drive is enabled, and each switch has a bit
-/// field with its state.
+/// Key that identifies one mode of the plant. Bit 0 is set if the drive is enabled. Each switch has
+/// a bit field with its state.
 using ModeKey = std::uint64_t;
 
-/// States, wires and switches of a plant, built by assemble() and read by Network. A wire is a sum
-/// of terms, or the one of several sums that the state of a switch selects. A wire uses only wires
-/// with a lower index.
+/// States, wires and switches of a plant. assemble() builds a Wiring; Network reads it. A wire is a
+/// quantity of the plant: a sum of terms, or one of several sums, which the state of a switch
+/// selects. The terms of a wire refer only to wires with a lower index.
 struct Wiring {
   using Wire = int;
 
-  /// A factor times a state, the constant 1, the command voltage, another wire or the force of a
-  /// sticking friction.
+  /// A term of a sum: a factor times a state, the constant 1, the command voltage, another wire, or
+  /// the force of a sticking friction.
   struct Term {
     enum class Of { state, constant, command, wire, hold } of;
     int index;
@@ -35,24 +36,27 @@ struct Wiring {
   static Term hold(int friction) { return {Term::Of::hold, friction, 1}; }
   using Terms = std::vector<Term>;
 
-  static constexpr int kAlways = -1;  ///< value of a selector for a wire with only one sum
-  static constexpr int kEnable = -2;  ///< value of a selector between drive disabled and enabled
+  /// Selector of a wire that has one sum in all modes.
+  static constexpr int kAlways = -1;
+  /// Selector of a wire with two sums: drive disabled, drive enabled.
+  static constexpr int kEnable = -2;
   struct WireNode {
-    int selector;  ///< index of the switch that selects a sum, or kAlways or kEnable
+    int selector;  ///< index of the switch that selects a sum; or kAlways, kEnable
     std::vector<Terms> cases;
   };
   struct Switch {
     std::string element;
     std::vector<std::string> state_names;
     int shift = 0;
-    ModeKey mask = 0;       ///< mask for the bit field of the switch, not shifted
-    bool of_drive = false;  ///< While the drive is disabled, the switch has the state 0.
+    ModeKey mask = 0;       ///< mask of the switch's bit field in a ModeKey, before the shift
+    bool of_drive = false;  ///< true: the switch has the state 0 while the drive is disabled
     int home = 0;
-    int stuck = -1;  ///< of a friction: state in which its ends have the same velocity
-    /// State of the switch at the start of a linear analysis; -1 for the state `home`.
+    /// State in which the ends of a friction have the same velocity; -1 for other switches.
+    int stuck = -1;
+    /// State of the switch at the start of a linear analysis; -1 means the state `home`.
     int analysed = -1;
   };
-  /// The bounds of one signal in one state of a switch; see Channel.
+  /// The bounds of one signal while a switch has a certain state. The fields are those of Channel.
   struct Bounds {
     Wire wire;
     double low, high;
@@ -63,24 +67,24 @@ struct Wiring {
     int velocity;
     double mass;
   };
-  /// kReleased exists for brakes only
+  /// State of a friction or brake. Only brakes have the state kReleased.
   enum FrictionState { kBackward = 0, kStuck = 1, kForward = 2, kReleased = 3 };
   struct FrictionEnds {
     int switch_index;
-    int velocity_a;  ///< index of a velocity in the state vector; -1: ground
+    int velocity_a;  ///< index of the velocity of end a in the state vector; -1: ground
     int velocity_b;
-    /// Of a friction: index in `frictions` of the brake between the same two ends, or -1. While
-    /// both stick, the brake transmits all of the force.
+    /// Index in `frictions` of the brake between the same two ends; -1 if there is no such brake.
+    /// While friction and brake stick, the brake transmits all of the force.
     int beside = -1;
   };
-  /// A brake, with its delays in s after a change of its command.
+  /// Delays of a brake in s from a change of its command to the change of its state.
   struct BrakeTimes {
     int friction;
     double release_s;
     double engage_s;
   };
-  /// A power in W, which is the product of two wires, or an energy in J, which is half of that
-  /// product plus a constant wire.
+  /// A power in W or an energy in J. A power is the product first * second of two wires. An energy
+  /// is half of this product, plus the wire `constant`.
   struct Product {
     std::string element;
     Wire first;
@@ -103,29 +107,31 @@ struct Wiring {
   int add_segments(const std::string &element, Wire input, const Curve &curve, bool of_drive);
   Wire add_curve(int segments, Wire input, const Curve &curve);
   Wire add_clamp(const std::string &element, Wire input, double limit, bool of_drive);
-  /// deflection_of() adds the wire x_a - x_b - offset in m, rate_of() its rate of change in m/s.
+  /// deflection_of() adds a wire for the deflection x_a - x_b - offset in m. rate_of() adds a wire
+  /// for the derivative of the deflection in m/s.
   Wire deflection_of(Ends ends, double offset = 0.0);
   Wire rate_of(Ends ends);
   /// Adds a force in N between two ends. A positive force accelerates end a backwards and end b
   /// forwards.
   void push(Ends ends, Wire force);
-  /// Assigns the name of a signal of Model::signal_list() to a wire.
+  /// Assigns the name of a signal in Model::signal_list() to a wire.
   void name_signal(const std::string &name, Wire wire_index);
   void name_link(const std::string &name, const LinkWires &link);
   Wire named(const std::string &name) const;
 
   std::string file;
-  std::vector<std::string> state_names;  ///< names of the bodies, for their positions and
-                                         ///< velocities
+  /// For each state, the name of a body, of a drive's state or of a filter.
+  std::vector<std::string> state_names;
   std::vector<double> initial;
-  std::vector<Terms> derivatives;  ///< terms of the derivative of each state
+  std::vector<Terms> derivatives;  ///< for each state, the terms of its derivative
   std::vector<int> drive_states;   ///< indices of the states that are 0 while the drive is disabled
   std::vector<WireNode> wires;
   std::vector<Switch> switches;
-  std::vector<std::vector<std::vector<Bounds>>> bounds;  ///< index [switch][state]
+  /// Bounds of each state of each switch: bounds[switch][state].
+  std::vector<std::vector<std::vector<Bounds>>> bounds;
   int next_bit = 1;
   std::vector<BodyState> bodies;
-  std::vector<FrictionEnds> frictions;  ///< all frictions of the model, followed by the brakes
+  std::vector<FrictionEnds> frictions;  ///< all frictions of the model, followed by all brakes
   std::vector<BrakeTimes> brakes;
   std::vector<Product> supplies;
   std::vector<Product> dampers;

@@ -13,8 +13,8 @@ namespace {
 using Complex = std::complex<Extended>;
 using Eigen::Index;
 
-// Multiplies complex numbers without the test for infinities that the operator of the library
-// makes.
+// Multiplies complex numbers. Unlike the operator of the standard library, this function does not
+// test for infinities.
 Complex times(Complex a, Complex b) {
   return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
 }
@@ -29,10 +29,10 @@ Extended inverse(Extended a) { return 1 / a; }
 Extended size(Extended a) { return std::abs(a); }
 Extended size(Complex a) { return std::abs(a.real()) + std::abs(a.imag()); }
 
-// Returns the largest power of 2 that is not above a positive number.
+// Returns the largest power of 2 that is at most the positive number `value`.
 Extended power_below(Extended value) { return std::ldexp(Extended{1}, std::ilogb(value)); }
 
-// The factors P L U of a matrix whose rows were scaled to a largest entry of about 1.
+// The factors P L U of a matrix. Each row is first scaled so that its largest entry is about 1.
 template <typename Scalar>
 class Factors {
  public:
@@ -78,7 +78,7 @@ class Factors {
 
   bool singular() const { return singular_; }
 
-  // Returns x of M x = b, with one correction of the residual.
+  // Returns the solution x of M x = b. One step corrects the residual.
   Vector solve(const Vector &b) const {
     Vector x = forward(b);
     Vector rest = b;
@@ -89,7 +89,7 @@ class Factors {
     return x;
   }
 
-  // Returns y of y M = c.
+  // Returns the solution y of y M = c.
   Vector solve_left(const Vector &c) const {
     Vector y = backward(c);
     Vector rest = c;
@@ -172,7 +172,7 @@ Eigen::VectorXd balance(const ExtendedMatrix &A) {
       const Extended column = work.col(i).sum() - work(i, i);
       const Extended row = work.row(i).sum() - work(i, i);
       if (!(column > 0) || !(row > 0) || !std::isfinite(column) || !std::isfinite(row)) continue;
-      // The power of 2 nearest to sqrt(row / column).
+      // Exponent of the power of 2 that is nearest to sqrt(row / column).
       const int exponent = static_cast<int>(std::lround(std::log2(row / column) / 2));
       const Extended factor = std::ldexp(Extended{1}, exponent);
       if (exponent == 0 || column * factor + row / factor >= 0.95L * (column + row)) continue;
@@ -218,14 +218,14 @@ ExtendedMatrix sampled(const ExtendedMatrix &A, const ExtendedMatrix &B, double 
     for (Index j = 0; j < n; ++j) whole(i, j) = A(i, j) * d(j) / d(i) * T;
     for (Index j = 0; j < m; ++j) whole(i, n + j) = B(i, j) / d(i) * T;
   }
-  // The Taylor series on a part of the sample in which |A| T is at most 1/2. This order is accurate
-  // to the last digit.
+  // The Taylor series is computed for a part of the sample time in which |A| T is at most 1/2. With
+  // this order, the series is accurate to the last digit.
   constexpr int kOrder = 18;
   Extended norm = 0;
   for (Index j = 0; j < n; ++j) norm = std::max(norm, whole.col(j).cwiseAbs().sum());
   const int doublings = norm > 0.5L ? std::ilogb(norm) + 2 : 0;
   whole *= std::ldexp(Extended{1}, -doublings);
-  ExtendedMatrix less = whole / kOrder;  // e^X - 1 = X (1 + X/2 (1 + X/3 (...)))
+  ExtendedMatrix less = whole / kOrder;  // Taylor series e^X - 1 = X (1 + X/2 (1 + X/3 (...)))
   for (int k = kOrder - 1; k >= 1; --k) less = (whole + whole * less) / k;
   for (int k = 0; k < doublings; ++k) less = (2 * less + less * less).eval();
   ExtendedMatrix found = less.topRows(n);
@@ -254,7 +254,8 @@ BoundaryResponse::Value BoundaryResponse::at(double w) const {
   const Index n = A_.rows();
   const Extended half = static_cast<Extended>(w) * dt_ / 2;
   const Complex below = inverse(Complex(1, -half));
-  // The point is p or z - 1. Without the 1, slow states keep their digits.
+  // The variable is p in continuous time and z - 1 in discrete time. The form z - 1 preserves the
+  // accuracy of slow states.
   const Complex point = dt_ > 0 ? times(Complex(0, 2 * half), below) : Complex(0, w);
   const Extended one = dt_ > 0 ? 1 : 0;
   const Complex turn = dt_ > 0 ? times(times(below, below), Complex(0, dt_)) : Complex(0, 1);

@@ -46,8 +46,8 @@ ModeKey key_of(const Network &network, const Model &model, const LinearMode &mod
   return key;
 }
 
-// Returns the model with a perfect drive of 1 N/V, whose force is the command. The signals of the
-// original drive are removed.
+// Returns a copy of the model in which a perfect drive of 1 N/V replaces the drive, so the force is
+// equal to the command. The signals of the original drive are removed.
 Model without_drive(Model model) {
   if (!model.drive) return model;
   model.drive->type = PerfectDrive{1.0, std::nullopt};
@@ -59,8 +59,9 @@ Model without_drive(Model model) {
   return model;
 }
 
-// Returns the model with a constant force on a body, added as gravity. The change of the constant
-// column is the response of the plant, with sticking frictions included.
+// Returns a copy of the model with an additional constant force on a body, in the form of gravity.
+// The change of the column of the constant 1 is the response of the plant, including sticking
+// frictions.
 Model pushed(Model model, int body, double force_N) {
   if (body == kGround) return model;
   const double mass = model.bodies[static_cast<std::size_t>(body)].mass;
@@ -86,7 +87,8 @@ std::vector<string> state_names(const Model &model) {
 
 using RowVector = Eigen::Matrix<Extended, 1, Eigen::Dynamic>;
 
-// Returns the row of an output for the vector (x, 1, u), or nothing if no output has this name.
+// Returns the row that gives an output from the vector (x, 1, u). Returns nothing if no output has
+// this name.
 std::optional<RowVector> output_row(const Model &model, const Network &network,
                                     const ModeEquations &equations, const string &name) {
   const auto adc = [&](std::size_t channel) -> std::optional<RowVector> {
@@ -155,7 +157,7 @@ Linear linearise(const Model &given, const LinearMode &mode, std::span<const str
   const Eigen::Index n = network.states();
   const auto width = static_cast<Eigen::Index>(outputs.size());
 
-  // Returns the rows of the outputs, or the columns of x' and y for one input.
+  // Returns the rows of all outputs, or the columns of x' and y for one input.
   const auto outputs_of = [&](const Model &of, const Network &with, const ModeEquations &e) {
     ExtendedMatrix rows(width, with.columns());
     for (Eigen::Index i = 0; i < width; ++i) {
@@ -215,7 +217,7 @@ void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
   const auto m = static_cast<std::size_t>(B.cols());
   const auto p = static_cast<std::size_t>(C.rows());
   const auto wide = n + m;
-  // The rows of [s I - H, B]. Products are computed without a test for infinities.
+  // The rows of [s I - H, B]. The products do not test for infinities.
   std::vector<Complex> work(n * wide);
   const auto times = [](Complex a, Complex b) {
     return Complex(a.real() * b.real() - a.imag() * b.imag(),

@@ -1,6 +1,6 @@
 #pragma once
-// State space of a plant in one of its modes, from the equations that the stepper integrates, and
-// frequency responses.
+// State-space form of a plant in one of its modes, and frequency responses. The equations are those
+// that the simulation uses.
 #include <Eigen/Core>
 #include <complex>
 #include <map>
@@ -12,7 +12,8 @@
 
 namespace forceaxis::sim {
 
-/// Linear system x' = A x + B u, y = C x + D u, for deviations from any motion within one mode.
+/// Linear system x' = A x + B u, y = C x + D u. x, u and y are deviations from any motion within
+/// one mode.
 struct Linear {
   Eigen::MatrixXd A;  ///< n x n
   Eigen::MatrixXd B;  ///< n x inputs
@@ -21,15 +22,15 @@ struct Linear {
   std::vector<std::string> states;
 };
 
-/// Selection of a mode. Contacts are closed, and every other element is in the middle of its range,
-/// unless `states` (element -> state, as in Event) gives another state.
+/// Selection of a mode. By default, contacts are closed and every other element is in the middle of
+/// its range. `states` gives other states, as element -> state with the names of Event.
 struct LinearMode {
   std::map<std::string, std::string> states;
-  bool free = false;  ///< contacts are open
-  bool drive = true;  ///< false: the drive is removed; its force is the input drive.force
+  bool free = false;  ///< true: contacts are open by default
+  bool drive = true;  ///< false: the drive is removed, and the input drive.force replaces its force
 };
 
-/// The name of an element that switches, and the names of its states as in Event.
+/// The name of an element with discrete states, and the names of these states as in Event.
 struct SwitchStates {
   std::string element;
   std::vector<std::string> states;
@@ -39,17 +40,20 @@ std::vector<SwitchStates> switches_of(const Model &model);
 /// Returns the linear system of a mode with the named inputs and outputs. Inputs:
 ///   drive.command V: the velocity command of the drive
 ///   drive.tach V: a voltage that is added to the tachometer of a DC motor
-///   drive.force N: a force on the drive's body and against its reaction, added to the drive's
-///   force BODY.force N: an external force on a body
-/// Outputs are any signal of the model; `reading`, the signal of ADC 0 before conversion, in its
-/// unit; adc0 and adc1 in 8-bit counts; encoder in counts. Throws InputError if an input, output,
-/// element or state does not exist.
+///   drive.force N: a force that is added to the force of the drive
+///   BODY.force N: an external force on a body
+/// Outputs:
+///   any signal of the model
+///   reading: the signal of ADC 0 before the conversion, in the unit of the signal
+///   adc0, adc1: in 8-bit counts
+///   encoder: in counts
+/// Throws InputError if an input, output, element or state does not exist.
 Linear linearise(const Model &model, const LinearMode &mode, std::span<const std::string> inputs,
                  std::span<const std::string> outputs);
 
 /// Computes y = C (s I - H)^-1 B + D at many points s, for an upper Hessenberg matrix H (n x n).
-/// `values` has points x outputs x inputs. The cost of a point is O(n^2): Gaussian elimination of
-/// one subdiagonal with pivots. At a pole the values are not finite.
+/// `values` has points x outputs x inputs elements. Gaussian elimination of one subdiagonal with
+/// pivots takes O(n^2) operations for each point. At a pole the values are not finite.
 void hessenberg_response(const Eigen::MatrixXd &H, const Eigen::MatrixXd &B,
                          const Eigen::MatrixXd &C, const Eigen::MatrixXd &D,
                          std::span<const std::complex<double>> points,

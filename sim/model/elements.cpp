@@ -66,8 +66,8 @@ void Elements::read_bodies() {
                            "; add or remove [[body]] tables");
 }
 
-// Reads a slope, or several slopes with the breaks between them. Breaks are values of the argument,
-// or of the force of a spring (`loads`).
+// Reads the slopes of a curve and the breaks between them. A break is an input of the curve, or a
+// force of a spring (`loads`).
 Slopes read_slopes(Section &section, const char *key) {
   Slopes curve;
   curve.slopes = section.numbers(key);
@@ -89,8 +89,8 @@ Slopes read_slopes(Section &section, const char *key) {
                      std::to_string(curve.slopes.size()) + "; add or remove values");
   if (!by_load) return curve;
 
-  // The deflection at a load is the sum of the deflections of all slopes between the force 0 and
-  // the load.
+  // The deflection at a load is the sum of the deflections of all segments between the force 0 and
+  // this load.
   const std::vector<double> loads = curve.breaks;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   for (double &at : curve.breaks) {

@@ -4,8 +4,8 @@
 
 namespace forceaxis::sim {
 
-/// Reads bodies, links, gravities, drive and sensors from the root table into the model. Keys and
-/// rules are described in model.hpp. Throws InputError.
+/// Reads bodies, elements, drive and sensors from the root table of a model file into `model`.
+/// model.hpp describes the keys and rules. Throws InputError.
 void read_elements(Section &root, Model &model);
 
 }  // namespace forceaxis::sim

@@ -21,7 +21,7 @@ struct Factor {
   std::string_view text;  // a name or a number
 };
 
-// Returns the index after the number or name with which the text begins.
+// Returns the index of the first character after the number or name at the start of the text.
 std::size_t factor_end(std::string_view text) {
   std::size_t end = 0;
   const bool number = is_quantity(text);

@@ -1,9 +1,9 @@
 #pragma once
-// The declared format of a file: every table and key that a reader accepts.
+// The declared format of an input file: every table and key that its reader accepts.
 //
-// A Section (section.hpp) reads a file by these declarations, and the tool that writes
-// docs/guide/reference reads them too. So a reader cannot read a key without a documented meaning.
-// All declarations are constants that exist as long as the program.
+// A Section (section.hpp) uses these declarations to read a file. A tool uses the same declarations
+// to write docs/guide/reference, so every key that the program reads has a documented meaning. All
+// declarations are constants that exist until the program ends.
 #include <limits>
 #include <optional>
 #include <span>
@@ -13,11 +13,11 @@
 
 namespace forceaxis::sim {
 
-/// The sign that a number may have. Every number must be finite, and either 0 or of a magnitude
-/// from 1e-30 to 1e30.
+/// The permitted sign of a number. Every number must be finite, and its magnitude must be 0 or from
+/// 1e-30 to 1e30.
 enum class Sign { any, not_zero, not_negative, positive };
 
-/// The text of a sign in messages, such as "a finite number > 0".
+/// Returns the description of a permitted sign for messages, such as "a finite number > 0".
 std::string_view sign_text(Sign sign);
 
 struct TableFormat;
@@ -27,28 +27,32 @@ inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 /// Declaration of one key of a table.
 struct KeyFormat {
   std::string_view key;
-  /// Kind of value, such as "number"; for a choice, its texts: "a, b, c".
+  /// Kind of value, such as "number". For a choice, the list of the permitted texts: "a, b, c".
   std::string_view form;
-  /// Effect of an omitted key, such as "not limited"; empty if the key is required.
+  /// Effect if the file omits the key, such as "not limited". Empty if the key is required.
   std::string_view absent;
-  std::string_view meaning;  ///< one complete sentence
+  std::string_view meaning;  ///< meaning of the key, one complete sentence
   std::optional<Dimension> dimension = std::nullopt;
   Sign sign = Sign::any;
-  double low = -kUnlimited;  ///< smallest and largest permitted number
+  double low = -kUnlimited;  ///< smallest permitted number; `high` is the largest
   double high = kUnlimited;
-  std::optional<double> fallback = std::nullopt;  ///< value of an omitted number
-  const TableFormat *table = nullptr;  ///< format of a value that is a table or a list of tables
-  bool list = false;                   ///< The value is a list of tables, [[key]].
+  /// Number that the reader uses if the file omits the key.
+  std::optional<double> fallback = std::nullopt;
+  /// Format of the table or tables, if the value of the key is a table or a list of tables.
+  const TableFormat *table = nullptr;
+  bool list = false;  ///< The value of the key is a list of tables, [[key]].
 
   constexpr bool required() const { return absent.empty() && !fallback; }
 };
 
-/// Declaration of a table. A value of one of its keys may add further keys to it.
+/// Declaration of a table. If one key has a certain value, the table can have further keys.
 struct TableFormat {
   std::string_view meaning;
   std::span<const KeyFormat> keys;
-  bool open = false;           ///< The table accepts keys of any name.
-  std::string_view when = {};  ///< the value that adds these keys, such as "type = perfect"
+  /// The table accepts keys with any name.
+  bool open = false;
+  /// Condition under which a table has these keys, such as "type = perfect".
+  std::string_view when = {};
   std::span<const TableFormat *const> added = {};
 
   const KeyFormat *find(std::string_view key) const;
@@ -56,7 +60,7 @@ struct TableFormat {
 
 namespace format {
 
-/// Declares a required number with a stated sign.
+/// Declares a key for a number that is required and has the permitted sign `sign`.
 constexpr KeyFormat needed(std::string_view key, Dimension dimension, Sign sign,
                            std::string_view meaning) {
   return {.key = key,
@@ -67,7 +71,7 @@ constexpr KeyFormat needed(std::string_view key, Dimension dimension, Sign sign,
           .sign = sign};
 }
 
-/// Declares a number with a stated sign and a default value.
+/// Declares a key for a number with the permitted sign `sign` and the default value `fallback`.
 constexpr KeyFormat number(std::string_view key, Dimension dimension, Sign sign, double fallback,
                            std::string_view meaning) {
   KeyFormat format = needed(key, dimension, sign, meaning);
@@ -75,7 +79,7 @@ constexpr KeyFormat number(std::string_view key, Dimension dimension, Sign sign,
   return format;
 }
 
-/// Declares a number with a stated sign that may be omitted.
+/// Declares a key for a number with the permitted sign `sign`. A file may omit the key.
 constexpr KeyFormat optional(std::string_view key, Dimension dimension, Sign sign,
                              std::string_view absent, std::string_view meaning) {
   KeyFormat format = needed(key, dimension, sign, meaning);
@@ -83,7 +87,7 @@ constexpr KeyFormat optional(std::string_view key, Dimension dimension, Sign sig
   return format;
 }
 
-/// Declares a number from low to high. The key is required if `absent` is empty.
+/// Declares a key for a number from `low` to `high`. The key is required if `absent` is empty.
 constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low, double high,
                            std::string_view absent, std::string_view meaning) {
   KeyFormat format = optional(key, dimension, Sign::any, absent, meaning);
@@ -92,7 +96,7 @@ constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low
   return format;
 }
 
-/// Declares a number from low to high with a default value.
+/// Declares a key for a number from `low` to `high` with the default value `fallback`.
 constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low, double high,
                            double fallback, std::string_view meaning) {
   KeyFormat format = ranged(key, dimension, low, high, "", meaning);
@@ -100,7 +104,7 @@ constexpr KeyFormat ranged(std::string_view key, Dimension dimension, double low
   return format;
 }
 
-/// Declares an integer from low to high.
+/// Declares a key for an integer from `low` to `high`.
 constexpr KeyFormat integer(std::string_view key, int low, int high, std::optional<double> fallback,
                             std::string_view meaning) {
   KeyFormat format = ranged(key, Dimension::ratio, low, high, "", meaning);
@@ -109,13 +113,13 @@ constexpr KeyFormat integer(std::string_view key, int low, int high, std::option
   return format;
 }
 
-/// Declares a value that is not a number. `form` describes the kind of value.
+/// Declares a key whose value is not a number. `form` describes the kind of value.
 constexpr KeyFormat other(std::string_view key, std::string_view form, std::string_view absent,
                           std::string_view meaning) {
   return {.key = key, .form = form, .absent = absent, .meaning = meaning};
 }
 
-/// Declares one number or a list of numbers of one dimension.
+/// Declares a key for one number or for a list of numbers of the same dimension.
 constexpr KeyFormat numbers(std::string_view key, Dimension dimension, Sign sign,
                             std::string_view absent, std::string_view meaning) {
   KeyFormat format = optional(key, dimension, sign, absent, meaning);
@@ -123,7 +127,7 @@ constexpr KeyFormat numbers(std::string_view key, Dimension dimension, Sign sign
   return format;
 }
 
-/// Declares a table [key], or a list of tables [[key]].
+/// Declares a key whose value is a table [key] or a list of tables [[key]].
 constexpr KeyFormat table(std::string_view key, const TableFormat &format, bool list = false) {
   return {.key = key,
           .form = list ? "list of tables" : "table",

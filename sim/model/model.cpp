@@ -81,7 +81,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
   return parameters;
 }
 
-// The overrides of a model, and the name of the file for messages about them.
+// The overrides of a model, and the file name for messages about an override.
 class Overriding {
  public:
   Overriding(Source &source, const std::string &file)
@@ -89,8 +89,8 @@ class Overriding {
 
   void apply(std::span<const Override> overrides) {
     check_names(overrides);
-    // Names of parameters are resolved after numbers and quantities, so they refer to overridden
-    // values.
+    // Overrides that name a parameter are applied after all overrides with a number or quantity, so
+    // they use the overridden values.
     for (const Override &change : overrides)
       if (const auto *text = std::get_if<std::string>(&change.value);
           text != nullptr && is_expression(*text))
@@ -185,8 +185,8 @@ bool same_ends(Ends one, Ends other) {
   return (one.a == other.a && one.b == other.b) || (one.a == other.b && one.b == other.a);
 }
 
-// Follows all elements with two ends from ground. A body that is not reached has no connection to
-// ground and is refused.
+// Refuses a body without a connection to ground. The search starts at ground and follows all
+// elements with two ends.
 void check_connected(const Model &model) {
   std::vector<Ends> links;
   model.each_link([&](const auto &link) { links.push_back(link.ends); });
@@ -209,7 +209,8 @@ void check_connected(const Model &model) {
               in_quotes(model.bodies[i].name) + " disconnected; connect or remove it");
 }
 
-// Refuses a loop of frictions, because their forces would be undetermined while all of them stick.
+// Refuses a loop of frictions, because the friction forces in the loop are undetermined while all
+// of these frictions stick.
 void check_frictions(const Model &model) {
   std::vector<int> group(model.bodies.size() + 1);  // index 0 is ground
   for (std::size_t i = 0; i < group.size(); ++i) group[i] = static_cast<int>(i);
@@ -225,7 +226,8 @@ void check_frictions(const Model &model) {
   };
   for (std::size_t i = 0; i < model.frictions.size(); ++i) join("friction", i, model.frictions[i]);
   for (std::size_t i = 0; i < model.brakes.size(); ++i) {
-    // A brake may have the same ends as a friction, because the brake carries the force of both.
+    // A brake may have the same ends as a friction, because the brake then transmits the force of
+    // both elements.
     const bool beside =
         std::any_of(model.frictions.begin(), model.frictions.end(),
                     [&](const Friction &f) { return same_ends(f.ends, model.brakes[i].ends); });

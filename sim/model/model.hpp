@@ -1,11 +1,11 @@
 #pragma once
-// The description of a plant from its model file: checked, immutable and without equations of
-// motion.
+// The description of a plant from a model file. The description is checked and immutable, and
+// contains no equations of motion.
 //
 // load_model() reads a TOML file. It returns a Model that satisfies every rule below, or throws
-// InputError with one line that names the file, the key, the expected value and the remedy. The
-// only other exception is std::bad_alloc. Positive motion is towards the workpiece. All quantities
-// are in SI units.
+// InputError. The message is one line that names the file, the key, the expected value and the
+// remedy. The only other exception is std::bad_alloc. Positive motion is towards the workpiece. All
+// quantities are in SI units.
 //
 // model_format.cpp declares tables and keys; docs/guide/reference/model.md is generated from it.
 //
@@ -16,17 +16,17 @@
 // accelerates end a backwards and end b forwards.
 // * A piecewise-linear curve has ascending breaks and slope k between breaks[k-1] and breaks[k]. It
 //   is continuous and passes through the origin. A spring may have `loads` in N in place of breaks.
-// * A contact exerts k d + b d' while d > 0 and this sum is > 0; otherwise its force is 0. A stop
-// is
-//   such a contact at either end of the range low < d < high. A backlash is a stop at -width/2 and
-//   +width/2.
-// * A friction opposes sliding with the force `coulomb`. It sticks at d' = 0 while the force that
-//   this needs is at most `stiction`. Frictions must not form a loop, because the forces in the
-//   loop would be undetermined.
+// * A contact exerts k d + b d' while d > 0 and this sum is > 0; otherwise its force is 0.
+// * A stop has such a contact at each end of the range low < d < high. A backlash is a stop at
+//   -width/2 and +width/2.
+// * A friction opposes sliding with the force `coulomb`. The friction sticks at d' = 0 while the
+//   force that keeps d' = 0 is at most `stiction`. Frictions must not form a loop, because the
+//   forces in the loop would be undetermined.
 // * An engaged brake is a friction with the force `holding` while it sticks and while it slides. A
-//   released brake has no force. It releases `release` after the output brake_release of the
-//   firmware becomes 1, and engages `engage` after the output becomes 0. A friction may have the
-//   same ends as a brake; while both stick, the brake carries all of the force.
+//   released brake has no force. The brake releases a time `release` after the output brake_release
+//   of the firmware becomes 1, and engages a time `engage` after this output becomes 0. A friction
+//   may have the same ends as a brake. While the friction and the brake stick, the brake transmits
+//   all of the force.
 // * Gravity acts on its body with mass * acceleration, positive towards +x. The acceleration is
 //   interpolated between positions and constant outside their range.
 // These elements or the drive must connect every body to ground; a brake alone is not sufficient.
@@ -47,18 +47,20 @@
 
 namespace forceaxis::sim {
 
-/// Version of the format of models, experiments and measurements. It must be incremented if the
-/// meaning of a valid file changes.
+/// Version of the file format of models, experiments and measurements. This number must be
+/// incremented if the meaning of a valid file changes.
 inline constexpr int kFileFormat = 1;
 
 /// An error in an input file or an override. what() is one line: "FILE: KEY: expected ..., got ...;
 /// what to do".
 struct InputError : std::runtime_error {
   InputError(std::string file_name, std::string key_name, std::string text);
-  std::string file;  ///< file with the error
-  /// Path of the key as in the file, such as body[1].mass (counted from 0) or parameters.m_r.value.
+  /// Name of the file that contains the error.
+  std::string file;
+  /// Path of the key with the error, such as parameters.m_r.value or body[1].mass. Entries of a
+  /// list are counted from 0.
   std::string key;
-  std::string message;  ///< remainder of the line after file and key
+  std::string message;  ///< text of what() after the file and the key
 };
 
 struct Parameter {
@@ -66,27 +68,30 @@ struct Parameter {
   double value = 0.0;
   std::string unit;
   std::string source;
-  std::string file;            ///< name of the file with the last definition of the parameter
-  bool used = false;           ///< An element of the model refers to the parameter.
-  bool overridden = false;     ///< An override has given the value of the parameter.
-  bool documentation = false;  ///< The model need not use the parameter.
-  /// Expression that gives the value, such as "m / tau"; empty if the file gives a number.
+  std::string file;   ///< name of the file that defines the parameter, or redefines it last
+  bool used = false;  ///< An element of the model refers to the parameter.
+  /// The value of the parameter comes from an override.
+  bool overridden = false;
+  /// The model may leave the parameter unused.
+  bool documentation = false;
+  /// Expression for the value of the parameter, such as "m / tau". Empty if the file gives a
+  /// number.
   std::string expression;
-  /// Names of the parameters to which its expressions refer, including an expression that an
+  /// Names of the parameters in the expression of this parameter, also in an expression that an
   /// override has replaced.
   std::vector<std::string> refers;
 };
 
-inline constexpr int kGround = -1;  ///< index that means "ground" in place of a body
+inline constexpr int kGround = -1;  ///< index that stands for the ground in place of a body
 
 struct Body {
   std::string name;
-  double mass = 0.0;      ///< kg, > 0
-  double position = 0.0;  ///< m, at tick 0
-  double velocity = 0.0;  ///< m/s, at tick 0
+  double mass = 0.0;      ///< mass in kg, > 0
+  double position = 0.0;  ///< position in m at tick 0
+  double velocity = 0.0;  ///< velocity in m/s at tick 0
 };
 
-/// The two ends of an element: each is the index of a body or kGround.
+/// The two ends of an element. Each end is the index of a body, or kGround.
 struct Ends {
   int a = kGround;
   int b = kGround;
@@ -96,7 +101,7 @@ struct Ends {
 /// breaks[k]. A curve with one slope and no break is a straight line.
 struct Slopes {
   std::vector<double> slopes;
-  std::vector<double> breaks;  ///< in ascending order
+  std::vector<double> breaks;  ///< inputs at which the slope changes, in ascending order
 };
 
 struct Spring {
@@ -119,7 +124,7 @@ struct Contact {
   Ends ends;
   double stiffness = 0.0;  ///< N/m, > 0
   double damping = 0.0;    ///< N s/m, >= 0
-  double gap = 0.0;        ///< distance in m; the overlap is d = x_a - x_b - gap
+  double gap = 0.0;        ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
 };
 
 /// A backlash or a pair of limit stops: no force while low < d < high, and a contact outside this
@@ -127,36 +132,37 @@ struct Contact {
 struct Stop {
   std::string name;
   Ends ends;
-  double stiffness = 0.0;      ///< N/m, > 0
-  double damping = 0.0;        ///< N s/m, >= 0
-  std::optional<double> low;   ///< lower end in m; at least one of low and high is given
-  std::optional<double> high;  ///< m, >= low
+  double stiffness = 0.0;  ///< N/m, > 0
+  double damping = 0.0;    ///< N s/m, >= 0
+  /// Deflection at the lower stop in m; empty: no lower stop; `low` or `high` is given.
+  std::optional<double> low;
+  std::optional<double> high;  ///< deflection at the upper stop in m, >= low; empty: no upper stop
 };
 
 struct Friction {
   std::string name;
   Ends ends;
-  double coulomb = 0.0;   ///< friction force while sliding, in N, >= 0
-  double stiction = 0.0;  ///< breakaway force in N, at least `coulomb`
+  double coulomb = 0.0;   ///< friction force in N while the ends slide, >= 0
+  double stiction = 0.0;  ///< largest friction force in N while the ends stick, at least `coulomb`
 };
 
-/// A brake. It is engaged at tick 0, and acts as a friction with the force `holding` while it is
-/// engaged.
+/// A brake. The brake is engaged at tick 0. An engaged brake acts as a friction with the force
+/// `holding`.
 struct Brake {
   std::string name;
   Ends ends;
-  double holding = 0.0;    ///< friction force while sticking and while sliding, in N, > 0
-  double release_s = 0.0;  ///< delay in s from brake_release to the released brake, >= 0
-  double engage_s = 0.0;   ///< delay in s from the end of brake_release to the engaged brake, >= 0
+  double holding = 0.0;    ///< friction force of the engaged brake in N, > 0
+  double release_s = 0.0;  ///< time in s that the brake takes to release, >= 0
+  double engage_s = 0.0;   ///< time in s that the brake takes to engage, >= 0
 };
 
 struct Gravity {
   std::string name;
   int body = kGround;
-  std::vector<double> positions;      ///< positions in m, ascending; empty if the acceleration is
-                                      ///< constant
-  std::vector<double> accelerations;  ///< accelerations in m/s^2, one for each position, or one for
-                                      ///< all
+  /// Positions in m in ascending order; empty if the acceleration is constant.
+  std::vector<double> positions;
+  /// Acceleration in m/s^2 at each of the positions, or one value for all positions.
+  std::vector<double> accelerations;
 };
 
 /// DC motor with a current amplifier, after a preamplifier with tachometer feedback (Figs 4.1-4.4):
@@ -167,31 +173,31 @@ struct Gravity {
 ///   L i' = vm - R i - k_back_emf / r_trans * v
 ///   F   = k_torque / r_trans * i - b_m / r_trans^2 * v                on the body, -F on reaction
 /// The output of the DAC (or of an analyzer) is the velocity command u, with t = 0. With input =
-/// "tach", this output is added to the voltage of the tachometer instead: it is t, with u = 0
-/// (Fig 3.7). v is the velocity of the body relative to the reaction body. While the drive is
-/// disabled, i = 0 and F = -b_m / r_trans^2 * v.
+/// "tach", this output is t, which is added to the tachometer voltage, and u = 0 (Fig 3.7). v is
+/// the velocity of the body relative to the reaction body. While the drive is disabled, i = 0 and F
+/// = -b_m / r_trans^2 * v.
 struct DcMotor {
-  bool input_tach = false;    ///< The DAC voltage is added to the tachometer voltage (key `input`).
-  double k_preamp_cmd = 0.0;  ///< V/V
-  double k_preamp_fdbk = 0.0;                    ///< V/V, >= 0
-  double a_preamp_fdbk = 0.0;                    ///< rad/s, > 0
-  double k_tach = 0.0;                           ///< V s/rad, >= 0
-  double k_torque = 0.0;                         ///< N m/A, > 0
-  double k_back_emf = 0.0;                       ///< V s/rad, >= 0
-  double inductance = 0.0;                       ///< key L, H, > 0
-  double resistance = 0.0;                       ///< key R, ohm, >= 0
-  double r_trans = 0.0;                          ///< m/rad, > 0
-  double b_m = 0.0;                              ///< N m s/rad, >= 0
-  double k_current = 0.0;                        ///< V/A, >= 0
-  std::optional<double> current_feedback_limit;  ///< limit of the current measurement in V, > 0;
-                                                 ///< empty: not limited
-  std::optional<double> preamp_limit;  ///< limit of the current command in V, > 0; empty: not
-                                       ///< limited
+  bool input_tach = false;     ///< true: the DAC voltage is added to the tachometer voltage
+  double k_preamp_cmd = 0.0;   ///< V/V
+  double k_preamp_fdbk = 0.0;  ///< V/V, >= 0
+  double a_preamp_fdbk = 0.0;  ///< rad/s, > 0
+  double k_tach = 0.0;         ///< V s/rad, >= 0
+  double k_torque = 0.0;       ///< N m/A, > 0
+  double k_back_emf = 0.0;     ///< V s/rad, >= 0
+  double inductance = 0.0;     ///< key L, H, > 0
+  double resistance = 0.0;     ///< key R, ohm, >= 0
+  double r_trans = 0.0;        ///< m/rad, > 0
+  double b_m = 0.0;            ///< N m s/rad, >= 0
+  double k_current = 0.0;      ///< V/A, >= 0
+  /// Largest voltage of the current measurement in V, > 0; empty: not limited.
+  std::optional<double> current_feedback_limit;
+  std::optional<double> preamp_limit;  ///< Largest current command in V, > 0; empty: not limited.
   double k_amp = 0.0;                  ///< V/V, > 0
-  std::optional<double> amp_break;  ///< current error in V, > 0, at which the slope changes; empty:
-                                    ///< one slope
-  double k_amp_outer = 0.0;         ///< slope above amp_break in V/V, >= 0; k_amp without amp_break
-  std::optional<double> supply_limit;  ///< limit of the motor voltage in V, > 0; empty: not limited
+  /// Current error in V at which the amplifier gain changes, > 0; empty: constant gain.
+  std::optional<double> amp_break;
+  /// Amplifier gain above amp_break in V/V, >= 0. Equal to k_amp if amp_break is empty.
+  double k_amp_outer = 0.0;
+  std::optional<double> supply_limit;  ///< largest motor voltage in V, > 0; empty: not limited
 };
 
 /// The simple actuator of section 2.3: F' = a_act (k_act (velocity_per_volt u - v) - F). The force
@@ -203,8 +209,8 @@ struct FirstOrderDrive {
   std::optional<double> force_limit;  ///< limit of the drive force in N, > 0; empty: not limited
 };
 
-/// A drive without dynamics: F = force_per_volt u, limited to +-force_limit. While the drive is
-/// disabled, F = 0.
+/// A drive without dynamics. Its force is F = force_per_volt u, limited to +-force_limit, or 0
+/// while the drive is disabled.
 struct PerfectDrive {
   double force_per_volt = 0.0;        ///< N/V, not 0
   std::optional<double> force_limit;  ///< limit of the drive force in N, > 0; empty: not limited
@@ -216,50 +222,57 @@ struct Drive {
   std::variant<DcMotor, FirstOrderDrive, PerfectDrive> type;
 };
 
-/// An encoder that measures the position of the body relative to the reference, such as the encoder
-/// of a motor on a moving base.
+/// An encoder that measures the position of a body relative to a reference, for example relative to
+/// a moving base.
 struct Encoder {
   int body = kGround;
   int reference = kGround;
   double scale = 0.0;  ///< count/m, not 0
 };
 
-/// Switches along the travel of the encoder's body, at positions relative to the encoder's
-/// reference. The model has no switch whose position is omitted. A home switch with one end omitted
-/// is active up to the end of the travel.
+/// Switches along the travel of the encoder's body. Positions are relative to the encoder's
+/// reference. If a position is empty, the model has no such switch. If only one end of the home
+/// switch is given, the switch is active up to the end of the travel.
 struct Switches {
-  std::optional<double> limit_neg;  ///< position in m, at and below which the limit switch is
-                                    ///< active
-  std::optional<double> limit_pos;  ///< position in m, at and above which the limit switch is
-                                    ///< active
-  std::optional<double> home_from;  ///< position in m, at and above which the home switch is active
-  std::optional<double> home_to;    ///< position in m, below which the home switch is active
-  std::optional<double> index;      ///< position of an index pulse in m
-  std::optional<double> index_every;  ///< distance between further index pulses in m, > 0; empty:
-                                      ///< one pulse
+  /// The negative limit switch is active at and below this position in m.
+  std::optional<double> limit_neg;
+  /// The positive limit switch is active at and above this position in m.
+  std::optional<double> limit_pos;
+  /// The home switch is active at and above this position in m.
+  std::optional<double> home_from;
+  /// The home switch is active below this position in m.
+  std::optional<double> home_to;
+  /// Position of the first index pulse in m.
+  std::optional<double> index;
+  /// Distance between two index pulses in m, > 0; empty: only one pulse.
+  std::optional<double> index_every;
 };
 
-/// Signal path of an ADC: signal, limit +-sensor_limit, first-order low pass `filter`, limit
-/// +-conditioning_limit, noise, code. All quantities have the unit of the signal.
+/// Path of a signal to its ADC code: the signal is limited to +-sensor_limit, filtered by a
+/// first-order low pass, limited to +-conditioning_limit, and converted with noise. Limits and
+/// noise have the unit of the signal.
 struct Adc {
   std::string signal;
-  std::optional<double> sensor_limit;  ///< magnitude at which the sensor saturates, > 0
-  /// Corner frequency of the low pass in rad/s, > 0, at most 1e6: y' = filter (x - y), with y = 0
-  /// at the start.
+  /// Magnitude of the signal at which the sensor saturates, > 0.
+  std::optional<double> sensor_limit;
+  /// Corner frequency of the low-pass filter in rad/s, > 0 and at most 1e6. The filter computes y'
+  /// = filter (x - y) and starts with y = 0.
   std::optional<double> filter;
-  std::optional<double> conditioning_limit;  ///< magnitude at which the analog electronics
-                                             ///< saturate, > 0
-  double noise = 0.0;                        ///< rms, >= 0
-  double per_count = 0.0;  ///< change of the signal for one code, in its unit per count, not 0
-  int zero_code = 0;       ///< code at the signal 0, from 0 to 2^bits - 1
-  int bits = 8;            ///< 8..16
+  /// Magnitude of the signal at which the analog electronics saturate, > 0.
+  std::optional<double> conditioning_limit;
+  /// Rms noise in the unit of the signal, >= 0.
+  double noise = 0.0;
+  /// Change of the signal for one code step, in the unit of the signal, not 0.
+  double per_count = 0.0;
+  int zero_code = 0;  ///< ADC code at the signal 0, from 0 to 2^bits - 1
+  int bits = 8;       ///< 8..16
 };
 
 struct Dac {
-  int bits = 12;        ///< resolution, 8 to 16; codes are -2^(bits-1) to 2^(bits-1)-1
-  double range = 10.0;  ///< output voltage range in V, > 0; the lowest code gives -range
-  double offset = 0.0;  ///< V at code 0
-  double noise = 0.0;   ///< V rms, >= 0
+  int bits = 12;        ///< number of bits, 8 to 16; the codes are -2^(bits-1) to 2^(bits-1)-1
+  double range = 10.0;  ///< output voltage range in V, > 0; the lowest code gives -range volts
+  double offset = 0.0;  ///< output voltage in V at code 0
+  double noise = 0.0;   ///< rms noise of the output voltage in V, >= 0
   double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }
 };
 
@@ -268,9 +281,8 @@ struct Dac {
 ///   BODY.position m, BODY.velocity m/s
 ///   BODY.acceleration m/s^2: output of an accelerometer on the body
 ///   LINK.force N: a positive force accelerates end a backwards
-///   LINK.spring_force N: force of the stiffness alone, the output of a strain gauge; 0 for a
-///   damper,
-///       a friction and an open contact
+///   LINK.spring_force N: force of the stiffness alone, as a strain gauge measures; 0 for a
+///       damper, a friction and an open contact
 ///   LINK.spring_force_rate N/s: k d', the output of a velocity-sensing force sensor (6.2.1)
 ///   LINK.deflection m: overlap of a contact (a negative value is a gap), or x_a - x_b of a stop
 ///   GRAVITY.force N
@@ -291,7 +303,7 @@ struct Model {
   std::vector<Spring> springs;
   std::vector<Damper> dampers;
   std::vector<Contact> contacts;
-  std::vector<Stop> stops;  ///< backlashes and limit stops of the model
+  std::vector<Stop> stops;  ///< backlashes and limit stops
   std::vector<Friction> frictions;
   std::vector<Brake> brakes;
   std::vector<Gravity> gravities;
@@ -301,7 +313,8 @@ struct Model {
   std::array<std::optional<Adc>, 2> adc;
   Dac dac;
 
-  /// Calls `visit` for each element with two ends except the drive, in the order of the signals.
+  /// Calls `visit` for each element with two ends, except the drive. The order is that of the
+  /// signals.
   template <class Visit>
   void each_link(Visit visit) const {
     for (const Spring &spring : springs) visit(spring);
@@ -318,15 +331,16 @@ struct Model {
 };
 
 /// A new value for one parameter: a number in the unit of the parameter, or a text with a quantity
-/// or the name of another parameter. An override of that other parameter applies first.
+/// or the name of another parameter. If that other parameter is overridden too, its new value is
+/// used.
 struct Override {
   std::string parameter;
   std::variant<double, std::string> value;
 };
 
 /// Reads and checks a model. Each override must name a parameter of the model or of its
-/// parameters_file. Parameter::used is false for a parameter that nothing in the model uses. An
-/// error in an override is reported as `set.NAME` of the file `overrides_file`, if this name is not
+/// parameters_file. Parameter::used is false for a parameter that no element uses. Messages about
+/// an override name the key `set.NAME` of the file `overrides_file`, unless `overrides_file` is
 /// empty. Throws InputError.
 Model load_model(const std::filesystem::path &path, std::span<const Override> overrides = {},
                  const std::string &overrides_file = "");

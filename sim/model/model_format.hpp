@@ -5,11 +5,11 @@
 namespace forceaxis::sim {
 
 extern const TableFormat kModelFormat;
-/// The format of one entry of [parameters].
+/// The format of one parameter in the table [parameters].
 extern const TableFormat kParameterFormat;
-/// The format of the file that the key parameters_file names.
+/// The format of the file whose name is the value of the key parameters_file.
 extern const TableFormat kSharedParametersFormat;
-/// The keys that the type of a [drive] adds to its table.
+/// The further keys of the table [drive] for each type of drive.
 extern const TableFormat kDcMotorFormat;
 extern const TableFormat kFirstOrderFormat;
 extern const TableFormat kPerfectFormat;

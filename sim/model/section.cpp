@@ -26,7 +26,8 @@ bool sign_holds(Sign sign, double value) {
   }
 }
 
-// Outside this range, a product of doubles in the equations of motion could overflow or become 0.
+// Range of magnitudes. Outside this range, a product of doubles in the equations of motion could
+// overflow or become 0.
 constexpr double kLargest = 1e30;
 constexpr double kSmallest = 1e-30;
 
@@ -47,9 +48,9 @@ bool stops(std::string_view text) {
   return false;
 }
 
-// Returns the number of the first line, counted from 1, such that the parser stops on the text up
-// to the end of this line. The parser does not report the position. It reads forward, so it stops
-// on every longer part of the text too.
+// Returns the number of the line, counted from 1, at which the parser stops with an assertion. The
+// parser does not report the line. This function therefore parses longer and longer parts of the
+// text, up to the first part at which the parser stops.
 std::size_t line_that_stops(std::string_view text) {
   std::size_t line = 1;
   for (std::size_t end = text.find('\n'); end != text.npos; end = text.find('\n', end + 1), ++line)
@@ -327,8 +328,8 @@ std::vector<double> Section::numbers(std::string_view key) {
   const KeyFormat &format = declared(key);
   std::vector<double> found = list(key, *format.dimension, format.sign);
   if (found.empty())
-    (void)value(key, *format.dimension, format.sign);  // The call throws, because the key is
-                                                       // missing.
+    // This call throws InputError, because the key is missing.
+    (void)value(key, *format.dimension, format.sign);
   return found;
 }
 

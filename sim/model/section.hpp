@@ -2,11 +2,11 @@
 // Reads a TOML file. A Section returns the typed values of one table.
 //
 // The format of the table (format.hpp) declares its keys with their dimensions, ranges and
-// defaults. A request for a key that is not declared throws std::logic_error. A text in place of a
-// number is a quantity (units.hpp) or the name of a parameter. An invalid value throws InputError,
-// whose message is one line with the complete path of the key. finish() refuses the keys of the
-// file that are not declared. A section contains references: the table, the source and the lists
-// passed to it must exist as long as the section.
+// defaults. A call with a key that is not declared throws std::logic_error. A text in place of a
+// number is a quantity (units.hpp) or the name of a parameter. An invalid value throws InputError
+// with one line that contains the complete path of the key. finish() refuses the keys of the file
+// that are not declared. A section contains references, so its table, its source and the lists
+// passed to the section must exist as long as the section.
 #include <functional>
 #include <optional>
 #include <string>
@@ -21,7 +21,7 @@
 
 namespace forceaxis::sim {
 
-/// A file, and the parameters to which its values may refer.
+/// An input file, and the parameters that the values in the file may name.
 struct Source {
   std::string file;
   std::vector<Parameter> parameters;
@@ -45,7 +45,7 @@ class Section {
   /// Declares further keys of this table.
   void add(const TableFormat &format) { formats_.push_back(&format); }
 
-  /// Returns the node of a key, or nullptr.
+  /// Returns the TOML node of a key, or nullptr if the table does not have the key.
   const toml::node *find(std::string_view key) const;
   const toml::node &require(std::string_view key, std::string_view expected) const;
   bool has(std::string_view key) const { return find(key) != nullptr; }
@@ -54,18 +54,21 @@ class Section {
   std::optional<std::string> optional_text(std::string_view key, std::string_view expected);
   /// Returns the value of the key `name`, which must be an identifier.
   std::string name();
-  /// Returns the index of the text in the list of choices that the format of the key declares. If
-  /// the key is omitted, returns the index of its default.
+  /// Returns the index of the text of a key in the list of choices that the format declares. If the
+  /// key is omitted, returns the index of the default.
   std::size_t choice(std::string_view key, std::string_view advice);
 
-  /// Returns the number of a key: a number in SI units, a quantity, a parameter or "-PARAMETER".
+  /// Returns the value of a key in SI units. The file may give a number, a quantity, the name of a
+  /// parameter or "-PARAMETER".
   double number(std::string_view key);
   std::optional<double> optional_number(std::string_view key);
-  /// Returns one number, or the numbers of a list that must not be empty.
+  /// Returns the numbers of a key: one number, or a list that must not be empty.
   std::vector<double> numbers(std::string_view key);
-  /// Returns numbers in ascending order. Returns an empty list if the key is omitted.
+  /// Returns the numbers of a key, which must be in ascending order. Returns an empty list if the
+  /// key is omitted.
   std::vector<double> rising(std::string_view key);
-  /// Returns true or false. If the key is omitted, returns the default that its format declares.
+  /// Returns the value true or false of a key. If the key is omitted, returns the default that the
+  /// format declares.
   bool flag(std::string_view key);
   int integer(std::string_view key);
 
@@ -78,14 +81,14 @@ class Section {
   /// Returns a number whose range depends on other keys.
   double within(std::string_view key, Dimension dimension, double low, double high);
 
-  /// Returns the index of the body that the key names, or kGround.
+  /// Returns the index of the body whose name is the value of the key, or kGround.
   int body(std::string_view key, const std::vector<Body> &bodies, bool ground_allowed,
            std::optional<int> fallback);
   Ends between(const std::vector<Body> &bodies);
 
-  /// Calls `visit` for the table of a key and then finish(), if the table exists.
+  /// If the table of a key exists, calls `visit` and then finish() for this table.
   void one(std::string_view key, const std::function<void(Section &)> &visit);
-  /// Calls `visit` and then finish() for every table of a list, if the list exists.
+  /// Calls `visit` and then finish() for every table of the list of a key. The list may be omitted.
   void each(std::string_view key, const std::function<void(Section &)> &visit);
 
   /// Throws InputError with all keys of the file that are not declared.
@@ -95,7 +98,7 @@ class Section {
  private:
   struct Resolved {
     double value;
-    std::string origin;  // source of the value for messages, " (parameter m_r)", or empty
+    std::string origin;  // source of the value for messages, such as " (parameter m_r)", or empty
   };
   std::string key_path(std::string_view key) const;
   const KeyFormat &declared(std::string_view key) const;
@@ -117,13 +120,13 @@ class Section {
 
 /// Parses a TOML file. Throws InputError.
 toml::table parse_toml(const std::string &file);
-/// Parses a TOML text. Messages name it `file`. Throws InputError.
+/// Parses a TOML text. Messages name the text `file`. Throws InputError.
 toml::table parse_toml_text(std::string_view text, const std::string &file);
 
 /// Returns the index of a body, or kGround for an unknown name.
 int find_body(const std::vector<Body> &bodies, std::string_view name);
 
-/// Returns the kind of a node for messages, such as "a table".
+/// Returns the kind of a TOML node for messages, such as "a table".
 std::string kind_of(const toml::node &node);
 
 }  // namespace forceaxis::sim

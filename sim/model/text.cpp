@@ -6,7 +6,7 @@
 namespace forceaxis::sim {
 namespace {
 
-// Returns the number of edits of one character between two names, for suggestions.
+// Returns the number of single-character edits that change one name to another name.
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
@@ -22,8 +22,8 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row[b.size()];
 }
 
-// Returns the nearest known name, or an empty name. It must differ by at most two edits, and by
-// fewer edits than the wrong name has characters.
+// Returns the most similar known name, or an empty name. The similar name must differ by at most
+// two edits, and by fewer edits than the wrong name has characters.
 std::string nearest(std::string_view wrong, const std::vector<std::string> &known) {
   std::size_t best = std::min<std::size_t>(3, wrong.size());
   std::string text;
@@ -46,7 +46,8 @@ std::string one_line(std::string_view text) {
     const auto byte = static_cast<unsigned char>(line[i]);
     const auto next = i + 1 < line.size() ? static_cast<unsigned char>(line[i + 1]) : 0U;
     if (byte < 0x20 || byte == 0x7f) line[i] = ' ';
-    // A terminal obeys U+009B as it obeys ESC [, so U+0080 to U+009F in UTF-8 become blanks too.
+    // A terminal interprets U+009B like ESC [, so the characters U+0080 to U+009F in UTF-8 are
+    // replaced by blanks too.
     if (byte == 0xc2 && next >= 0x80 && next <= 0x9f) line[i] = line[i + 1] = ' ';
   }
   return line;

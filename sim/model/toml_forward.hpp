@@ -1,16 +1,17 @@
 #pragma once
 
 // Forward declarations of the types of toml++. Every file of this project includes toml++ through
-// this header or through toml.hpp. The parser of toml++ asserts that a value begins at the position
-// of a value. The text `a = [ } ]` violates this assertion, so a typing error would abort the
-// program. Here the assertion throws TomlParserStopped, also in builds with NDEBUG, in which toml++
-// would continue with undefined behaviour.
+// this header or through toml.hpp. The parser of toml++ has an assertion that the text `a = [ } ]`
+// violates, so this typing error in a file would abort the program. Here the assertion throws
+// TomlParserStopped. It also does so in builds with NDEBUG, in which toml++ would continue with
+// undefined behaviour.
 
 #include <stdexcept>
 
 namespace forceaxis::sim {
 
-// The parser of toml++ stopped at a text that it can neither accept nor refuse.
+// An assertion in the parser of toml++ has failed, because the parser can neither accept nor refuse
+// the text.
 class TomlParserStopped : public std::logic_error {
  public:
   using std::logic_error::logic_error;

@@ -14,11 +14,12 @@ namespace {
 struct Spelling {
   Dimension dimension;
   std::string_view unit;
-  std::string_view name;  // name of the dimension, given at its first spelling only
+  // Name of the dimension; empty except at the first spelling of a dimension.
+  std::string_view name;
 };
 
-// The first spelling of a dimension is the one that messages use. The list in the header repeats
-// this table.
+// The accepted spellings of units. Messages use the first spelling of a dimension. The list in
+// units.hpp must agree with this table.
 constexpr Spelling kSpellings[] = {
     {Dimension::ratio, "1", "a ratio"},
     {Dimension::ratio, "V/V", ""},
@@ -77,7 +78,8 @@ const Spelling &canonical(Dimension dimension) {
                        [=](const Spelling &s) { return s.dimension == dimension; });
 }
 
-// A symbol means factor * 10^exponent of the symbol that the spellings use.
+// A symbol of a unit. One unit with this symbol is factor * 10^exponent units with the symbol in
+// the accepted spellings.
 struct Symbol {
   std::string_view text;
   std::string_view base;
@@ -128,8 +130,7 @@ std::optional<Symbol> find_symbol(std::string_view text) {
 
 bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
 
-// A unit as a product of the symbols of the spellings. Each product has one form only: "kN*s/mm" is
-// 10^6 "N s/m".
+// A unit as a factor times one of the accepted spellings. For example, "kN*s/mm" is 10^6 "N s/m".
 struct Unit {
   std::string spelling;
   int exponent = 0;
@@ -140,8 +141,9 @@ struct Unit {
 std::optional<Unit> parse_unit(std::string_view text) {
   Unit unit;
   bool divides = false;
-  bool group = false;  // inside parentheses
-  // A blank was read, which means a product between two symbols.
+  // true: inside parentheses.
+  bool group = false;
+  // true: a blank was read, which stands for a multiplication of two symbols.
   bool gap = false;
   for (std::size_t i = 0; i < text.size();) {
     const char c = text[i];
@@ -180,14 +182,15 @@ std::optional<Unit> parse_unit(std::string_view text) {
   return unit;
 }
 
-// Returns the dimension of a unit, independent of the form in which its product is written.
+// Returns the dimension of a unit. Equivalent forms of a product, such as "N s" and "N*s", have the
+// same dimension.
 std::optional<Dimension> dimension_of_unit(const Unit &unit) {
   for (const Spelling &spelling : kSpellings)
     if (parse_unit(spelling.unit)->spelling == unit.spelling) return spelling.dimension;
   return std::nullopt;
 }
 
-// Returns the decimal number times a power of ten, with one rounding.
+// Returns a decimal number times a power of ten, with only one rounding.
 double scaled_number(std::string number, int exponent) {
   if (const std::size_t at = number.find_first_of("eE"); at != std::string::npos) {
     int own = 0;
@@ -199,8 +202,8 @@ double scaled_number(std::string number, int exponent) {
     number.resize(at);
   }
   number.append(1, 'e').append(std::to_string(exponent));
-  double value = std::numeric_limits<double>::infinity();  // The value remains infinite if no
-                                                           // double has it.
+  // The value remains infinite if it is too large for a double.
+  double value = std::numeric_limits<double>::infinity();
   (void)std::from_chars(number.data(), number.data() + number.size(), value);
   return value;
 }

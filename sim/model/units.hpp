@@ -25,9 +25,9 @@
 //
 // The unit of a parameter is one of these spellings. A quantity is a number and one of these units,
 // in which each of the symbols m s N V A ohm H Hz g rad may have one of the prefixes n u m c k M.
-// Further symbols are g for 0.001 kg, min for 60 s, and deg and rev for angles: "400 kN/m",
-// "25 mm/rev". A rate may be given in Hz; 1 Hz is 2 pi rad/s. The conversion of a decimal prefix
-// has no rounding error of its own: "12.3 mm" is the double next to 0.0123.
+// Further symbols are g for 0.001 kg, min for 60 s, and deg and rev for angles: "400 kN/m", "25
+// mm/rev". A rate may be given in Hz; 1 Hz is 2 pi rad/s. The conversion of a decimal prefix adds
+// no rounding error: "12.3 mm" is the double next to 0.0123.
 #include <array>
 #include <optional>
 #include <string>
@@ -78,39 +78,41 @@ enum class Dimension {
   force_rate_per_count,
 };
 
-/// Exponents of kg, m, s, A, count and cycle. An angle counts as a number.
+/// Exponents of the base units kg, m, s, A, count and cycle. Angles have no base unit.
 using Powers = std::array<int, 6>;
 Powers powers_of(Dimension dimension);
 
-/// Returns the first accepted spelling of the unit, such as "N s/m".
+/// Returns the first accepted spelling of the unit of a dimension, such as "N s/m".
 std::string_view unit_of(Dimension dimension);
 /// Returns the dimension as a phrase, such as "a force in N" or "a number without unit".
 std::string phrase_of(Dimension dimension);
-/// Returns the dimension of a spelling, or nothing if the list has no such spelling.
+/// Returns the dimension of a unit. Returns nothing if the spelling of the unit is not accepted.
 std::optional<Dimension> dimension_of(std::string_view unit);
-/// Returns every accepted spelling.
+/// Returns all accepted spellings of units.
 std::vector<std::string> unit_spellings();
 
-/// Returns whether a text has the form of a quantity: it begins with a digit after an optional sign
-/// or point. The name of a parameter never begins like this.
+/// Returns true if a text has the form of a quantity: its first character after an optional sign or
+/// point is a digit. Names of parameters never have this form.
 bool is_quantity(std::string_view text);
 
-/// The number of a quantity, without the prefix of its unit, and the text of its unit.
+/// The number of a quantity without the prefix of the unit, and the text of the unit.
 struct QuantityText {
-  double number = 0.0;  ///< number of the quantity; infinite if no double has its value
+  /// Number before the unit; infinite if the number is too large for a double.
+  double number = 0.0;
   std::string_view digits;
   std::string_view unit;
 };
 QuantityText split_quantity(std::string_view text);
 
-/// The value of a quantity in the unit of the first spelling, or else a description of the text for
-/// a message, to follow the word "got".
+/// The value of a quantity in the SI unit of the dimension. If the text is not valid, `obtained`
+/// describes the text for a message, to follow the word "got".
 struct QuantityResult {
   std::optional<double> value;
   std::string obtained;
 };
 
-/// Reads a text for which is_quantity() is true. The value may be outside any range, or infinite.
+/// Reads a text for which is_quantity() returns true. The value can be infinite; its range is not
+/// checked.
 QuantityResult read_quantity(std::string_view text, Dimension dimension);
 
 }  // namespace forceaxis::sim
