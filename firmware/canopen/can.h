@@ -3,8 +3,8 @@
 
 #include <stdint.h>
 
-/* A classic CAN frame with an 11-bit identifier, the only kind of frame that CANopen uses. The code
- * for a board discards frames of other kinds. */
+/* A classic CAN frame with an 11-bit identifier. CANopen uses only frames of this kind, so the code
+ * for a board discards all other frames. */
 typedef struct {
   uint16_t id;    /* 0..2047 */
   uint8_t length; /* 0..8 */

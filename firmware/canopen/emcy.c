@@ -39,8 +39,8 @@ void emcy_update(canopen_t *canopen) {
       communication ? (uint8_t)(drive | ERROR_ANY | ERROR_COMMUNICATION) : drive;
 }
 
-/* Adds an error to the history, which has the latest error first. A full history discards its
- * oldest error. */
+/* Adds an error to the error history, which begins with the latest error. If the history is full,
+ * its oldest error is discarded. */
 static void remember(canopen_t *canopen, uint16_t code, uint8_t info) {
   uint32_t *history = canopen->signals.error_history;
   for (uint8_t i = EMCY_HISTORY - 1; i > 0; i--) {
@@ -61,8 +61,8 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
     return;
   }
   if (emcy->count == EMCY_WAITING) {
-    /* The oldest message is discarded: the history keeps its error, and the latest message shows
-     * the present state. */
+    /* If too many messages wait, the oldest message is discarded: the history keeps its error, and
+     * the latest message shows the present state. */
     emcy->count = EMCY_WAITING - 1;
     for (uint8_t i = 0; i < EMCY_WAITING - 1; i++) {
       emcy->waiting[i] = emcy->waiting[i + 1];
@@ -76,8 +76,7 @@ void emcy_raise_detailed(canopen_t *canopen, uint16_t code, uint8_t info, uint32
                     .detail = detail};
 }
 
-/* Returns true if the node has already reported this error code, at the time when the owner was
- * lost. */
+/* Returns true if the node already reported this error code when the owner was lost. */
 static bool is_reported(const canopen_t *canopen, uint16_t code) {
   switch (code) {
     case AXIS_ERROR_CODE_HEARTBEAT_LOST:

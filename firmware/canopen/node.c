@@ -166,8 +166,8 @@ uint8_t canopen_take_reset(canopen_t *canopen) {
 }
 
 static void bus_off(canopen_t *canopen) {
-  /* Waiting frames would be sent too late, so they are discarded. The queue accepts no frame until
-   * the bus works again. */
+  /* Frames that wait in the queue would be sent too late, so they are discarded. The queue accepts
+   * no new frame until the bus works again. */
   can_output_clear(&canopen->output);
   canopen->output.closed = 1;
   emcy_update(canopen);
@@ -225,8 +225,8 @@ static void receive_nmt(canopen_t *canopen, const can_frame_t *frame) {
   }
 }
 
-/* Passes a frame to the SDO server with its identifier. Returns false if no server has this
- * identifier. */
+/* Passes a frame to the SDO server whose requests have the identifier of the frame. Returns false
+ * if there is no such server. */
 static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame) {
   const uint8_t server = sdo_server_at(canopen, frame->id);
   if (server == CANOPEN_SDOS) {
@@ -236,8 +236,8 @@ static bool receive_sdo(canopen_t *canopen, dictionary_t *objects, const can_fra
   return true;
 }
 
-/* Returns true if the node itself sends frames with this identifier: a received frame with this
- * identifier shows another node with the same node id. */
+/* Returns true if the node itself sends frames with the identifier `id`. If the node receives a
+ * frame with this identifier, another node has the same node id. */
 static bool is_own(const canopen_t *canopen, uint16_t id) {
   const uint32_t emcy = canopen->params.emcy_cob_id;
   return id == HEARTBEAT_ID + canopen->node_id || sdo_transmits(canopen, id) ||

@@ -43,8 +43,9 @@ void canopen_start(canopen_t *canopen, const dictionary_t *objects);
 
 void canopen_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *frame);
 
-/* canopen_take_requests() returns the requests of the node since the last call. Call it after every
- * other function of the node, because the loss of a source must act before the next function. */
+/* canopen_take_requests() returns the requests of the node since the last call. Call this function
+ * after every other function of the node, because the loss of a source must act before the next
+ * function. */
 static inline bool canopen_has_requests(const canopen_t *canopen) {
   const canopen_requests_t *requests = &canopen->requests;
   return requests->frames_lost != 0 || requests->sources_lost != 0 || requests->duplicate != 0;
@@ -109,8 +110,8 @@ void canopen_lss_tick(canopen_t *canopen, uint32_t ticks);
  * must carry out this reset. */
 uint8_t canopen_take_reset(canopen_t *canopen);
 
-/* Reports `frames` lost received frames: requests that the firmware counts them, and sends an
- * emergency message. */
+/* Reports that `frames` received frames were lost: requests that the firmware counts these frames,
+ * and sends an emergency message. */
 void canopen_lost(canopen_t *canopen, uint16_t frames);
 
 /* Sets the bus state (CAN_BUS_) that the CAN controller reports. The node sends an emergency

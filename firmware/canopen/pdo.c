@@ -225,7 +225,7 @@ static void report(canopen_t *canopen, uint8_t i, uint8_t what, uint16_t code) {
 
 typedef struct {
   bool refused; /* true: an object refused the received value */
-  bool skipped; /* true: objects of the other part were not written */
+  bool skipped; /* true: the RPDO has objects that are not in the written part */
 } written_t;
 
 /* Writes one part of the objects of RPDO i: either the controlword, or all other objects. */
@@ -326,8 +326,8 @@ void pdo_sync(canopen_t *canopen, dictionary_t *objects, uint8_t counter) {
 }
 
 void pdo_late(canopen_t *canopen, bool active, uint8_t rpdo) {
-  /* The deadline of this RPDO starts again when the axis becomes active, even if another frame has
-   * enabled the axis. */
+  /* The deadline of this RPDO starts again when the axis becomes active, even if the RPDO was not
+   * received meanwhile. */
   canopen_put(&canopen->rpdos_waiting, rpdo);
   if (!active) {
     return;

@@ -95,7 +95,7 @@ static void begin_block(const sdo_request_t *request, uint32_t offset) {
   sdo_await(request->canopen, request->number);
 }
 
-/* Ends an upload whose segments are all acknowledged. */
+/* Ends an upload after the client has acknowledged all segments. */
 static void end_upload(const sdo_request_t *request) {
   sdo_server_t *server = request->server;
   const uint32_t last =

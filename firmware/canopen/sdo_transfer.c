@@ -161,7 +161,8 @@ static uint32_t abort_of(uint16_t object, int32_t value, int refusal) {
       return SDO_ABORT_SIGNATURE;
     }
     if (object == AXIS_OBJ_ERROR_HISTORY_COUNT) {
-      return SDO_ABORT_VALUE; /* CiA 301 requires this code, because only 0 may be written */
+      /* CiA 301 requires this code, because only 0 may be written to 1003h:00 */
+      return SDO_ABORT_VALUE;
     }
     if (is_above(entry, value, entry->max)) {
       return SDO_ABORT_TOO_HIGH;

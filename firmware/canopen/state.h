@@ -20,7 +20,7 @@ typedef struct {
   uint16_t code;
   uint8_t error_register;
   uint8_t info;
-  uint32_t detail; /* last four bytes of the message, lowest byte first */
+  uint32_t detail; /* last four bytes of the emergency message, lowest byte first */
 } emergency_t;
 
 typedef struct {
@@ -28,7 +28,7 @@ typedef struct {
    * oldest first */
   emergency_t waiting[EMCY_WAITING];
   uint16_t drive_code; /* error code of the drive that was reported last */
-  uint8_t count;       /* number of messages in `waiting` */
+  uint8_t count;       /* number of waiting emergency messages */
   /* 1: lost frames were reported by error code 8110h, and since then the output queue was never
    * empty */
   uint8_t overrun_reported;
@@ -74,20 +74,20 @@ enum {
 /* State of an SDO transfer in progress. An expedited transfer needs no such state. */
 typedef struct {
   uint32_t size;        /* upload: size of all data in bytes; download: announced size in bytes */
-  uint32_t offset;      /* number of bytes that have been transferred */
+  uint32_t offset;      /* number of bytes that have been transferred so far */
   uint32_t block_begin; /* block upload: offset in bytes at which the present block begins */
   uint32_t crc_end;     /* block upload: number of bytes that are included in `crc` */
   uint16_t index;
   uint16_t object; /* download: AXIS_OBJ_ */
   uint16_t crc;
   uint8_t sub;
-  /* upload: kind of the data, AXIS_ADDRESS_TEXT or AXIS_ADDRESS_DOMAIN; otherwise a value in
-   * `data` */
+  /* upload: kind of the uploaded data; AXIS_ADDRESS_TEXT, AXIS_ADDRESS_DOMAIN, or another kind for
+   * a value in `data` */
   uint8_t what;
   uint8_t state;      /* SDO_ */
   uint8_t toggle;     /* toggle bit of the next segment */
   uint8_t sized;      /* 1: the client has announced the size of the download */
-  uint8_t replaced;   /* 1: a new recording has replaced the one that is uploaded */
+  uint8_t replaced;   /* 1: a new recording has replaced the recording that is uploaded */
   uint8_t with_crc;   /* 1: block transfer for which the client requests a CRC */
   uint8_t block_size; /* block upload: number of segments in a block */
   uint8_t sequence;   /* block upload: number of the last segment that was sent */
@@ -125,7 +125,7 @@ enum { CANOPEN_RESET_NONE = 0, CANOPEN_RESET_COMMUNICATION = 1, CANOPEN_RESET_NO
 /* Requests of the node to the firmware, which canopen_take_requests() returns. */
 typedef struct {
   uint16_t frames_lost;
-  /* set of sources (FW_SOURCE_) that can no longer reach the axis over this bus */
+  /* set of sources (FW_SOURCE_) that can no longer reach the axis over the CAN bus */
   uint8_t sources_lost;
   uint8_t fault;     /* reason (AXIS_FAULT_) for the loss of the first source in sources_lost */
   uint8_t stop;      /* 1: the reason in `fault` must stop the axis for every owner */

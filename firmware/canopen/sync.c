@@ -21,8 +21,8 @@ void sync_receive(canopen_t *canopen, dictionary_t *objects, const can_frame_t *
   }
 }
 
-/* Checks a new COB-ID of SYNC. No bit makes this COB-ID invalid; bit 30 is refused, because with it
- * the node would have to produce SYNC. */
+/* Checks a new COB-ID of SYNC. No bit makes this COB-ID invalid. Bit 30 must be 0, because a node
+ * with bit 30 must produce SYNC. */
 int sync_check_cob_id(uint32_t wanted) {
   const bool fits = fx_field(wanted, 11, 20) == 0 && !canopen_is_restricted(canopen_can_id(wanted));
   return fits ? FW_OK : FW_ERROR_RANGE;

@@ -26,7 +26,7 @@ uint32_t canopen_timers_due(canopen_timers_t *timers) {
     if (at == timers->now) {
       due |= bit;
     } else {
-      /* The new slot of the timer may be the slot that is checked now. */
+      /* the new slot of the timer may be the slot that is checked now */
       *canopen_timer_slot(timers, at) |= bit;
     }
   }

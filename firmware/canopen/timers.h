@@ -33,7 +33,8 @@ enum { CANOPEN_TIMER_SLOTS = 32 };
 
 /* All timers of a node. A set of timers has one bit for each timer. */
 typedef struct {
-  /* number of the present tick while a tick runs, otherwise of the next tick; wraps at 2^32 */
+  /* number of the present tick while a tick is computed, otherwise number of the next tick; wraps
+   * at 2^32 */
   uint32_t now;
   uint32_t running; /* set of the running timers */
   /* set of timers in each slot: all running timers and some stopped timers */
@@ -81,14 +82,15 @@ uint32_t canopen_timers_due(canopen_timers_t *timers);
  * ticks later. */
 void canopen_timers_missed(canopen_timers_t *timers, uint32_t ticks);
 
-/* Adapts the time `at` to `ticks` missed ticks that began at `now`. Returns `at` if it lies after
- * the missed ticks, otherwise the first tick after them. */
+/* Adapts the time `at` of a timer to `ticks` missed ticks, the first of which is `now`. Returns
+ * `at` unchanged if it lies after the missed ticks, otherwise the first tick after the missed
+ * ticks. */
 static inline uint32_t canopen_timer_caught_up(uint32_t at, uint32_t now, uint32_t ticks) {
   return (at - now < ticks) ? now + ticks : at;
 }
 
-/* Stops a timer that is due. Returns false if the timer is not due, because it was restarted or
- * stopped meanwhile. */
+/* Stops a timer that expires in the present tick. Returns false if the timer was restarted or
+ * stopped meanwhile and does not expire. */
 static inline bool canopen_timer_take(canopen_timers_t *timers, uint32_t timer) {
   const bool due = canopen_timer_runs(timers, timer) && timers->at[timer] == timers->now;
   if (due) {

@@ -45,17 +45,20 @@ void pin_speed(gpio_t *port, uint8_t pin, uint32_t speed);
 void pin_alternate(gpio_t *port, uint8_t pin, uint32_t function, uint32_t pull);
 void pins_init(void); /* sets outputs low, and configures inputs and straps */
 void pins_read_options(void);
-void pins_write(bool amp_enable, bool brake_release); /* call it once in each tick */
-bool pins_enable_is_right(void); /* true: the pin amp_enable has the level that was output */
+/* sets both outputs; call it once in each tick */
+void pins_write(bool amp_enable, bool brake_release);
+/* returns true if the pin amp_enable has the level that was output */
+bool pins_enable_is_right(void);
 void index_interrupt(void);
-/* set of AXIS_DIN_; AXIS_DIN_INDEX: an index pulse occurred since the last call */
+/* returns a set of AXIS_DIN_; AXIS_DIN_INDEX: an index pulse occurred since the last call */
 uint8_t pins_din(void);
-uint8_t pins_node_id(void); /* node id of the straps; 0: no strap is connected */
+/* returns the node id that the straps select; 0: no strap is connected */
+uint8_t pins_node_id(void);
 
 /* dac.c: outputs a DAC code of -2048..2047; code 0 is mid-scale. */
 void dac_init(void);
 void dac_write(int16_t code);
-bool dac_is_zero(void); /* true: the present output of the DAC is mid-scale */
+bool dac_is_zero(void); /* returns true if the present output of the DAC is mid-scale */
 
 /* encoder.c */
 void encoder_init(void);
@@ -86,7 +89,7 @@ uint16_t monitor_state(void);
  * second_clock_start() after clock_counter_start() and before clock_start(). */
 void second_clock_start(void);
 void second_clock_tick(void);
-int16_t second_clock_permille(void); /* excess of the tick length in 1/1000 */
+int16_t second_clock_permille(void); /* returns the excess of the tick length in 1/1000 */
 uint16_t second_clock_state(void);   /* FW_BOARD_ bits */
 
 /* supply.c */
@@ -94,7 +97,7 @@ void supply_init(void);
 void supply_interrupt(void);
 void supply_look(void);
 bool supply_is_low(void);
-/* true: the option bytes set the brown-out reset to the required level */
+/* returns true if the option bytes set the brown-out reset to the required level */
 bool supply_resets_in_time(void);
 
 /* memory_check.c: image_is_whole() checks the CRC of the image, ram_is_right() checks each used
@@ -126,7 +129,8 @@ const store_memory_t *flash_archive(void);
 /* watchdog.c */
 void watchdog_start(void); /* starts the watchdog with its longest time */
 void watchdog_arm(void);   /* sets the time to 20 ms */
-uint8_t reset_cause(void); /* set of FW_RESET_; call it once */
+/* returns the causes of the last reset, a set of FW_RESET_; call it once */
+uint8_t reset_cause(void);
 
 /* io.c, or emulated/io.c */
 /* sets safe outputs, then starts the clock and all peripherals except the serial line */

@@ -35,8 +35,8 @@ enum { STALE_TICKS = 150 };
 #define MODE (CAN_MCR_TXFP | CAN_MCR_RFLM)
 
 static can_frame_t ring[RING];
-static volatile uint8_t ring_in;  /* index that the interrupt writes */
-static volatile uint8_t ring_out; /* index that the main loop writes */
+static volatile uint8_t ring_in;  /* index in `ring` that only the interrupt writes */
+static volatile uint8_t ring_out; /* index in `ring` that only the main loop writes */
 /* number of frames for which the ring buffer had no room; written by the interrupt */
 static volatile uint16_t dropped;
 static uint16_t dropped_reported;
@@ -129,8 +129,8 @@ uint8_t port_can_bus(void) {
       }
       break;
     case JOINING:
-      /* After bus off, the first 11 recessive bits end the initialisation. The last of 128 such
-       * sequences ends bus off. */
+      /* Bus off needs 128 sequences of 11 recessive bits: the first sequence ends the
+       * initialisation, the last one ends bus off. */
       if ((CAN1->MSR & CAN_MSR_INAK) == 0 && (CAN1->ESR & CAN_ESR_BOFF) == 0) {
         state = RUNNING;
       } else {
@@ -164,7 +164,7 @@ uint16_t port_can_lost(void) {
   }
   uint16_t lost = (uint16_t)(dropped - dropped_reported);
   dropped_reported = (uint16_t)(dropped_reported + lost);
-  /* At least one frame was lost; the controller does not count lost frames. */
+  /* The controller does not count lost frames, but at least one frame was lost. */
   if ((CAN1->RF0R & CAN_RF0R_FOVR0) != 0) {
     CAN1->RF0R = CAN_RF0R_FOVR0;
     lost++;
@@ -213,8 +213,8 @@ void can_interrupt(void) {
     dropped++;
   }
   CAN1->RF0R = CAN_RF0R_RFOM0;
-  /* Wait until the FIFO has released the frame: before the release, the FIFO would show the same
-   * frame again. */
+  /* Wait until the FIFO has released the frame that was read. Before the release, the FIFO would
+   * show this frame again. */
   for (uint8_t polls = 0; polls < 8 && (CAN1->RF0R & CAN_RF0R_RFOM0) != 0; polls++) {
   }
 }

@@ -10,7 +10,7 @@ enum { MID_SCALE = 2048, PIN = 4 };
 void dac_init(void) {
   RCC->AHB1ENR |= RCC_AHB1ENR_GPIOAEN;
   RCC->APB1ENR |= RCC_APB1ENR_DACEN;
-  (void)RCC->APB1ENR; /* a clock runs two cycles after its bit is set */
+  (void)RCC->APB1ENR; /* a peripheral can be used two cycles after its clock is enabled */
   DAC->DHR12R1 = MID_SCALE;
   pin_mode(GPIOA, PIN, PIN_ANALOG, PIN_PULL_NONE);
   DAC->CR = DAC_CR_BOFF1 | DAC_CR_EN1;

@@ -8,7 +8,7 @@
 extern uint32_t stack_bottom[];
 extern uint32_t stack_top[];
 
-/* Data of a fault that are kept over a reset. Start-up does not clear them. */
+/* Data of a fault that are kept over a reset. Start-up does not clear these data. */
 typedef struct {
   uint32_t magic;
   fw_core_fault_t words;

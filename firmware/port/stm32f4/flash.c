@@ -53,7 +53,7 @@ static void unpack(uint8_t *bytes, uint32_t word) {
 
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const uint32_t base = sectors_of(context)->base;
-  /* Most reads are complete words at aligned addresses. */
+  /* Most reads are complete words at aligned addresses, so a word is read at a time. */
   while (count >= 4 && (address & 3u) == 0) {
     const uint32_t word = *(const volatile uint32_t *)(base + address);
     unpack(bytes, word);

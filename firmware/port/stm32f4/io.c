@@ -40,10 +40,9 @@ void io_make_safe(void) {
 
 uint8_t io_node_id(void) { return pins_node_id(); }
 
-/* Returns the CRC-32 of the unique 96 bits of the chip as its serial number: the number
- * distinguishes two chips of one production lot, also in LSS. Returns 0 without the correct clock:
- * an emulator without the clocks also lacks the unique bits, and reading them would cause a
- * fault. */
+/* Returns a serial number, the CRC-32 of the unique 96 bits of the chip: it distinguishes two chips
+ * of one production lot, also in LSS. Returns 0 without the correct clock, because an emulator
+ * without the clocks also lacks the unique bits, and reading them would cause a fault. */
 uint32_t io_serial_number(void) {
   if (!clock_is_right) {
     return 0;
@@ -81,7 +80,7 @@ void port_sense(axis_inputs_t *inputs) {
   uint16_t codes[2] = {0, 0};
   const bool valid = adc_read(codes) && clock_is_right;
   inputs->sensor_valid = valid ? 1 : 0;
-  /* An ADC code has 12 bits. The axis uses the upper adc_bits of them; if adc_bits is above 12,
+  /* An ADC code has 12 bits. The axis uses the upper adc_bits of the code; if adc_bits is above 12,
    * zeros are appended. */
   const uint8_t bits = port_firmware()->axis.params.adc_bits;
   for (uint8_t i = 0; i < 2; i++) {

@@ -13,9 +13,8 @@ extern uint32_t ram_end[];
 /* Number of words at the end of the stack that protect.c protects from access. */
 enum { GUARD_WORDS = 8 };
 
-/* CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as the CRC
- * unit of the chip computes it: polynomial 0x04C11DB7, initial value all ones, highest bit
- * first. */
+/* CRC of the words from vectors_begin to vectors_end and from code_begin to code_end, as computed
+ * by the CRC unit of the chip: polynomial 0x04C11DB7, initial value all ones, highest bit first. */
 __attribute__((section(".image_check"), used)) static const volatile uint32_t image_crc = 0;
 
 /* Adds the words from `at` to `end` to the CRC, four words in each loop. Each word needs a read and

@@ -20,7 +20,7 @@ static uint8_t dac_wrong;
 static uint8_t reference_wrong;
 static bool is_reference; /* true: the present conversion is of the internal reference */
 static bool is_started;
-static int16_t expected; /* DAC code during the present conversion */
+static int16_t expected; /* DAC code that is output during the present conversion */
 static int32_t nominal = REFERENCE_CODE;
 
 static uint8_t next(uint8_t count, bool is_wrong) {

@@ -325,7 +325,7 @@ typedef struct {
   reg_t ESR;
   reg_t BTR;
   reg_t unused_20[88];
-  reg_t TI0R; /* three mailboxes with four registers each */
+  reg_t TI0R; /* three mailboxes, each with four registers */
   reg_t TDT0R;
   reg_t TDL0R;
   reg_t TDH0R;

@@ -12,8 +12,8 @@
 enum { MEASURED = 20 };
 
 /* WINDOW_TICKS: number of ticks in one comparison, 10 ms or 170 to 470 counts of the slow
- * oscillator. PERMILLE_MAX: largest accepted error of the tick length; the temperature drift of
- * both oscillators together is smaller. */
+ * oscillator. PERMILLE_MAX: largest accepted error of the tick length in 1/1000; the two
+ * oscillators together have a smaller temperature drift. */
 enum { WINDOW_TICKS = 15, PERMILLE_MAX = 250 };
 
 /* Largest number of polls for one count. A count lasts at most 59 us, 941 cycles of the internal
@@ -23,7 +23,7 @@ enum { POLLS_MAX = 4000 };
 /* number of cycles of the 16 MHz oscillator in MEASURED counts of the slow oscillator; 0: not
  * known */
 static uint32_t cycles;
-static uint32_t before; /* RTC count at the beginning of the window */
+static uint32_t before; /* count of the real-time clock at the beginning of the window */
 static uint8_t ticks = WINDOW_TICKS;
 static bool is_compared;
 static bool is_running; /* 1: `before` is valid */
@@ -46,7 +46,7 @@ static bool counter_start(void) {
     return false;
   }
   PWR->CR |= PWR_CR_DBP;
-  (void)PWR->CR; /* wait before the backup domain is written */
+  (void)PWR->CR; /* wait until the backup domain can be written */
   /* The clock source can be selected only once. A reset of the backup domain permits a new
    * selection. */
   if ((RCC->BDCR & RCC_BDCR_RTCSEL) != RCC_BDCR_RTCSEL_LSI) {
@@ -60,7 +60,7 @@ static bool counter_start(void) {
   RTC->CR |= RTC_CR_BYPSHAD;
   RTC->ISR |= RTC_ISR_INIT;
   const bool done = becomes(&RTC->ISR, RTC_ISR_INITF, RTC_ISR_INITF);
-  /* two writes, because the two fields must be written one after the other */
+  /* written twice, because the two fields must be written one after the other */
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->PRER = RTC_PRER_PREDIV_S;
   RTC->ISR &= ~RTC_ISR_INIT;

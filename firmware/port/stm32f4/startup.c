@@ -56,7 +56,8 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         {
             HANDLER(1, reset),
             HANDLER(2, board_fail), /* NMI */
-            HANDLER(3, board_fail), /* hard fault, and all faults that are not enabled separately */
+            /* hard fault, and all faults that have no enabled handler of their own */
+            HANDLER(3, board_fail),
             HANDLER(4, board_fail),
             HANDLER(5, board_fail),
             HANDLER(6, board_fail),

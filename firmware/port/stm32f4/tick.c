@@ -5,7 +5,7 @@
 
 static volatile uint32_t entries;
 static uint32_t period; /* length of a tick in counts of clock_count() */
-static uint32_t due;    /* count at which the present tick was due, or slightly earlier */
+static uint32_t due;    /* count at which the present tick was due, or a slightly smaller count */
 static uint32_t missed;
 static bool is_late;
 

@@ -9,10 +9,10 @@ enum { RELOAD = 40 - 1 };
  * of the slow oscillator, 300 us. */
 enum { POLLS_MAX = 20000 };
 
-/* Starts the watchdog, which cannot be stopped afterwards. Until the watchdog is first fed, its
- * time is the reset value, 0.35 to 1 s, which is long enough for the start-up. A debugger may have
- * left a setting that stops the watchdog together with the core; after this setting only a power-up
- * lets the watchdog run again. */
+/* Starts the watchdog, which cannot be stopped afterwards. Until the program first feeds the
+ * watchdog, the watchdog time is the reset value, 0.35 to 1 s, which is long enough for the
+ * start-up. A debugger may have left a setting that stops the watchdog together with the core.
+ * After such a setting only a power-up lets the watchdog run again. */
 void watchdog_start(void) {
   DBGMCU->APB1_FZ = 0;
   IWDG->KR = IWDG_KEY_START;
