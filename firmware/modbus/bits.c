@@ -5,7 +5,8 @@
 
 enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100 };
 
-/* The access to an object that is in progress. */
+/* Steps of a request of coils or discrete inputs; each step waits for the result of one access to
+ * an object. */
 enum {
   COIL,
   DISCRETE,
@@ -23,7 +24,7 @@ enum {
   DISABLE
 };
 
-/* Returns the object from which a coil is read, or none. */
+/* Returns the object from whose value a coil is computed, or AXIS_OBJ_NONE. */
 static uint16_t coil_object(uint32_t n) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -39,7 +40,7 @@ static uint16_t coil_object(uint32_t n) {
   }
 }
 
-/* Returns the state of a coil for a value of its object. */
+/* Returns the state of a coil, computed from the value of its object. */
 static bool coil(uint32_t n, uint32_t value) {
   switch (n) {
     case AXIS_COIL_ENABLE:
@@ -72,7 +73,8 @@ static bool discrete(uint32_t n, uint32_t value) {
   return (n < AXIS_DISCRETE_LIMIT_ACTIVE) ? fx_field(value, n, 1) != 0 : value != 0;
 }
 
-/* Appends the bits of the object that was read last, and requests the object of the next bit. */
+/* Appends the bits of the object that was read last to the answer, and requests the object of the
+ * next bit. */
 static void next_bits(modbus_request_t *r, uint8_t step) {
   for (; r->first < r->after; r->first++) {
     const uint16_t object = (step == COIL) ? coil_object(r->first) : discrete_object(r->first);
@@ -112,7 +114,7 @@ void modbus_read_discretes(modbus_request_t *r, uint16_t first, uint16_t count) 
   read_bits(r, DISCRETE, AXIS_DISCRETE_COUNT, first, count);
 }
 
-/* Whether the request only commands a stop, which every source may do. */
+/* Returns true if the request only commands a stop, which every source may command. */
 static bool only_stops(const modbus_request_t *r) {
   bool stops = false;
   for (uint32_t n = 0; n < AXIS_COIL_COUNT; n++) {
@@ -126,7 +128,8 @@ static bool only_stops(const modbus_request_t *r) {
   return stops;
 }
 
-/* Checks the permission to write: of the owner only, or of every source. */
+/* Checks the permission to write these coils: every source may stop the axis, but only the owner
+ * may do anything else. */
 static void ask_permission(modbus_request_t *r) {
   const bool stops = only_stops(r);
   modbus_ask(r, PERMISSION, MODBUS_CHECK, stops ? AXIS_OBJ_CONTROLWORD : AXIS_OBJ_FAULT_RESET,
@@ -151,8 +154,9 @@ static void write(modbus_request_t *r, uint8_t step, uint16_t object, uint32_t v
   modbus_ask(r, step, MODBUS_WRITE, object, fx_s32_from_u32(value));
 }
 
-/* Enables the axis from any state except a fault. Of the previous controlword only the halt bit is
- * kept, because its other bits could start an earlier set-point or homing again. */
+/* Enables the axis from any state except a fault, or disables the axis. Only the halt bit of the
+ * previous controlword is kept, because another bit could start an earlier set-point or homing
+ * again. */
 static void switch_axis(modbus_request_t *r) {
   if (r->one[AXIS_COIL_ENABLE]) {
     modbus_ask(r, STATE_TO_ENABLE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
@@ -192,8 +196,9 @@ static void disarm(modbus_request_t *r) {
   }
 }
 
-/* Executes the command of the request before the controlword, because the command may be refused
- * although the controlword would be accepted. A request contains at most one such command. */
+/* Executes the command of the request (store or recorder_trigger) before the controlword, because
+ * the command may be refused although the controlword would be accepted. A request contains at most
+ * one such command. */
 static void command(modbus_request_t *r) {
   const uint32_t state = (uint32_t)r->access.value;
   const bool fault = state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_NOT_READY ||
@@ -202,7 +207,7 @@ static void command(modbus_request_t *r) {
     modbus_end(r, MODBUS_EXCEPTION_STATE);
   } else if (r->one[AXIS_COIL_STORE] &&
              (r->one[AXIS_COIL_RECORDER_TRIGGER] || r->one[AXIS_COIL_ENABLE])) {
-    /* A save in progress would refuse the other command. */
+    /* A save in progress would refuse the second command. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
   } else if (r->one[AXIS_COIL_STORE]) {
     write(r, COMMAND, AXIS_OBJ_STORE_PARAMETERS, 1);
@@ -221,8 +226,8 @@ static void enable(modbus_request_t *r) {
   }
 }
 
-/* Whether a refusal of the last access ends the request. All other accesses were checked before,
- * and the state of the drive shows whether enabling succeeded. */
+/* Returns true if a refusal of the last access ends the request. All other accesses were checked
+ * before, and the drive state shows afterwards whether the axis was enabled. */
 static bool is_decisive(const modbus_request_t *r) {
   return r->step == PERMISSION || r->step == COMMAND || r->step == DISABLE;
 }

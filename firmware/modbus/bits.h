@@ -12,13 +12,14 @@
 
 #include "firmware/modbus/step.h"
 
-/* Answer with the requested bits, starting at the lowest bit of the first byte; unused bits of the
- * last byte are 0. */
+/* Answer with the requested coils or discrete inputs, one bit each. The first bit is the lowest bit
+ * of the first byte; unused bits of the last byte are 0. */
 void modbus_read_coils(modbus_request_t *r, uint16_t first, uint16_t count);
 void modbus_read_discretes(modbus_request_t *r, uint16_t first, uint16_t count);
 
-/* Writes all coils or none. Exception 3 if store is 1 together with recorder_trigger or enable.
- * Order: store or recorder_trigger, fault reset, halt, enable. */
+/* Writes all coils of the request or, after an exception, no coil. Exception 3 if store is 1
+ * together with recorder_trigger or enable. Order of the writes: store or recorder_trigger,
+ * fault_reset, halt, enable. */
 void modbus_write_coils(modbus_request_t *r, uint16_t first, uint16_t count, const uint8_t *bits);
 
 void modbus_bits_resume(modbus_request_t *r);

@@ -3,13 +3,13 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* The access to an object that is in progress. */
+/* Steps of functions 17 and 43; each step waits for the result of one access. */
 enum { STATE, NAME, IDENTITY };
 
 enum { TEXT_MAX = 30, HASH_DIGITS = 8, HASH = 0x80 };
 enum { INDEX_NAME = 0x1008, INDEX_HARDWARE = 0x1009, INDEX_SOFTWARE = 0x100A };
 
-/* Ids of the objects in the device identification, in ascending order. */
+/* Ids of the objects in the Modbus device identification, in ascending order. */
 static const uint8_t identities[] = {0x00, 0x01, 0x02, 0x04, 0x05, HASH};
 enum { IDENTITIES = sizeof(identities) };
 
@@ -21,7 +21,8 @@ static bool is_identity(uint8_t number) {
   return found;
 }
 
-/* The last object id of a category: basic, regular or extended. */
+/* Returns the last object id of a category of the device identification: basic, regular or
+ * extended. */
 static uint8_t identity_end(uint8_t category) {
   switch (category) {
     case 1:
@@ -44,7 +45,7 @@ static uint16_t index_of(uint8_t number) {
   }
 }
 
-/* Appends a text and returns its length. */
+/* Appends a text to the answer and returns the number of appended characters. */
 static uint8_t append_text(modbus_request_t *r, const char *text) {
   uint8_t n = 0;
   while (n < TEXT_MAX && text[n] != 0) {
@@ -60,7 +61,7 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Requests the entries of `identities` one by one, beginning at r->first. */
+/* Requests the next entry of `identities`, with the number r->first, or ends the request. */
 static void next_identity(modbus_request_t *r) {
   if (r->first == r->after) {
     modbus_end(r, MODBUS_OK);
@@ -100,7 +101,8 @@ void modbus_identify(modbus_request_t *r) {
   } else if (category == 4 && !is_identity(number)) {
     modbus_end(r, MODBUS_EXCEPTION_ADDRESS);
   } else {
-    /* If the first object id of the request is unknown, the answer begins with the first object. */
+    /* If the object id in the request is unknown, the answer begins with the first identification
+     * object. */
     const uint8_t first = is_identity(number) ? number : 0;
     const uint8_t last = (category == 4) ? number : identity_end(category);
     r->first = 0;
@@ -111,7 +113,7 @@ void modbus_identify(modbus_request_t *r) {
     while (r->after < IDENTITIES && identities[r->after] <= last) {
       r->after++;
     }
-    r->pdu[3] = 0x83; /* conformity: all categories, stream and individual access */
+    r->pdu[3] = 0x83; /* conformity level: all categories, stream and individual access */
     r->pdu[4] = 0;    /* no more objects follow */
     r->pdu[5] = 0;
     r->pdu[6] = 0; /* number of objects */

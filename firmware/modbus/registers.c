@@ -4,7 +4,7 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* The access to an object that is in progress. */
+/* Steps of a request of registers; each step waits for the result of one access to an object. */
 enum { ORDER_TO_READ, ORDER_TO_WRITE, VALUE, MASKED, CHECK, PREVIOUS, WRITE, TAKE_BACK };
 
 static uint16_t registers_of(uint16_t object) {
@@ -15,8 +15,8 @@ static uint32_t end_of(const axis_register_t *entry) {
   return (uint32_t)entry->first + registers_of(entry->object);
 }
 
-/* Returns the last of `count` entries that starts at or before a register; returns the first entry
- * if there is none. */
+/* Returns the last of `count` entries whose first register is at or before the register `at`, or
+ * the first entry if there is no such entry. */
 static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t count,
                                        uint32_t at) {
   while (count > 1) {
@@ -27,7 +27,7 @@ static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t 
   return entries;
 }
 
-/* Selects the entries of a range of registers. Returns false if a register of the range does not
+/* Selects the entries for a range of registers. Returns false if one register of the range does not
  * exist. */
 static bool select_entries(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count) {
@@ -60,7 +60,7 @@ bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count
   return select_entries(&request, table, first, count);
 }
 
-/* Returns the word of register `n` of a value that has `registers` registers. */
+/* Returns the word in register `n` of a value that occupies `registers` registers. */
 static uint16_t word_of(uint32_t value, uint16_t registers, uint32_t n, bool low_first) {
   const bool low = registers == 1 || (n == 1) != low_first;
   return (uint16_t)fx_field(value, low ? 0 : 16, 16);
@@ -85,8 +85,8 @@ static void next_value(modbus_request_t *r) {
   }
 }
 
-/* Appends the requested registers of the value of an entry; of a 32-bit value it may be one
- * half. */
+/* Appends the requested registers of an entry to the answer. The request may contain only half of a
+ * 32-bit value. */
 static void append_value(modbus_request_t *r) {
   const uint16_t registers = registers_of(r->entry->object);
   const uint32_t value = (uint32_t)r->access.value;
@@ -117,18 +117,18 @@ void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t f
   }
 }
 
-/* Whether a write acts immediately and cannot be rolled back. */
+/* Returns true if a write to this object acts immediately and cannot be undone. */
 static bool is_irreversible(uint16_t object) {
   return object == AXIS_OBJ_CONTROLWORD || object == AXIS_OBJ_MODE ||
          axis_objects[object].block == AXIS_BLOCK_NONE;
 }
 
-/* Whether a write releases the axis to another command source. */
+/* Returns true if a write releases the axis to a source other than Modbus. */
 static bool releases_axis(uint16_t object, int32_t value) {
   return object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS;
 }
 
-/* Whether the request acquires the axis for Modbus. */
+/* Returns true if the request acquires the axis for Modbus. */
 static bool acquires_axis(const modbus_request_t *r) {
   const uint8_t *words = r->words;
   for (const axis_register_t *entry = r->begin; entry < r->end; entry++) {
@@ -193,7 +193,7 @@ static void next_check(modbus_request_t *r) {
   }
 }
 
-/* A single write needs no check before the write. */
+/* Begins the writes of the request. A single write needs no check before. */
 static void begin_writes(modbus_request_t *r) {
   if (r->end - r->begin == 1) {
     next_write(r);
@@ -205,8 +205,8 @@ static void begin_writes(modbus_request_t *r) {
 static void checked(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   if (access->kind == MODBUS_CHECK && access->refusal == FW_ERROR_LOCKED && acquires_axis(r)) {
-    /* Values that are written after the request acquires the axis are checked as writes of the
-     * owner. */
+    /* The request itself acquires the axis, so this write is checked as if Modbus already owned the
+     * axis. */
     ask_for_entry(r, CHECK, MODBUS_CHECK_OWNER);
     return;
   }
@@ -216,7 +216,7 @@ static void checked(modbus_request_t *r) {
   }
   const bool releases = releases_axis(access->object, access->value);
   if (releases && r->entry + 1 < r->end) {
-    /* After the axis is released nothing can be written or rolled back. */
+    /* After the request has released the axis, nothing can be written or undone. */
     modbus_end(r, MODBUS_EXCEPTION_VALUE);
     return;
   }
@@ -227,7 +227,8 @@ static void checked(modbus_request_t *r) {
   next_check(r);
 }
 
-/* Restores the previous values of the entries before the current one, in reverse order. */
+/* Undoes the writes of the request: restores the previous values of the entries before the present
+ * entry, in reverse order. */
 static void take_back(modbus_request_t *r) {
   while (r->entry > r->begin) {
     r->entry--;
@@ -246,12 +247,13 @@ static void written(modbus_request_t *r) {
   if (r->access.refusal != FW_OK) {
     r->exception = modbus_exception_of(r->access.refusal);
     while (r->writes_those && r->entry < r->end) {
-      go_on(r); /* all other entries are written */
+      go_on(r); /* All reversible entries are already written. */
     }
     take_back(r);
     return;
   }
-  /* The previous value replaces the written value in the request, so that it can be restored. */
+  /* In the request the previous value of the object replaces the written value, so that the write
+   * can be undone. */
   for (uint32_t n = 0; n < registers_of(object); n++) {
     fx_store_be16(&r->place[2 * n], word_of(r->previous, registers_of(object), n, r->low_first));
   }
@@ -281,7 +283,8 @@ void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count,
   }
 }
 
-/* A write to half of a 32-bit object is refused, so the value of the word does not matter. */
+/* Writes the masked value of function 22. A write to half of a 32-bit object is refused, so the
+ * word does not matter in this case. */
 static void mask(modbus_request_t *r) {
   const uint32_t kept = (uint32_t)r->access.value & r->and_mask;
   const uint32_t given = (uint32_t)r->or_mask & ~(uint32_t)r->and_mask;

@@ -13,10 +13,11 @@
 
 typedef enum { MODBUS_HOLDING, MODBUS_INPUT } modbus_table_t;
 
-/* Whether all registers first .. first + count - 1 exist; count > 0. */
+/* Returns true if all registers from `first` to `first` + `count` - 1 exist; `count` must be above
+ * 0. */
 bool modbus_registers_exist(modbus_table_t table, uint16_t first, uint16_t count);
 
-/* Answers with `count` registers that begin at `first`. */
+/* Answers with the values of `count` registers; the first register is `first`. */
 void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t first,
                            uint16_t count);
 
@@ -30,7 +31,8 @@ void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t f
  * is not given back, because only LCM can acquire it again. */
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words);
 
-/* Writes one 16-bit object: (value and r->and_mask) or (r->or_mask and not r->and_mask). */
+/* Modbus function 22: writes the value (old value and r->and_mask) or (r->or_mask and not
+ * r->and_mask) to an object of 16 bits. */
 void modbus_mask_register(modbus_request_t *r, uint16_t first);
 
 void modbus_registers_resume(modbus_request_t *r);

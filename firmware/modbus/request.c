@@ -6,7 +6,7 @@
 #include "firmware/modbus/identity.h"
 #include "firmware/modbus/registers.h"
 
-/* Largest numbers of registers and coils that the protocol permits in a request. */
+/* Largest numbers of registers and coils that the Modbus protocol permits in one request. */
 enum {
   READ_BITS_MAX = 2000,
   WRITE_BITS_MAX = 1968,
@@ -17,7 +17,7 @@ enum {
 
 enum { COIL_ON = 0xFF00, COIL_OFF = 0x0000 };
 
-/* Offsets in a PDU: the function code, then 16-bit fields. */
+/* Offsets in bytes of the fields of a PDU: the function code, then fields of 16 bits. */
 enum { FUNCTION = 0, FIRST = 1, SECOND = 3, THIRD = 5, FOURTH = 7 };
 
 uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length) {
@@ -85,8 +85,8 @@ static void write_coils(modbus_request_t *r, uint16_t first, uint16_t count) {
   }
 }
 
-/* A copy of the value is written, because the response repeats the request and the write changes
- * its data. */
+/* Writes a copy of the value, because the write changes the data that it uses and the response must
+ * repeat the request. */
 static void write_register(modbus_request_t *r, uint16_t first, uint16_t value) {
   fx_store_be16(r->word, value);
   modbus_write_registers(r, first, 1, r->word);
@@ -107,7 +107,8 @@ static void mask_register(modbus_request_t *r, uint16_t first, uint16_t and_mask
   modbus_mask_register(r, first);
 }
 
-/* The range to read is checked first, so that a request with an exception writes nothing. */
+/* Checks first whether the registers to read exist, so that a request that ends with an exception
+ * writes nothing. */
 static void exchange_registers(modbus_request_t *r, uint16_t first, uint16_t count) {
   const uint16_t write_first = fx_load_be16(&r->pdu[THIRD]);
   const uint16_t write_count = fx_load_be16(&r->pdu[FOURTH]);
@@ -194,7 +195,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
   r->read_count = 0;
   counters[MODBUS_COUNT_SERVED] = (uint16_t)(counters[MODBUS_COUNT_SERVED] + 1);
   const uint16_t bytes = modbus_request_bytes(pdu, length);
-  /* Only an echo request may have any length. */
+  /* Only an echo request (function 8) may have any length. */
   const bool echo = pdu[FUNCTION] == 8 && length >= SECOND;
   if (bytes == MODBUS_BYTES_OPEN) {
     modbus_end(r, MODBUS_EXCEPTION_FUNCTION);

@@ -19,21 +19,22 @@
 
 #include "firmware/modbus/step.h"
 
-/* Largest length in bytes of function code and data, in a request or an answer. */
+/* Largest length in bytes of a PDU: function code and data of a request or of an answer. */
 enum { MODBUS_PDU_BYTES = 253 };
 
-/* Results of modbus_request_bytes() for a request whose length is not known. */
+/* Results of modbus_request_bytes() if the length of the request is not known. */
 enum {
-  MODBUS_BYTES_OPEN = 0,     /* unknown function: any length */
+  MODBUS_BYTES_OPEN = 0,     /* unknown function, any length */
   MODBUS_BYTES_MORE = 0xFFFF /* more bytes are needed */
 };
 
-/* Returns the length of a PDU whose first `length` bytes are known, or MODBUS_BYTES_. */
+/* Returns the length in bytes of a request PDU whose first `length` bytes are known, or a result
+ * MODBUS_BYTES_. */
 uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length);
 
-/* Begins a request. `pdu` has `length` bytes, at least one, in a buffer of MODBUS_PDU_BYTES that
- * must remain valid until the request has ended. `counters` has MODBUS_COUNTERS elements. `request`
- * need not be initialised. */
+/* Begins a request. The PDU in `pdu` has `length` bytes, at least one, in a buffer of
+ * MODBUS_PDU_BYTES; the buffer must stay valid until the request has ended. `counters` has
+ * MODBUS_COUNTERS elements. The caller need not initialise `request`. */
 void modbus_request_begin(modbus_request_t *request, uint8_t unit, uint8_t *pdu, uint16_t length,
                           uint16_t *counters);
 
@@ -41,7 +42,7 @@ static inline bool modbus_request_ended(const modbus_request_t *request) {
   return request->part == MODBUS_ENDED;
 }
 
-/* Continues the request with the result of request->access. */
+/* Continues the request with the result of the access that request->access requested. */
 void modbus_request_resume(modbus_request_t *request);
 
 #endif

@@ -6,7 +6,7 @@
 
 enum { BROADCAST = 0, FRAME_MIN = 4, CRC_BEGIN = 0xFFFF, BYTES_CRC = 2 };
 enum { UNIT = 0, PDU = 1 }; /* offsets in a frame */
-enum { TOO_LONG = 0xFFFF }; /* length that marks a frame that is to be discarded */
+enum { TOO_LONG = 0xFFFF }; /* length that marks a frame to be discarded */
 
 static void begin_frame(modbus_t *modbus) {
   modbus->length = 0;
@@ -18,8 +18,8 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-/* The silent interval that ends a frame, in ticks of 1/1500 s, rounded up: 3.5 characters of 11
- * bits, or 1.75 ms above 19200 baud (Modbus over serial line 1.02, 2.5.1.1). */
+/* Returns the silence that ends a frame in ticks of 1/1500 s, rounded up: 3.5 characters of 11
+ * bits, or 1.75 ms above 19200 bit/s (Modbus over serial line 1.02, 2.5.1.1). */
 static uint32_t ticks_of_silence(uint32_t baud) {
   /* 3.5 x 11 x 1500 = 57750; 0.00175 x 1500 = 2.6. */
   return (baud > 19200) ? 3 : fx_quotient(57749 + baud, baud);
@@ -45,7 +45,7 @@ static void append_crc(modbus_t *modbus, uint16_t length) {
   fx_store_le(&modbus->frame[length], crc, BYTES_CRC);
 }
 
-/* Function codes that are valid in a broadcast. */
+/* Returns true if this function code is valid in a broadcast. */
 static bool writes(uint8_t function) {
   return function == 5 || function == 6 || function == 15 || function == 16 || function == 22;
 }
@@ -71,7 +71,8 @@ static void access_object(dictionary_t *objects, modbus_access_t *access) {
   }
 }
 
-/* Executes the request, a PDU of `length` bytes; returns the length of the response PDU. */
+/* Executes the request, whose PDU has `length` bytes. Returns the length of the response PDU in
+ * bytes. */
 static uint16_t serve(modbus_t *modbus, dictionary_t *objects, uint16_t length) {
   modbus_request_t request;
   modbus_request_begin(&request, modbus->frame[UNIT], &modbus->frame[PDU], length,
@@ -106,15 +107,16 @@ static void take_frame(modbus_t *modbus, dictionary_t *objects) {
   modbus->answer_sent = 0;
 }
 
-/* Whether the received bytes can be a complete frame: the CRC over all bytes, including its own, is
- * 0. */
+/* Returns true if the received bytes can be a complete frame: the CRC over all bytes, including the
+ * CRC bytes of the frame, is 0. */
 static bool closes(const modbus_t *modbus) {
   return modbus->crc == 0 && modbus->length >= FRAME_MIN && modbus->length <= MODBUS_FRAME_BYTES;
 }
 
-/* Whether the frame is complete. For other units only the CRC decides; if it is 0 too early by
- * chance, the remaining bytes are discarded as an invalid frame. For an unknown function the CRC
- * does not decide: if its high byte is 0, the CRC is 0 one byte too early. */
+/* Returns true if the frame is complete. In a frame to another unit only the CRC decides. If this
+ * CRC is 0 too early by chance, the remaining bytes are discarded as an invalid frame. In a frame
+ * with an unknown function the CRC does not decide, because a CRC whose high byte is 0 ends one
+ * byte too early. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;
@@ -159,8 +161,8 @@ void modbus_tick(modbus_t *modbus, dictionary_t *objects) {
   if (modbus->silence < modbus->silence_ticks) {
     return;
   }
-  /* The CRC is correct, but the length does not match the function code, or the function is
-   * unknown: answers with an exception. */
+  /* The frame has a correct CRC, but its length does not match its function code, or its function
+   * is unknown: the answer is an exception. */
   if (closes(modbus)) {
     take_frame(modbus, objects);
     return;

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_MODBUS_STEP_H_
 #define FIRMWARE_MODBUS_STEP_H_
 
-/* A Modbus request in progress: its present access to an object, and the step that continues with
- * the result. Callers that only serve requests include only request.h. */
+/* A Modbus request in progress: the present access to an object, and the step that continues the
+ * request with the result. Code that only serves requests includes only request.h. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -11,27 +11,30 @@
 
 enum {
   MODBUS_OK = 0,
-  MODBUS_EXCEPTION_FUNCTION = 1, /* unknown function, or sub-function */
-  MODBUS_EXCEPTION_ADDRESS = 2,  /* no such register, coil or discrete input */
-  /* value out of range, write to half of a 32-bit object, or malformed request */
+  MODBUS_EXCEPTION_FUNCTION = 1, /* the function or sub-function is unknown */
+  MODBUS_EXCEPTION_ADDRESS = 2,  /* there is no such register, coil or discrete input */
+  /* the value is out of range, the write is to half of a 32-bit object, or the request is
+   * malformed */
   MODBUS_EXCEPTION_VALUE = 3,
-  MODBUS_EXCEPTION_STATE = 4,  /* state does not permit it, or another source owns the axis */
+  MODBUS_EXCEPTION_STATE = 4,  /* the state forbids the access, or another source owns the axis */
   MODBUS_EXCEPTION_BUSY = 6,   /* the parameter store is working */
   MODBUS_EXCEPTION_PATH = 10,  /* the gateway has no axis with this unit */
   MODBUS_EXCEPTION_TARGET = 11 /* the axis does not answer the gateway */
 };
 
-/* Counters of function 8, indexed by sub-function minus MODBUS_COUNTER_FIRST. They wrap. */
+/* Counters of Modbus function 8, indexed by the sub-function minus MODBUS_COUNTER_FIRST. A counter
+ * restarts at 0 after 65535. */
 enum {
   MODBUS_COUNTER_FIRST = 11,
-  MODBUS_COUNT_MESSAGES = 0,   /* number of complete frames received on the bus, for all units */
-  MODBUS_COUNT_ERRORS = 1,     /* frames that were damaged, interrupted or too long */
-  MODBUS_COUNT_EXCEPTIONS = 2, /* answers with an exception, and refused broadcasts */
-  MODBUS_COUNT_SERVED = 3,     /* number of requests to this unit, and of broadcasts */
-  MODBUS_COUNT_UNANSWERED = 4, /* broadcasts */
+  MODBUS_COUNT_MESSAGES = 0,   /* number of complete frames received, for all units */
+  MODBUS_COUNT_ERRORS = 1,     /* number of frames that were damaged, interrupted or too long */
+  MODBUS_COUNT_EXCEPTIONS = 2, /* number of answers with an exception and of refused broadcasts */
+  MODBUS_COUNT_SERVED = 3,     /* number of requests to this unit and of broadcasts */
+  MODBUS_COUNT_UNANSWERED = 4, /* number of broadcasts */
   MODBUS_COUNT_NAK = 5,        /* always 0 */
-  MODBUS_COUNT_BUSY = 6,       /* requests refused with exception 6 */
-  MODBUS_COUNT_OVERRUNS = 7,   /* bytes received before the last answer was fetched */
+  MODBUS_COUNT_BUSY = 6,       /* number of requests refused with exception 6 */
+  /* number of times that bytes were received before the last answer was fetched */
+  MODBUS_COUNT_OVERRUNS = 7,
   MODBUS_COUNTERS = 8
 };
 
@@ -39,63 +42,68 @@ typedef enum {
   MODBUS_READ,        /* read the value of an object */
   MODBUS_READ_TEXT,   /* read the text at a CANopen index */
   MODBUS_CHECK,       /* check whether a write from Modbus would be accepted */
-  MODBUS_CHECK_OWNER, /* check it as if Modbus owned the axis */
+  MODBUS_CHECK_OWNER, /* check a write as if Modbus owned the axis */
   MODBUS_WRITE        /* write on behalf of Modbus */
 } modbus_access_kind_t;
 
-/* Value of the field `refusal` of an access if the axis did not answer. */
+/* Value of `refusal` in an access if the axis did not answer. */
 enum { MODBUS_NO_ANSWER = 1 };
 
 typedef struct {
   uint8_t kind;    /* modbus_access_kind_t */
-  uint16_t object; /* AXIS_OBJ_, or the index in MODBUS_READ_TEXT */
-  /* raw value to check or write, or the value read; an unsigned value as the same 32 bits */
+  uint16_t object; /* object AXIS_OBJ_, or CANopen index if kind is MODBUS_READ_TEXT */
+  /* raw value to check or write, or the value that was read; an unsigned 32-bit value keeps its
+   * bits */
   int32_t value;
-  const char *text; /* text found by MODBUS_READ_TEXT, ended by 0, valid until the next access */
-  int refusal;      /* result of the access: FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER */
+  /* text that MODBUS_READ_TEXT found, with a 0 at its end; valid until the next access */
+  const char *text;
+  int refusal; /* result of the access: FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER */
 } modbus_access_t;
 
 typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } modbus_part_t;
 
 typedef struct {
   modbus_access_t access;
-  uint8_t part; /* modbus_part_t that continues the request; MODBUS_ENDED: the answer is complete */
+  /* part of the code (modbus_part_t) that continues the request; MODBUS_ENDED: the answer is
+   * complete */
+  uint8_t part;
   uint8_t step; /* step of this part */
   uint8_t unit;
-  uint8_t *pdu;       /* bytes of function and data: of the request, then of its answer */
-  uint16_t length;    /* length of the request, then of the answer */
-  uint16_t *counters; /* MODBUS_COUNTERS of them */
+  uint8_t *pdu;       /* function code and data of the request, later of its answer */
+  uint16_t length;    /* length in bytes of the request, later of its answer */
+  uint16_t *counters; /* array of MODBUS_COUNTERS counters */
 
-  /* Register requests: the entries of axis_holding or axis_input that the request covers. */
-  const axis_register_t *begin; /* the first entry */
-  const axis_register_t *end;   /* end of the entries, after the last one */
-  const axis_register_t *entry; /* entry that is in progress */
-  bool wide;                    /* whether 32-bit objects are among the entries */
-  /* whether the low word of a 32-bit object is in the first register */
+  /* For requests of registers: the entries of axis_holding or axis_input that the request reads or
+   * writes. */
+  const axis_register_t *begin; /* first entry of the request */
+  const axis_register_t *end;   /* end of the entries of the request, after the last entry */
+  const axis_register_t *entry; /* entry that is being read or written */
+  bool wide;                    /* true if a 32-bit object is among the entries */
+  /* true if the low word of a 32-bit object is in the first of its two registers */
   bool low_first;
-  uint8_t *words;      /* words of the first entry to write */
-  uint8_t *place;      /* words of the entry in progress */
-  uint32_t first;      /* first register, bit or identity number to read */
-  uint32_t after;      /* number after the last register, bit or identity number to read */
-  uint16_t read_first; /* function 23: first register to read after the writes */
-  uint16_t read_count; /* number of registers to read; 0: nothing */
+  uint8_t *words; /* words of the first entry to write */
+  uint8_t *place; /* words of the entry that is being read or written */
+  uint32_t first; /* number of the first register, bit or identification object to read */
+  uint32_t after; /* number after that of the last register, bit or identification object to read */
+  uint16_t read_first; /* function 23: first register that is read after the writes */
+  uint16_t read_count; /* number of registers that are read after the writes; 0: none */
   uint16_t and_mask;   /* function 22 */
   uint16_t or_mask;
-  uint8_t word[2];      /* written by functions 6 and 22 */
-  uint8_t irreversible; /* number of writes that cannot be undone */
-  /* whether the irreversible writes are in progress; the others come before them */
+  uint8_t word[2];      /* word that functions 6 and 22 write */
+  uint8_t irreversible; /* number of writes in the request that cannot be undone */
+  /* true while the irreversible writes are in progress; all other writes come before */
   bool writes_those;
   uint32_t previous; /* previous value of the object that is being written */
-  uint8_t exception; /* exception that made the request undo its writes */
+  uint8_t exception; /* exception because of which the request undoes its writes */
 
-  /* Coils of a write request: their new states; a coil in neither array is not part of the
-   * request. */
+  /* For requests that write coils: one[n] or zero[n] is true if coil n is written with 1 or 0. If
+   * both are false, coil n is not part of the request. */
   bool one[AXIS_COIL_COUNT];
   bool zero[AXIS_COIL_COUNT];
   uint32_t controlword;
 } modbus_request_t;
 
-/* Returns the Modbus exception for a refusal. */
+/* Returns the Modbus exception for the result of an access. */
 static inline uint8_t modbus_exception_of(int refusal) {
   switch (refusal) {
     case FW_OK:
@@ -117,7 +125,8 @@ static inline uint8_t modbus_exception_of(int refusal) {
   }
 }
 
-/* Requests an access to an object. The part of the request continues at `step` with the result. */
+/* Requests an access to an object. When the result is available, the request continues at
+ * `step`. */
 static inline void modbus_ask(modbus_request_t *r, uint8_t step, modbus_access_kind_t kind,
                               uint16_t object, int32_t value) {
   r->step = step;
@@ -126,7 +135,7 @@ static inline void modbus_ask(modbus_request_t *r, uint8_t step, modbus_access_k
   r->access.value = value;
 }
 
-/* Ends the request with the answer that is already in place, or with an exception. */
+/* Ends the request: the answer in the PDU is complete, or the answer is an exception. */
 static inline void modbus_end(modbus_request_t *r, uint8_t exception) {
   r->part = MODBUS_ENDED;
   if (exception == MODBUS_OK) {

@@ -17,25 +17,27 @@
 
 typedef struct {
   char magic[4];    /* "FAXI" */
-  uint32_t size;    /* size of this structure: 60 */
+  uint32_t size;    /* size of this structure: 60 bytes */
   char version[16]; /* FW_VERSION */
-  char git[16];     /* first 12 digits of the commit, and "+" if files differed from the commit */
-  uint32_t table_hash; /* AXIS_OBJECTS_HASH32 of the object table in the image */
-  /* name of the board, "nucleo-f446re"; an emulator image has a name of its own */
+  /* first 12 digits of the commit of the source, and "+" if source files differed from this
+   * commit */
+  char git[16];
+  uint32_t table_hash; /* AXIS_OBJECTS_HASH32, the hash of the object table in the image */
+  /* name of the board, such as "nucleo-f446re"; an image for an emulator has another name */
   char board[16];
 } identity_t;
 
 _Static_assert(sizeof(identity_t) == 60, "read by other programs");
 
-/* Text of software_version in a port: version, hash of the object table, commit. tools/image
- * defines it in the section .version, which the linker script places. */
+/* Text of software_version on a board: version, hash of the object table and commit. The program
+ * tools/image defines this text in the section .version, which the linker script places. */
 extern const char identity_software[];
 
 #define IDENTITY_SECTION ".forceaxis_identity"
 
-/* Defines the identity of the image. `board_text` and `git_text` are string literals of at most 16
- * characters; a longer literal does not compile under -Werror. The variable is `identity`, for a
- * port that reports it itself. */
+/* Defines the identity of the image as the variable `identity`, which the code for the board can
+ * also report itself. `board_text` and `git_text` are string literals of at most 16 characters; a
+ * longer literal does not compile with -Werror. */
 #define IDENTITY_DEFINE(board_text, git_text)                                                \
   extern const identity_t identity;                                                          \
   __attribute__((section(IDENTITY_SECTION), used, aligned(4))) const identity_t identity = { \

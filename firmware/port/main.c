@@ -1,4 +1,5 @@
-/* The program of every board; port.h declares the functions of a board. */
+/* The main program of every board; port.h declares the functions that the code for one board
+ * implements. */
 
 #include "firmware/port/port.h"
 
@@ -33,8 +34,8 @@ static void serial_in(void) {
   }
 }
 
-/* Received bytes are handed over before the tick ends, because otherwise Modbus would count them as
- * silence. */
+/* Passes the received bytes to Modbus before the tick ends, because Modbus would otherwise count
+ * the time of these bytes as silence. */
 void port_settle(void) {
   if (is_ticked) {
     is_ticked = false;
@@ -43,7 +44,8 @@ void port_settle(void) {
   }
 }
 
-/* Lets the main loop use the firmware until port_unlock(); first runs a pending fw_between(). */
+/* Lets the main loop use the firmware until port_unlock(). First runs fw_between() if the last tick
+ * still needs this call. */
 static void acquire_firmware(void) {
   port_lock();
   port_settle();
@@ -68,8 +70,8 @@ static void poll_port(void) {
   port_unlock();
 }
 
-/* Hands over each frame separately: the longest frame needs 20 us, which is the largest delay of a
- * tick. */
+/* Passes each received frame separately to the firmware: the longest frame delays a tick by 20 us,
+ * which is the largest delay. */
 static void can_in(void) {
   can_frame_t frame;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {
@@ -80,9 +82,9 @@ static void can_in(void) {
 }
 
 static void can_out(void) {
-  static can_frame_t waiting; /* frame that the port refused and that is offered again */
+  static can_frame_t waiting; /* frame that port_can_transmit() refused and that is offered again */
   static bool is_waiting;
-  /* A frame from before bus off is too old when the bus works again. */
+  /* A frame that waited before bus off is too old when the bus works again. */
   is_waiting = is_waiting && bus != CAN_BUS_OFF;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE; i++) {
     if (!is_waiting) {
@@ -97,7 +99,7 @@ static void can_out(void) {
   }
 }
 
-/* Modbus: received bytes, and the response. */
+/* Passes received bytes to Modbus and sends the bytes of the response. */
 static void serve_serial(void) {
   static uint8_t answer[SERIAL_CHUNK_BYTES];
   static uint16_t count;

@@ -1,4 +1,5 @@
-/* Functions that the compiler calls by itself, because boards have no C library. */
+/* Functions that the compiler calls by itself. They are defined here because the image for a board
+ * has no C library. */
 
 #include <stddef.h>
 #include <stdint.h>
@@ -6,13 +7,15 @@
 void *memcpy(void *restrict to, const void *restrict from, size_t count);
 void *memset(void *to, int value, size_t count);
 
-/* Prevents the compiler from replacing the loop of a function by a call of the same function. */
+/* Prevents the compiler from replacing the loop of memcpy() or memset() by a call of the same
+ * function. */
 #define PLAIN __attribute__((optimize("no-tree-loop-distribute-patterns")))
 
 PLAIN void *memcpy(void *restrict to, const void *restrict from, size_t count) {
   uint8_t *out = to;
   const uint8_t *in = from;
-  /* Copies words if both addresses are aligned, because the tick copies structures. */
+  /* If both addresses are aligned, words are copied instead of bytes, because the tick copies
+   * structures. */
   if ((((uintptr_t)out | (uintptr_t)in) & 3u) == 0) {
     for (; count >= 4; count -= 4) {
       *(uint32_t *)(void *)out = *(const uint32_t *)(const void *)in;

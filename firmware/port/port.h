@@ -15,75 +15,80 @@
 
 #include "firmware/app/fw.h"
 
-/* Largest number of CAN frames received, and of frames sent, in one cycle of the main loop. */
+/* Largest number of CAN frames that one cycle of the main loop receives, and largest number that it
+ * sends. */
 enum { PORT_CAN_AT_ONCE = 7 };
 
 /* Sets safe outputs first: the DAC at mid-scale, which is 0 V, then the amplifier off and the brake
- * on. Then starts clocks and peripherals. The tick does not run yet. */
+ * on. Then starts clocks and peripherals. The tick is started later, by port_start(). */
 void port_init(void);
 
-/* Returns the argument of fw_init(); it must outlive the firmware. */
+/* Returns the configuration for fw_init(), which must outlive the firmware. */
 const fw_config_t *port_config(void);
 
-/* Starts the tick and the watchdog: from now on port_tick() is called, and the watchdog resets the
- * chip if it is not fed. */
+/* Starts the tick and the watchdog timer. From then on port_tick() is called in each tick, and the
+ * watchdog timer resets the chip if port_feed_watchdog() is not called. */
 void port_start(void);
 
-/* Reads the inputs of this tick. port_sample() reads encoder and digital inputs and starts the
- * conversion of both ADC channels; port_sense(), some 200 instructions later, reads the results and
- * waits at most 5 us. If an input cannot be read, sensor_valid is 0. port_sample() returns false if
- * no tick is due (in an emulator whose host has ended). */
+/* Read the inputs of this tick. port_sample() reads encoder and digital inputs and starts the
+ * conversion of both ADC channels. port_sense() is called some 200 instructions later, reads the
+ * results and waits at most 5 us. If an input cannot be read, sensor_valid is 0. port_sample()
+ * returns false if no tick is due (in an emulator whose host has ended). */
 bool port_sample(axis_inputs_t *inputs);
 void port_sense(axis_inputs_t *inputs);
 
-/* Sets the outputs. The amplifier is switched on only while the DAC is at mid-scale, before the DAC
- * gets another code; the DAC is at mid-scale again before the amplifier is switched off. */
+/* Sets the outputs of this tick. The amplifier is switched on only while the DAC is at mid-scale;
+ * the DAC gets another code afterwards. Before the amplifier is switched off, the DAC is set to
+ * mid-scale again. */
 void port_act(const axis_outputs_t *outputs);
 
-/* CAN. The functions return the next received frame; send a frame (false: no room now, the caller
- * repeats it later); return the bus state, CAN_BUS_, which is polled at least once in a tick; and
- * return the number of frames lost since the last call. The bit rate, one of those in fw_config_t,
- * is set before each poll; a changed rate aborts waiting frames and joins the bus again. */
+/* CAN. port_can_receive() returns the next received frame. port_can_transmit() sends a frame, or
+ * returns false if there is no room now; the caller then repeats the call later. port_can_bus()
+ * returns the state of the bus (CAN_BUS_) and is called at least once in a tick. port_can_lost()
+ * returns the number of frames lost since the last call. port_can_rate() sets the bit rate, one of
+ * those in fw_config_t, before each call of port_can_bus(); a new bit rate aborts the waiting
+ * frames, and the node joins the bus again. */
 bool port_can_receive(can_frame_t *frame);
 bool port_can_transmit(const can_frame_t *frame);
 uint8_t port_can_bus(void);
 uint16_t port_can_lost(void);
 void port_can_rate(uint16_t kbit_s);
 
-/* Serial line. The functions return up to `room` received bytes, and accept bytes to send and
- * return how many were accepted. */
+/* Serial line. port_serial_receive() returns at most `room` received bytes. port_serial_transmit()
+ * accepts bytes to send and returns the number of accepted bytes. */
 uint16_t port_serial_receive(uint8_t *bytes, uint16_t room);
 uint16_t port_serial_transmit(const uint8_t *bytes, uint16_t count);
 
-/* port_lock() masks the tick interrupt, and port_unlock() unmasks it. A tick may be late meanwhile,
- * so use them only for short sections. */
+/* port_lock() masks the tick interrupt, and port_unlock() unmasks the tick interrupt. A masked tick
+ * may be late, so only short sections may run between the two calls. */
 void port_lock(void);
 void port_unlock(void);
 
-/* Whether a tick was late since the last call. `missed` is the number of ticks that did not run at
- * all: after a long stall (an erase of the flash) only one interrupt is pending. */
+/* Returns true if a tick was late since the last call. `missed` is the number of ticks that did not
+ * run at all: after a long stall, such as an erase of the flash, only one interrupt is pending. */
 bool port_overran(uint32_t *missed);
 
-/* Feeds the watchdog. Only ticks after which the main loop has run call it, so that the watchdog
- * resets the chip if tick or main loop stops. */
+/* Restarts the watchdog timer. A tick calls port_feed_watchdog() only if the main loop has run, so
+ * the watchdog timer resets the chip if the tick or the main loop stops. */
 void port_feed_watchdog(void);
 
-/* There is no work until the next interrupt: the processor may sleep. */
+/* Called when there is no work until the next interrupt: the processor may sleep. */
 void port_idle(void);
 
-/* Functions of firmware/port/main.c that the board calls. */
+/* The following functions are in firmware/port/main.c, and the code for the board calls them. */
 
-/* Computes one tick, called from the 1500 Hz interrupt: fw_prepare() while the inputs are
- * converted, fw_control(), fw_report(), watchdog. fw_between() and the buses run in the main loop:
- * if the main loop stops for FW_BETWEEN_TICKS_MAX ticks, the axis is disabled; if it does not
- * resume, the watchdog resets the chip. */
+/* Computes one tick; the 1500 Hz interrupt calls port_tick(). While the inputs are converted, it
+ * runs fw_prepare(), then fw_control() and fw_report(), and feeds the watchdog. The main loop runs
+ * fw_between() and the buses. If the main loop stops for FW_BETWEEN_TICKS_MAX ticks, the axis is
+ * disabled; if the main loop stays stopped, the watchdog resets the chip. */
 void port_tick(void);
 
-/* Completes the last tick with fw_between() if this is pending. Call it before a write to an
- * object. */
+/* Completes the last tick with fw_between() if this call is still pending. Call port_settle()
+ * before a write to an object. */
 void port_settle(void);
 
-/* Returns the firmware, for a board that reads parameters or writes as FW_SOURCE_LOCAL. */
+/* Returns the firmware, for the code of a board that reads parameters or writes objects as
+ * FW_SOURCE_LOCAL. */
 fw_t *port_firmware(void);
 
 #endif

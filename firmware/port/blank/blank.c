@@ -1,6 +1,7 @@
-/* A board without peripherals, as the start of a new port. Its axis has sensors that are not valid,
- * so it never enables the amplifier. This file compiles for any target; start.c has the parts that
- * depend on the chip. ../README.md gives the order in which to write the functions. */
+/* Code for a board without peripherals, from which the code for a new board can start. The sensors
+ * of this axis are not valid, so the amplifier is never enabled. This file compiles for any target;
+ * start.c has the parts that depend on the chip. ../README.md gives the order in which to write the
+ * functions. */
 
 #include <stddef.h>
 
@@ -10,15 +11,15 @@
 static uint8_t recorder_buffer[FW_RECORDER_BYTES];
 
 void port_init(void) {
-  /* 1. Set the DAC to mid-scale, amplifier off, brake on. 2. Start the clocks. 3. Start all other
-   * peripherals. */
+  /* Order for a real board: 1. Set the DAC to mid-scale, switch the amplifier off and the brake on.
+   * 2. Start the clocks. 3. Start all other peripherals. */
 }
 
 const fw_config_t *port_config(void) {
   static const fw_config_t config = {
       .recorder_buffer = recorder_buffer,
       .recorder_bytes = sizeof(recorder_buffer),
-      .memory = NULL, /* two sectors of flash, see firmware/storage/store.h */
+      .memory = NULL, /* A real board uses two sectors of flash here (firmware/storage/store.h). */
       .hardware = "blank",
       .software = identity_software,
       .serial_number = 0,
@@ -55,7 +56,8 @@ uint16_t port_can_lost(void) { return 0; }
 void port_can_rate(uint16_t kbit_s) { (void)kbit_s; }
 
 bool port_overran(uint32_t *missed) {
-  *missed = 0; /* counted by a clock that continues during an erase of the flash */
+  /* A real board counts missed ticks with a clock that runs during an erase of the flash. */
+  *missed = 0;
   return false;
 }
 

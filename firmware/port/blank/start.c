@@ -1,11 +1,12 @@
 /* The parts of blank/ that depend on the chip: vectors, start-up, tick, lock and serial line. All
- * except the serial line are valid for every Cortex-M; the linker script defines the symbols. */
+ * parts except the serial line are valid for every Cortex-M. The linker script defines the external
+ * symbols. */
 
 #include "firmware/port/port.h"
 
 typedef volatile uint32_t reg_t;
 
-/* System timer of the core. */
+/* System timer of the processor core. */
 typedef struct {
   reg_t CSR;
   reg_t RVR;
@@ -14,11 +15,12 @@ typedef struct {
 #define SYSTICK ((systick_t *)0xE000E010)
 enum { SYSTICK_RUNS_WITH_INTERRUPT = 7 }; /* clocked by the core */
 
-/* 168 MHz / 1500 Hz, exactly. */
+/* Cycles of one tick: 168 MHz / 1500 Hz, exactly. */
 #define TICK_CYCLES UINT32_C(112000)
 
-/* The serial line: USART1 of the STM32F405, polled, without pins and bit rate, which QEMU does not
- * model. A board has a ring buffer in each direction, and an interrupt fills and empties it. */
+/* The serial line is USART1 of the STM32F405. The code polls the USART and sets neither pins nor
+ * bit rate, because QEMU does not model them. The code for a real board has a ring buffer for each
+ * direction, which an interrupt fills or empties. */
 typedef struct {
   reg_t SR;
   reg_t DR;
@@ -39,12 +41,14 @@ int main(void);
 _Noreturn void reset(void);
 void tick_interrupt(void);
 
-/* The difference is computed from addresses, because in C these symbols are different objects. */
+/* Returns the number of words between two symbols of the linker script. The difference is computed
+ * from addresses, because in C the symbols are different objects. */
 static uint32_t words(const uint32_t *begin, const uint32_t *end) {
   return ((uintptr_t)end - (uintptr_t)begin) / sizeof(uint32_t);
 }
 
-/* Reaction to a fault of the core. A port makes its outputs safe here and resets the chip. */
+/* Handler of a fault of the processor core. On a real board this function makes the outputs safe
+ * and resets the chip. */
 _Noreturn static void fail(void) {
   for (;;) {
   }
@@ -78,12 +82,12 @@ __attribute__((section(".vectors"), used)) static const vectors_t vectors = {
         {
             HANDLER(1, reset),
             HANDLER(2, fail), /* NMI */
-            HANDLER(3, fail), /* hard fault, and all faults that are not enabled separately */
+            HANDLER(3, fail), /* hard fault, and all faults without a handler of their own */
             HANDLER(15, tick_interrupt),
         },
 };
 
-/* A board with a watchdog also starts it here. */
+/* On a board with a watchdog timer, port_start() also starts this timer. */
 void port_start(void) {
   USART->CR1 = USART_CR1_ENABLED;
   SYSTICK->RVR = TICK_CYCLES - 1;
@@ -91,7 +95,8 @@ void port_start(void) {
   SYSTICK->CSR = SYSTICK_RUNS_WITH_INTERRUPT;
 }
 
-/* Locks all interrupts. A finished port locks only the tick, by its priority. */
+/* Masks all interrupts. The code for a real board masks only the tick interrupt, by its
+ * priority. */
 void port_lock(void) { __asm volatile("cpsid i" ::: "memory"); }
 
 void port_unlock(void) { __asm volatile("cpsie i" ::: "memory"); }

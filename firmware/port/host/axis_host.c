@@ -3,7 +3,9 @@
 #include <stdlib.h>
 
 typedef struct {
-  fw_t fw; /* must be the first member, because the caller receives its address */
+  /* first member of axis_host_t, because the caller receives its address as that of the whole
+   * axis */
+  fw_t fw;
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];
 } axis_host_t;

@@ -1,27 +1,28 @@
 #ifndef FIRMWARE_PORT_HOST_AXIS_HOST_H_
 #define FIRMWARE_PORT_HOST_AXIS_HOST_H_
 
-/* The firmware on a host, for Python, nodes and tests. These functions create a firmware, which the
- * functions of firmware/app/fw.h then use. Axes share no data; two threads must not use one axis at
- * the same time. */
+/* The firmware on a host, for Python, nodes and tests. The functions here create and destroy a
+ * firmware; the functions of firmware/app/fw.h run this firmware. Two axes share no data. Two
+ * threads must not use one axis at the same time. */
 
-/* The headers of the firmware contain no conditionals, so a C++ program gets their C linkage
- * here. */
+/* The headers of the firmware contain no conditionals, so a C++ program gets the C linkage of their
+ * functions here. */
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 #include "firmware/app/fw.h"
 
-/* Creates a powered-up axis on no bus, with a recorder buffer of FW_RECORDER_BYTES. Returns NULL if
- * there is not enough memory. */
+/* Creates an axis on no bus in its state after power-up, with a recorder buffer of
+ * FW_RECORDER_BYTES. Returns NULL if there is not enough memory. */
 fw_t *axis_host_create(void);
 
-/* Creates an axis with a configuration. If the configuration has no recorder buffer, one is
- * allocated, and on buses also a black box. */
+/* Creates an axis with a configuration. If the configuration has no recorder buffer, a buffer is
+ * allocated. If the axis is on buses and has no black box, a black box is allocated too. */
 fw_t *axis_host_create_with(const fw_config_t *config);
 
-/* Destroys an axis that these functions created; NULL is permitted. */
+/* Destroys an axis that axis_host_create() or axis_host_create_with() created. NULL is
+ * permitted. */
 void axis_host_destroy(fw_t *fw);
 
 #ifdef __cplusplus

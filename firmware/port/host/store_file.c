@@ -1,4 +1,4 @@
-/* Files and their locks use POSIX. */
+/* This file uses POSIX functions for files and locks. */
 #define _GNU_SOURCE
 
 #include "firmware/port/host/store_file.h"
@@ -12,7 +12,7 @@
 
 enum { CHUNK_BYTES = 256 };
 
-/* Writes all bytes; returns false if any of them was not written. */
+/* Writes all bytes to the file. Returns false if a byte could not be written. */
 static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t count) {
   while (count > 0) {
     const ssize_t done = pwrite(file, bytes, count, (off_t)at);
@@ -29,7 +29,8 @@ static bool write_all(int file, uint32_t at, const uint8_t *bytes, uint32_t coun
   return true;
 }
 
-/* Bytes that cannot be read are returned as blank, and no CRC is valid over blank bytes. */
+/* Bytes that cannot be read from the file are returned as blank bytes; a record of blank bytes has
+ * no valid CRC. */
 static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t count) {
   const store_file_t *store_file = context;
   memset(bytes, 0xFF, count);
@@ -39,7 +40,7 @@ static void read_bytes(void *context, uint32_t address, uint8_t *bytes, uint32_t
   } while (done < 0 && errno == EINTR);
 }
 
-/* Programming can only clear bits, as in a flash memory. */
+/* Programs bytes of the file. As in a flash memory, programming can only clear bits. */
 static bool program_bytes(void *context, uint32_t address, const uint8_t *bytes, uint32_t count) {
   const store_file_t *store_file = context;
   uint8_t chunk[CHUNK_BYTES];
@@ -86,7 +87,8 @@ static bool is_blank(store_file_t *store_file, uint32_t count) {
   return blank;
 }
 
-/* A file that was just created, or whose creation was interrupted, has no contents yet. */
+/* Checks the size of the file, and erases the sectors of a new file. A file whose creation was
+ * interrupted is also treated as new. Returns NULL or a text with the error. */
 static const char *check_contents(store_file_t *store_file, const char *expected) {
   const int file = store_file->file;
   const uint32_t bytes = 2 * store_file->memory.sector_bytes;

@@ -1,10 +1,10 @@
 #ifndef FIRMWARE_PORT_HOST_STORE_FILE_H_
 #define FIRMWARE_PORT_HOST_STORE_FILE_H_
 
-/* The memory of the parameter store or of the archive, as a file of two sectors with the bytes of a
- * flash memory. If the process is killed, the file keeps what was programmed, as a flash does after
- * a power cut; if the host loses its power, it may keep less. Only one process at a time may use
- * the file. */
+/* A file as memory of the parameter store or of the archive: two sectors with the bytes of a flash
+ * memory. If the process is killed, the file keeps all programmed bytes, as a flash memory does
+ * after a power cut. If the host loses its power, the file may keep fewer bytes. Only one process
+ * at a time may use the file. */
 
 #ifdef __cplusplus
 extern "C" {
@@ -13,21 +13,23 @@ extern "C" {
 #include "firmware/storage/store.h"
 
 enum {
-  STORE_FILE_SECTOR_BYTES = 16384, /* size of the small sectors of an STM32F4 */
-  /* room for one incident of a recorder buffer of FW_RECORDER_BYTES */
+  STORE_FILE_SECTOR_BYTES = 16384, /* size in bytes of a small sector of an STM32F4 */
+  /* size in bytes: room for one incident from a recorder buffer of FW_RECORDER_BYTES */
   ARCHIVE_FILE_SECTOR_BYTES = 32768
 };
 
 typedef struct {
-  store_memory_t memory; /* memory for fw_config_t; must not move while the firmware runs */
+  /* memory that fw_config_t points to, so it must not move while the firmware runs */
+  store_memory_t memory;
   int file;
 } store_file_t;
 
-/* Opens the file; a new file is blank. Returns NULL, or a text with the error: wrong size, locked
- * by another process, or the message of the system. */
+/* Opens the file of a parameter store; a new file is blank. Returns NULL, or a text with the error:
+ * the size of the file is wrong, another process has locked the file, or the message of the
+ * system. */
 const char *store_file_open(store_file_t *store_file, const char *path);
 
-/* Opens a file for the archive of incidents (fw_config_t.archive); otherwise as
+/* Opens the file of an archive of incidents (fw_config_t.archive). Returns the same texts as
  * store_file_open(). */
 const char *archive_file_open(store_file_t *store_file, const char *path);
 
