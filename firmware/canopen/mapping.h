@@ -25,7 +25,7 @@ int mapping_objects(const uint32_t *entries, uint8_t count, bool transmit,
 
 /* Returns true if a mapping entry (an AXIS_OBJ_ of 1600h.., 1A00h..) with this value can be mapped,
  * and for every object that is no mapping entry. Returns false for an entry that was stored under
- * another object table; a PDO with such an entry transmits no data. */
+ * another object table; a PDO with such an entry carries no data. */
 bool mapping_is_in_force(uint16_t object, uint32_t value);
 
 /* Finds the offset in the dictionary of each byte of a TPDO with the objects `mapped`. A byte
