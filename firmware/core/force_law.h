@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_CORE_FORCE_LAW_H_
 #define FIRMWARE_CORE_FORCE_LAW_H_
 
-/* The general force law. A bank (law_bank.h) holds its coefficients:
+/* The general force law. A bank (law_bank.h) contains the coefficients of this law:
  *
  *   y = H(z) (f_d - f)                  H: up to three second-order sections in series
  *   u = k_f y + i - k_v v               i grows by w k_f y in each tick; v in counts per tick

@@ -23,9 +23,9 @@ uint64_t fx_load_payload(const uint8_t *from, uint8_t bytes) {
   return payload;
 }
 
-/* CRC of each value of 4 bits. The entry of a single bit follows from the reflected polynomial; the
- * entry of any other value is the exclusive-or of the entries of its bits. The table is eight times
- * as fast as a computation bit by bit. */
+/* CRC-16 of each value of 4 bits. For a value with a single 1 bit, the entry follows from the
+ * reflected polynomial. For every other value, the entry is the exclusive-or of the entries of its
+ * 1 bits. The CRC computed with this table is eight times as fast as a CRC computed bit by bit. */
 static const uint16_t crc16_of_nibble[16] = {0x0000, 0xCC01, 0xD801, 0x1400, 0xF001, 0x3C00,
                                              0x2800, 0xE401, 0xA001, 0x6C00, 0x7800, 0xB401,
                                              0x5000, 0x9C01, 0x8801, 0x4400};
@@ -45,9 +45,9 @@ uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte) {
   return (uint16_t)(c & 0xFFFFu);
 }
 
-/* CRC-32 of each byte, because a store of 32 KiB is checked at power-up before the first tick.
- * Entry n is n after eight steps: x >> 1, with an exclusive-or of EDB88320h if the removed bit was
- * 1. */
+/* CRC-32 of each byte value. The table makes the CRC fast, because the firmware checks a store of
+ * 32 KiB at power-up before the first tick. Entry n is n after eight steps; a step is x >> 1, with
+ * an exclusive-or of EDB88320h if the removed bit was 1. */
 static const uint32_t crc32_of_byte[256] = {
     UINT32_C(0x00000000), UINT32_C(0x77073096), UINT32_C(0xEE0E612C), UINT32_C(0x990951BA),
     UINT32_C(0x076DC419), UINT32_C(0x706AF48F), UINT32_C(0xE963A535), UINT32_C(0x9E6495A3),

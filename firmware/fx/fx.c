@@ -1,8 +1,8 @@
 #include "firmware/fx/fx.h"
 
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent) {
-  /* Ticks in 10^exponent s, 1500 * 10^exponent, as a fraction; the entry of exponent 0 is the
-   * first. */
+  /* Number of ticks in 10^exponent s, as a fraction: 1500 * 10^exponent. The first entry is the one
+   * of exponent 0. */
   static const uint16_t ticks[] = {1500, 150, 15, 3, 3, 3, 3};
   static const uint16_t per[] = {1, 1, 1, 2, 20, 200, 2000};
   const uint8_t row = (uint8_t)-exponent;
@@ -19,7 +19,7 @@ fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e) {
   for (; remaining >= by << 1; by <<= 1) {
     shift -= 1;
   }
-  /* by <= remaining < 2 by: long division, in which the first bit is 1. */
+  /* Long division with by <= remaining < 2 by, so that the first bit of the quotient is 1. */
   uint32_t mantissa = 0;
   for (uint8_t i = 0; i < 32; i++) {
     const bool one = remaining >= by;
@@ -95,15 +95,16 @@ bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t 
   return true;
 }
 
-/* The ratio is too small by at most 2^-31 of its value. So the quotient is too small by less than
- * 2, and the remainder is less than twice the denominator, which has at most 32 bits. */
+/* The relative error of the ratio is at most 2^-31, and the ratio is never too large. So the
+ * quotient is too small by less than 2. The remainder is less than twice the denominator, so the
+ * remainder has at most 32 bits. */
 static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t ratio) {
   const uint32_t size = fx_magnitude(x);
   const uint64_t product = (uint64_t)size * ratio.mantissa;
   const uint32_t high = (uint32_t)(product >> 32);
   uint32_t quotient = (uint32_t)INT32_MAX;
-  /* The shift is split into halves, because on some chips a 64-bit shift by a variable calls a
-   * library function. */
+  /* The shift is split into two shifts, because on some processors a 64-bit shift by a variable
+   * calls a library function. */
   if (ratio.shift >= 32) {
     quotient = high >> (ratio.shift - 32);
   } else if (high >> ratio.shift == 0) {
@@ -113,7 +114,7 @@ static int32_t scale_exactly(int32_t x, uint32_t num, uint32_t den, fx_ratio_t r
     return (x < 0) ? -INT32_MAX : INT32_MAX;
   }
   const uint32_t rest = size * num - quotient * den;
-  /* Half up means away from 0 for a positive x, and towards 0 for a negative x. */
+  /* Rounding half up means away from 0 for a positive x, and towards 0 for a negative x. */
   const uint32_t half = (x < 0) ? (den >> 1) + 1 : den - (den >> 1);
   quotient += (rest >= half) ? 1 : 0;
   quotient += (rest >= half + den) ? 1 : 0;

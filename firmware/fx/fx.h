@@ -1,13 +1,14 @@
 #ifndef FIRMWARE_FX_FX_H_
 #define FIRMWARE_FX_FX_H_
 
-/* Fixed-point arithmetic: the only files of the firmware that shift, round, saturate or divide.
+/* Fixed-point arithmetic. Only the files in this folder shift, round, saturate or divide.
  *
- * The suffix of a name is its format: _q8 and _q16 have 8 and 16 fractional bits (raw = value *
- * 2^8), _q32 is a count with 32 fractional bits. All numbers are two's complement of exact width;
- * every operand is widened before it is multiplied, shifted or subtracted, so a target with an int
- * of 16 bits computes exactly the same codes. No function has undefined behaviour for arguments in
- * its stated domain; if no domain is stated, every argument is permitted.
+ * The suffix of a name states the number of fractional bits: 8 for _q8 (raw = value * 2^8), 16 for
+ * _q16, and 32 for _q32, which is a count with 32 fractional bits. All numbers are two's complement
+ * of exact width. Every operand is widened before a multiplication, shift or subtraction. So a
+ * processor with an int of 16 bits computes exactly the same DAC codes. No function has undefined
+ * behaviour for arguments in its stated domain. If a function states no domain, every argument is
+ * permitted.
  *
  * All rounding is half up: floor(x + 1/2). Floor means towards minus infinity. */
 
@@ -16,73 +17,76 @@
 
 /* Reads 32 bits as a two's complement number. Scaling: none. Cannot overflow. */
 static inline int32_t fx_s32_from_u32(uint32_t bits) {
-  /* The C standard leaves a plain cast above INT32_MAX to the compiler; this expression compiles to
-   * no instruction. */
+  /* In the C standard the result of a plain cast above INT32_MAX depends on the compiler. The
+   * compiler needs no instruction for this expression. */
   return (bits <= (uint32_t)INT32_MAX) ? (int32_t)bits : (int32_t)(-(int32_t)(~bits) - 1);
 }
 
-/* a - b modulo 2^32, -2^31..2^31-1: the true difference of two counts less than 2^31 apart, even if
- * one of them has wrapped. Overflow: wraps, as intended. */
+/* Returns a - b modulo 2^32, -2^31..2^31-1. The result is the true difference of two counts that
+ * are less than 2^31 apart, even if one of the counts has wrapped. Overflow: wraps, as intended. */
 static inline int32_t fx_diff_wrap(int32_t a, int32_t b) {
   return fx_s32_from_u32((uint32_t)a - (uint32_t)b);
 }
 
-/* a + b modulo 2^32. Overflow: wraps, as intended. */
+/* Returns a + b modulo 2^32. Overflow: wraps, as intended. */
 static inline int32_t fx_sum_wrap(int32_t a, int32_t b) {
   return fx_s32_from_u32((uint32_t)a + (uint32_t)b);
 }
 
-/* x limited to low..high; low <= high. Cannot overflow. */
+/* Returns x, limited to low..high; low <= high. Cannot overflow. */
 static inline int32_t fx_clamp(int32_t x, int32_t low, int32_t high) {
   return (x < low) ? low : ((x > high) ? high : x);
 }
 
-/* A 64-bit value limited to low..high; low <= high. A value outside saturates. */
+/* Returns a 64-bit value, limited to low..high; low <= high. A value outside this range
+ * saturates. */
 static inline int32_t fx_saturate(int64_t x, int32_t low, int32_t high) {
   return (x < (int64_t)low) ? low : ((x > (int64_t)high) ? high : (int32_t)x);
 }
 
-/* |x| as 0..2^31, so the most negative value also has a magnitude. Cannot overflow. */
+/* Returns |x|, 0..2^31. The result is also correct for the most negative value. Cannot overflow. */
 static inline uint32_t fx_magnitude(int32_t x) {
   return (x < 0) ? (uint32_t)0 - (uint32_t)x : (uint32_t)x;
 }
 
-/* True if -limit <= x <= limit, 0 <= limit. Cannot overflow. */
+/* Returns true if -limit <= x <= limit; 0 <= limit. Cannot overflow. */
 static inline bool fx_within(int32_t x, int32_t limit) {
-  /* One comparison is enough: the interval is shifted to 0..2 limit, modulo 2^32. */
+  /* One comparison is sufficient, because the interval is shifted to 0..2 limit, modulo 2^32. */
   return (uint32_t)x + (uint32_t)limit <= (uint32_t)limit * 2;
 }
 
-/* a * b in 64 bits. Scaling: the result has the fractional bits of both factors. Cannot
- * overflow. */
+/* Returns a * b with 64 bits. Scaling: the number of fractional bits of the product is the sum of
+ * those of a and b. Cannot overflow. */
 static inline int64_t fx_mul(int32_t a, int32_t b) { return (int64_t)a * (int64_t)b; }
 
-/* x * 2^n, n 0..30. Scaling: the result has n more fractional bits. Domain: |x| * 2^n < 2^31;
- * outside the domain the result is the product modulo 2^32. */
+/* Returns x * 2^n, n 0..30. Scaling: the result has n more fractional bits than x. Domain: |x| *
+ * 2^n < 2^31; outside this domain the result is the product modulo 2^32. */
 static inline int32_t fx_scale(int32_t x, uint32_t n) { return fx_s32_from_u32((uint32_t)x << n); }
 
-/* floor(x / 2^n) of a 32-bit value, n 0..31. Scaling: the result has n fractional bits fewer.
- * Cannot overflow. */
+/* Returns floor(x / 2^n) for a 32-bit value, n 0..31. Scaling: the result has n fractional bits
+ * fewer than x. Cannot overflow. */
 static inline int32_t fx_floor_shift(int32_t x, uint32_t n) {
-  /* The C standard leaves the shift of a negative value to the compiler; ~x is not negative. */
+  /* In the C standard the right shift of a negative value depends on the compiler; ~x is not
+   * negative. */
   return (x < 0) ? (int32_t) ~(int32_t)(~x >> n) : (int32_t)(x >> n);
 }
 
-/* floor(x / 2^16 + 1/2), -32768..32768. Cannot overflow. */
+/* Returns floor(x / 2^16 + 1/2), -32768..32768. Cannot overflow. */
 static inline int32_t fx_round_q16(int32_t x_q16) {
   return fx_floor_shift(fx_floor_shift(x_q16, 15) + 1, 1);
 }
 
-/* True if a code can come from an ADC with `bits` bits, 0..16. */
+/* Returns true if an ADC with `bits` bits, 0..16, can output this code. */
 static inline bool fx_fits_bits(uint16_t code, uint8_t bits) {
   return ((uint32_t)code >> bits) == 0;
 }
 
-/* sin(2 pi p / 2^32) in Q15, with an error of at most 6 / 32768, -32767..32767; sin(x + half a
- * turn) is its negative, except for a rounding error of 3 units. Cannot overflow. */
+/* Returns sin(2 pi p / 2^32) in Q15, -32767..32767, with an error of at most 6 / 32768. The sum of
+ * sin(x) and sin(x + half a turn) is 0 except for a rounding error of 3 units. Cannot overflow. */
 static inline int32_t fx_sine_q15(uint32_t phase_q32) {
-  /* The phase is folded to a quarter turn, x = -1..1, where sin = x (c1 - x^2 (c3 - x^2 c5)) and c1
-   * - c3 + c5 = 1. The coefficients make the largest error as small as possible. */
+  /* The phase is reduced to x = -1..1 quarter turns. In this range sin = x (c1 - x^2 (c3 - x^2 c5))
+   * with c1 - c3 + c5 = 1. The coefficients are chosen so that the largest error is as small as
+   * possible. */
   const uint32_t quarter = (uint32_t)1 << 30;
   const bool outer = phase_q32 + quarter > quarter * 2;
   const uint32_t folded = outer ? quarter * 2 - phase_q32 : phase_q32;
@@ -93,9 +97,9 @@ static inline int32_t fx_sine_q15(uint32_t phase_q32) {
   return fx_floor_shift(x * slope, 15);
 }
 
-/* One step of decay of x towards 0: |x| decreases by floor(|x| / 2^n), at least by 1, n 0..31. So 0
- * is reached exactly and the sign never changes; 0 remains 0. n = 0 gives 0 at once. Cannot
- * overflow. */
+/* Returns x after one step of decay towards 0. |x| decreases by floor(|x| / 2^n), at least by 1; n
+ * 0..31. So x reaches 0 exactly, its sign never changes, and 0 gives 0. For n = 0 the first step
+ * gives 0. Cannot overflow. */
 static inline int32_t fx_decay(int32_t x, uint32_t n) {
   const uint32_t size = fx_magnitude(x);
   const uint32_t step = size >> n;
@@ -103,26 +107,27 @@ static inline int32_t fx_decay(int32_t x, uint32_t n) {
   return (x < 0) ? fx_s32_from_u32((uint32_t)0 - remaining) : (int32_t)remaining;
 }
 
-/* A count as a Q32 position. Exact. */
+/* Converts a count to a Q32 position. Exact. */
 static inline uint64_t fx_q32_from_cnt(int32_t cnt) { return (uint64_t)(uint32_t)cnt << 32; }
 
-/* The count nearest to a Q32 position, rounded half up, modulo 2^32. */
+/* Returns the count nearest to a Q32 position, rounded half up, modulo 2^32. */
 static inline int32_t fx_cnt_from_q32(uint64_t x_q32) {
   return fx_s32_from_u32((uint32_t)((x_q32 + ((uint64_t)1 << 31)) >> 32));
 }
 
-/* x + v modulo 2^64: a Q32 position moved by a Q16 distance. Exact. */
+/* Returns a Q32 position x after a motion by the Q16 distance v, modulo 2^64. Exact. */
 static inline uint64_t fx_q32_advance(uint64_t x_q32, int32_t v_q16) {
   return x_q32 + (uint64_t)((int64_t)v_q16 * 65536);
 }
 
-/* Largest distance that the functions use, 2^21 counts; a larger distance is limited to it. */
+/* Largest distance that these functions use, 2^21 counts. They limit a larger distance to this
+ * value. */
 #define FX_DISTANCE_MAX_CNT ((uint32_t)1 << 21)
 #define FX_DISTANCE_MAX_Q16 (((uint64_t)1 << 37) - 1)
 
-/* Distance from one Q32 position to another in the direction that is shorter modulo 2^32, in Q16
- * (floor). *negative is true if the direction is towards smaller counts. Overflow: saturates to
- * FX_DISTANCE_MAX_Q16. */
+/* Returns the distance between two Q32 positions in Q16 (floor), in the direction that is shorter
+ * modulo 2^32. *negative is true if this direction is towards smaller counts. Overflow: saturates
+ * to FX_DISTANCE_MAX_Q16. */
 static inline uint64_t fx_distance_q16(uint64_t to_q32, uint64_t from_q32, bool *negative) {
   const uint64_t forth = to_q32 - from_q32;
   const bool back = forth > (uint64_t)INT64_MAX;
@@ -131,111 +136,112 @@ static inline uint64_t fx_distance_q16(uint64_t to_q32, uint64_t from_q32, bool 
   return ((uint32_t)(distance >> 32) >= FX_DISTANCE_MAX_CNT) ? FX_DISTANCE_MAX_Q16 : distance >> 16;
 }
 
-/* Returns 8 a d, which fx_stops_within() compares with the square of a speed: a is the deceleration
- * in Q16 counts per tick squared, 0 < a <= 2^24, and d the distance, at most FX_DISTANCE_MAX_Q16.
- * Cannot overflow, because 8 a d < 2^64. */
+/* Returns the product 8 a d; fx_stops_within() compares this product with the square of a speed. a
+ * is the deceleration in Q16 counts per tick squared, 0 < a <= 2^24. d is the distance, at most
+ * FX_DISTANCE_MAX_Q16. Cannot overflow, because 8 a d < 2^64. */
 static inline uint64_t fx_stopping_room(int32_t a_q16, uint64_t d_q16) {
   return (uint64_t)((uint32_t)a_q16 * 8) * d_q16;
 }
 
-/* True only if an axis that moves by v in this tick, and slows down by a in each later tick, stops
- * within the distance d of `room`; v and a in Q16, 0 < a <= 2^24, 0 <= v <= 2^28. With v = n a + r
- * the path is v + (v-a) + (v-2a) + ... = v(v+a)/2a + r(a-r)/2a, and r(a-r) is at most a^2/4, so (2v
- * + a)^2 <= 8 a d is sufficient; it requires at most a/8 more distance than necessary. Rounding:
- * none. Cannot overflow, because (2v+a)^2 < 2^59. */
+/* Returns true only if an axis that moves by v in this tick and slows down by a in each later tick
+ * stops within the distance d, for room = fx_stopping_room(a, d). v and a are in Q16, 0 < a <=
+ * 2^24, 0 <= v <= 2^28. With v = n a + r the travel is v + (v-a) + (v-2a) + ... = v(v+a)/2a +
+ * r(a-r)/2a. r(a-r) is at most a^2/4, so the condition (2v + a)^2 <= 8 a d is sufficient; this
+ * condition requires at most a/8 more distance than necessary. Rounding: none. Cannot overflow,
+ * because (2v+a)^2 < 2^59. */
 static inline bool fx_stops_within(int32_t v_q16, int32_t a_q16, uint64_t room) {
   const uint32_t side = (uint32_t)v_q16 * 2 + (uint32_t)a_q16;
   return (uint64_t)side * (uint64_t)side <= room;
 }
 
-/* Number of ticks in a second. The host asserts that its constant has the same value
+/* Number of ticks in a second. The build of the host checks that its constant has the same value
  * (host/python/binding/core.cpp). */
 enum { FX_TICK_RATE_HZ = 1500 };
 
-/* Number of ticks of 1/1500 s that last at least `ms` milliseconds. Rounding: up. Cannot overflow,
- * ms <= 2^31. */
+/* Returns the smallest number of ticks of 1/1500 s that last at least `ms` milliseconds. Rounding:
+ * up. Cannot overflow, ms <= 2^31. */
 static inline uint32_t fx_ticks_from_ms(uint32_t ms) { return ms + (ms >> 1) + (ms & 1); }
 
-/* Number of ticks that last at least n times 100 us, n at most 65535. Rounding: up. Cannot
- * overflow. */
+/* Returns the smallest number of ticks that last at least n times 100 us, n at most 65535.
+ * Rounding: up. Cannot overflow. */
 static inline uint32_t fx_ticks_from_100us(uint16_t n) { return ((uint32_t)n * 3 + 19) / 20; }
 
-/* Number of ticks of 1/1500 s that last at least mantissa * 10^exponent s, exponent -6..0.
- * Rounding: up. Cannot overflow. */
+/* Returns the smallest number of ticks of 1/1500 s that last at least mantissa * 10^exponent s,
+ * exponent -6..0. Rounding: up. Cannot overflow. */
 uint32_t fx_ticks_from_period(uint8_t mantissa, int8_t exponent);
 
-/* Largest rate that fx_q16_from_per_s() converts; a larger rate is limited to it. */
+/* Largest rate that fx_q16_from_per_s() converts. A larger rate is limited to this value. */
 #define FX_PER_S_MAX ((uint32_t)49151999)
 
-/* floor(x * 2^16 / 1500): converts units per second to Q16 units per tick. The floor makes sure
- * that a limit is not exceeded, and fx_per_s_from_q16() returns exactly x again. Overflow:
+/* Converts units per second to Q16 units per tick: floor(x * 2^16 / 1500). Because of the floor, a
+ * converted limit is never exceeded, and fx_per_s_from_q16() returns exactly x again. Overflow:
  * saturates above FX_PER_S_MAX. */
 static inline int32_t fx_q16_from_per_s(uint32_t x) {
   const uint32_t rate = (x > FX_PER_S_MAX) ? FX_PER_S_MAX : x;
-  /* 2^16 / 1500 = 2^14 / 375, computed in two parts of at most 32 bits. */
+  /* 2^16 / 1500 = 2^14 / 375. The quotient is computed in two parts of at most 32 bits. */
   return (int32_t)(((rate / 375) << 14) + (((rate % 375) << 14) / 375));
 }
 
-/* floor(x * 2^16 / 1500^2): converts units per second squared to Q16 units per tick squared; x
+/* Converts units per second squared to Q16 units per tick squared: floor(x * 2^16 / 1500^2); x
  * below 2^30. */
 static inline int32_t fx_q16_from_per_s2(uint32_t x) {
   return (int32_t)(((x / 140625) << 12) + (((x % 140625) << 12) / 140625));
 }
 
-/* floor(x / 2^n) of a 64-bit value, n 1..31. Scaling: the result has n fractional bits fewer.
- * Cannot overflow. */
+/* Returns floor(x / 2^n) for a 64-bit value, n 1..31. Scaling: the result has n fractional bits
+ * fewer than x. Cannot overflow. */
 static inline int64_t fx_floor_shift_wide(int64_t x, uint32_t n) {
-  /* The shift is done in two halves, so that only the upper half has a sign; the last line compiles
-   * to no instruction. */
+  /* The lower and the upper half are shifted separately, so that only the upper half has a sign.
+   * The compiler needs no instruction for the last line. */
   const uint64_t bits = (uint64_t)x;
   const uint32_t high = (uint32_t)fx_floor_shift(fx_s32_from_u32((uint32_t)(bits >> 32)), n);
   const uint64_t shifted = (uint64_t)high << 32 | (uint32_t)(bits >> n);
   return (shifted <= (uint64_t)INT64_MAX) ? (int64_t)shifted : -(int64_t)(~shifted) - 1;
 }
 
-/* floor(x * 1500 / 2^16 + 1/2): converts Q16 units per tick to units per second. Cannot
+/* Converts Q16 units per tick to units per second: floor(x * 1500 / 2^16 + 1/2). Cannot
  * overflow. */
 static inline int32_t fx_per_s_from_q16(int32_t x_q16) {
   return (int32_t)fx_floor_shift_wide((int64_t)x_q16 * 375 + 8192, 14);
 }
 
-/* Converts counts in 16 ticks to counts per second, floor(x * 1500 / 16 + 1/2). Overflow:
- * saturates. */
+/* Converts a travel in counts during 16 ticks to counts per second: floor(x * 1500 / 16 + 1/2).
+ * Overflow: saturates. */
 static inline int32_t fx_per_s_from_16_ticks(int32_t x) {
   return fx_saturate(fx_floor_shift_wide((int64_t)x * 375 + 2, 2), INT32_MIN, INT32_MAX);
 }
 
-/* Converts counts in one tick to counts per second. Overflow: saturates. */
+/* Converts a travel in counts during one tick to counts per second. Overflow: saturates. */
 static inline int32_t fx_per_s_from_tick(int32_t x) {
   return fx_saturate((int64_t)x * 1500, INT32_MIN, INT32_MAX);
 }
 
-/* 1/n of a distance, n > 0, at most `most`: the step that reaches the end of the distance in n
- * ticks. Rounding: down, by less than 2^-10 count; exact for n = 1. Cannot overflow. */
+/* Returns the step that reaches the end of a distance in n ticks: 1/n of the distance, at most
+ * `most`; n > 0. Rounding: down, by less than 2^-10 count; exact for n = 1. Cannot overflow. */
 static inline int32_t fx_part_q16(uint64_t d_q16, uint32_t n, int32_t most) {
   if (d_q16 >= (uint64_t)(uint32_t)most * n) {
     return most;
   }
-  /* A distance below 2^37 loses at most its lowest six bits, and only if it needs more than 32
-   * bits. */
+  /* A distance of more than 32 bits, up to 2^37, loses at most its lowest six bits. */
   return (int32_t)((d_q16 <= UINT32_MAX) ? (uint32_t)d_q16 / n : (uint32_t)(d_q16 >> 6) / n << 6);
 }
 
-/* The number mantissa / 2^shift, mantissa 2^31..2^32-1 (0 for a negligible ratio). */
+/* The number mantissa / 2^shift. The mantissa is 2^31..2^32-1, or 0 for a negligible ratio. */
 typedef struct {
   uint32_t mantissa;
   uint8_t shift;
 } fx_ratio_t;
 
-/* a / b * 2^e, a and b > 0, e -16..16, with a relative error of at most 2^-31 (floor). Saturates
- * just below 2^32. It needs some hundred instructions: call it when a parameter is written, not in
- * every tick. */
+/* Returns a / b * 2^e with a relative error of at most 2^-31 (floor); a and b > 0, e -16..16.
+ * Saturates just below 2^32. The function needs some hundred instructions, so do not call it in
+ * every tick; call it when a parameter is written. */
 fx_ratio_t fx_ratio(uint32_t a, uint32_t b, int8_t e);
 
-/* a / b * 2^e for numbers of 64 bits, e -32..32, with a relative error of at most 2^-30. */
+/* Returns a / b * 2^e for 64-bit a and b, with a relative error of at most 2^-30; e -32..32. */
 fx_ratio_t fx_ratio_wide(uint64_t a, uint64_t b, int8_t e);
 
-/* x * ratio / 2^n, n 0..32. Rounding: half away from 0. Overflow: saturates to +-INT32_MAX. */
+/* Returns x * ratio / 2^n, n 0..32. Rounding: half away from 0. Overflow: saturates to
+ * +-INT32_MAX. */
 static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   const uint32_t shift = (uint32_t)ratio.shift + n;
   const uint64_t product = (uint64_t)fx_magnitude(x) * ratio.mantissa;
@@ -245,8 +251,8 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   if (shift > 63) {
     return 0;
   }
-  /* The shift is split into halves, because on some chips a 64-bit shift by a variable calls a
-   * library function. */
+  /* The shift is split into two shifts, because on some processors a 64-bit shift by a variable
+   * calls a library function. */
   if (shift > 32) {
     doubled = high >> (shift - 33);
   } else if (shift == 0) {
@@ -261,8 +267,8 @@ static inline int32_t fx_ratio_apply(int32_t x, fx_ratio_t ratio, uint32_t n) {
   return (x < 0) ? -limited : limited;
 }
 
-/* The fraction num / den in lowest terms, both 1..2^31-1, with approximations of the fraction and
- * of its inverse. */
+/* The fraction num / den in lowest terms, with approximations of the fraction and of its inverse.
+ * num and den are 1..2^31-1. */
 typedef struct {
   uint32_t num;
   uint32_t den;
@@ -270,32 +276,35 @@ typedef struct {
   fx_ratio_t inverse;
 } fx_fraction_t;
 
-/* The product of three numbers divided by that of three others, all 1..2^31-1. Returns false and
- * leaves *fraction unchanged if numerator or denominator has more than 31 bits in lowest terms. It
- * needs some thousand instructions. */
+/* Computes the product of the three numbers `over`, divided by the product of the three numbers
+ * `under`; all numbers are 1..2^31-1. Returns false and does not change *fraction if the numerator
+ * or denominator in lowest terms has more than 31 bits. The function needs some thousand
+ * instructions. */
 bool fx_fraction(const uint32_t over[3], const uint32_t under[3], fx_fraction_t *fraction);
 
-/* floor(x * num / den + 1/2), exact; the second function computes x * den / num likewise. Overflow:
- * saturates to +-INT32_MAX, from INT32_MAX - 4 on. About 35 instructions. */
+/* fx_fraction_apply() returns floor(x * num / den + 1/2) exactly, and fx_fraction_invert() returns
+ * floor(x * den / num + 1/2) exactly. Overflow: saturates to +-INT32_MAX, from INT32_MAX - 4 on.
+ * Each function needs about 35 instructions. */
 int32_t fx_fraction_apply(int32_t x, const fx_fraction_t *fraction);
 int32_t fx_fraction_invert(int32_t x, const fx_fraction_t *fraction);
 
-/* Whether 2^-bits <= ratio < 2^(bits+1), bits 0..20. */
+/* Returns true if 2^-bits <= ratio < 2^(bits+1), bits 0..20. */
 static inline bool fx_ratio_is_moderate(fx_ratio_t ratio, uint8_t bits) {
   return ratio.shift >= 31 - bits && ratio.shift <= 31 + bits;
 }
 
-/* ratio / 2^n / by as a ratio; `by` > 0, n -16..16. Call it when a parameter is written, not in
- * every tick. */
+/* Returns ratio / 2^n / by as a ratio; `by` > 0, n -16..16. Call this function when a parameter is
+ * written, not in every tick. */
 fx_ratio_t fx_ratio_divided(fx_ratio_t ratio, uint32_t by, int8_t n);
 
-/* code * 1000 / 2^bits, bits 0..16. Rounding: down. Cannot overflow. */
+/* Converts an ADC code to per mille of its range: code * 1000 / 2^bits, bits 0..16. Rounding: down.
+ * Cannot overflow. */
 static inline int16_t fx_per_mille_of_bits(uint16_t code, uint8_t bits) {
   const uint32_t share = ((uint32_t)code * 1000) >> bits;
   return (int16_t)((share > INT16_MAX) ? INT16_MAX : share);
 }
 
-/* Largest code of an ADC with `bits` bits: 2^bits - 1, bits 0..16. */
+/* Returns the largest code of an ADC with `bits` bits: 2^bits - 1, bits 0..16. */
 static inline uint16_t fx_highest_code(uint8_t bits) {
   return (uint16_t)(((uint32_t)1 << bits) - 1);
 }

@@ -2,13 +2,16 @@
 
 #include "firmware/fx/fx.h"
 
-/* Deviations of the points from their mean, times their number n, so that nothing is rounded: |x|
- * <= 2^21, |y| <= 2^34, and sums of products are below 2^58. */
+/* Deviations of the calibration points from their mean, multiplied by the number of points, so that
+ * nothing is rounded. |x| <= 2^21, |y| <= 2^34, and sums of products are below 2^58. */
 typedef struct {
-  int32_t x[CALIBRATION_POINTS]; /* measured forces in 1/256 count */
-  int64_t y[CALIBRATION_POINTS]; /* reference forces in mN */
-  int64_t xx;                    /* sum of the squares of x */
-  int64_t xy;                    /* sum of the products of x and y */
+  /* measured force of each point in 1/256 count, as deviation from the mean times the number of
+   * points */
+  int32_t x[CALIBRATION_POINTS];
+  /* reference force of each point in mN, as deviation from the mean times the number of points */
+  int64_t y[CALIBRATION_POINTS];
+  int64_t xx; /* sum of the squares of x */
+  int64_t xy; /* sum of the products of x and y */
   int64_t x_span;
   int64_t y_span;
   uint8_t count;
@@ -49,16 +52,16 @@ static void gather(const drive_params_t *params, points_t *points) {
 
 /* y * 2^e. */
 static int32_t scaled(int64_t y, int8_t e) {
-  /* The shift is done bit by bit, because on some chips a 64-bit shift by a variable calls a
-   * library function. */
+  /* The value is shifted bit by bit, because on some processors a 64-bit shift by a variable calls
+   * a library function. */
   for (; e < 0; e++) {
     y = fx_floor_shift_wide(y, 1);
   }
   return (int32_t)(y * fx_scale(1, (uint32_t)e));
 }
 
-/* Returns the largest |y - slope x|, divided by the span of y, in 0.01 per mille. The forces are
- * scaled to a span of 2^28 to 2^29, so that their rounding is negligible. */
+/* Returns the linearity error in 0.01 per mille: the largest |y - slope x| divided by the span of
+ * y. The forces are scaled to a span of 2^28 to 2^29, so that rounding errors are negligible. */
 static uint16_t linearity_of(const points_t *points) {
   int8_t e = 0;
   int64_t span = points->y_span;
@@ -98,7 +101,7 @@ uint8_t calibration_compute(const drive_params_t *params, uint32_t *force_scale,
   if (points.xy <= 0) {
     return AXIS_CALIBRATION_STATE_REFUSED_SIGN;
   }
-  /* 1 mN for each 1/256 count is 256000 uN for each count. */
+  /* A slope of 1 mN per 1/256 count is 256000 uN per count. */
   const fx_ratio_t slope = fx_ratio_wide((uint64_t)points.xy, (uint64_t)points.xx, 0);
   const int32_t scale = fx_ratio_apply(256000, slope, 0);
   if (scale == 0 || scale == INT32_MAX) {

@@ -1,38 +1,39 @@
 #ifndef FIRMWARE_GUARD_CONTACT_H_
 #define FIRMWARE_GUARD_CONTACT_H_
 
-/* Monitors the contact: whether there is contact, the number of contact losses, and the largest
- * force. */
+/* Monitors the contact of the axis with the workpiece: the state of contact, the number of contact
+ * losses and the largest force. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/core/axis.h"
 
-/* Number of slots of limit_cycle_window. Each slot lasts as many ticks as the value of
- * limit_cycle_window. Contact losses are discarded one complete slot at a time, so the window has
- * 14 to 15 slots. */
+/* Number of slots of the window in which contact losses are counted. Each slot lasts as many ticks
+ * as the value of limit_cycle_window. The oldest contact losses are discarded one complete slot at
+ * a time, so the window lasts 14 to 15 slots. */
 enum { CONTACT_SLOTS = 15 };
 
 typedef struct {
-  uint16_t recent; /* number of contact losses in all slots */
-  /* number of contact losses in each slot; at most one in two ticks */
+  uint16_t recent; /* number of contact losses in all slots of the window */
+  /* number of contact losses in each slot of the window; at most one loss in two ticks */
   uint8_t losses[CONTACT_SLOTS];
   uint8_t slot;
   uint8_t slot_tick;
-  /* 1: the force ripple is too large, which also counts as a limit cycle (contact_guard.h) */
+  /* 1 if the force ripple is too large, which is also reported as a limit cycle
+   * (contact_guard.h) */
   uint8_t rippling;
 } contact_t;
 
-/* Force control begins: resets the number of contact losses and the peak force. */
+/* Resets the number of contact losses and the peak force at the start of force control. */
 void contact_start(contact_t *contact, drive_signals_t *signals);
 
-/* Discards the contact losses so far from the detection of a limit cycle; the signal contact_losses
- * continues to count. */
+/* Removes the contact losses so far from the detection of a limit cycle. The signal contact_losses
+ * is not reset. */
 void contact_forget_losses(contact_t *contact);
 
-/* Call it once in each tick with valid sensors. `controlled`: a force mode is active, and contact
- * losses are counted. */
+/* Updates the contact in each tick with valid sensor values. `controlled` is true if a force mode
+ * is active; only then are contact losses counted. */
 void contact_tick(contact_t *contact, const drive_params_t *params, drive_signals_t *signals,
                   const axis_t *axis, bool controlled);
 

@@ -6,11 +6,12 @@
 /* Number of ticks between two checks of the protections. */
 enum { CHECK_PERIOD_TICKS = 4 };
 
-/* Largest distance of a bound from the last output code, so that the bound is near when the law
- * commands a larger code. */
+/* Largest distance of a bound from the last output code, in 1/65536 code. So the bound is near the
+ * output when the law commands a larger code. */
 #define LEAD_Q16 (INT32_C(2) * 65536)
 
-/* Largest travel in two ticks, in counts, that is used; products with it need at most 32 bits. */
+/* Largest travel in two ticks that the contact guard uses, in counts. Products with this travel
+ * need at most 32 bits. */
 #define TRAVEL_MAX_CNT INT32_C(8192)
 
 void contact_guard_start(contact_guard_t *guard) {
@@ -33,8 +34,8 @@ void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params) 
   guard->speed_q8 = (speed != 0 && speed_q8 == 0) ? 1 : speed_q8;
 }
 
-/* At the start of a force law, the bound in the direction of pressing starts at code 0; in the
- * other direction it starts at the present code. */
+/* Initialises the bounds of the DAC code at the start of a force law. The bound in the direction of
+ * pressing starts at code 0, and the bound in the other direction at the present code. */
 static void begin_bound(contact_guard_t *guard, const axis_t *axis) {
   const int16_t code = axis->signals.dac_code;
   const bool down = axis->params.force_setpoint < 0;
@@ -46,13 +47,14 @@ static void begin_bound(contact_guard_t *guard, const axis_t *axis) {
 }
 
 /* Returns k_p / 4 (2 v_max - dx) in 1/65536 code. The factor 1/4 prevents an overshoot of the speed
- * on an axis whose position law does not oscillate. */
+ * if the position law of the axis does not oscillate. */
 static int32_t change_q16(const axis_t *axis, int32_t slack_q8) {
   return fx_floor_shift(
       (int32_t)axis->params.position_gain * fx_clamp(slack_q8, -INT16_MAX, INT16_MAX), 2);
 }
 
-/* Changes the bound of each direction in every second tick: cap' = cap + k_p / 4 (2 v_max - dx). */
+/* Changes the bound of the DAC code in each direction, in every second tick: cap' = cap + k_p / 4
+ * (2 v_max - dx). */
 static void move_bound(contact_guard_t *guard, const axis_t *axis) {
   const int32_t position = axis->signals.position;
   const int32_t travel_cnt =
@@ -72,7 +74,7 @@ void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals,
   if (guard->begun == 0) {
     begin_bound(guard, axis);
   }
-  /* The bound changes only in ticks in which no protection is checked. */
+  /* The bounds of the DAC code change only in the ticks in which no protection is checked. */
   if ((axis->signals.tick_count & 1) == 0) {
     move_bound(guard, axis);
   }
@@ -118,8 +120,8 @@ static bool is_overdue(contact_guard_t *guard, const drive_params_t *params,
                  params->approach_travel_max);
 }
 
-/* Finds the largest and the smallest measured force in a slot of CONTACT_GUARD_SLOT_TICKS, and
- * counts consecutive slots in which their difference exceeds force_ripple_max. */
+/* Updates the largest and the smallest measured force in a slot of CONTACT_GUARD_SLOT_TICKS. At the
+ * end of a slot, counts the consecutive slots whose force ripple exceeds force_ripple_max. */
 static void watch_ripple(contact_guard_t *guard, contact_t *contact, const drive_params_t *params,
                          drive_signals_t *signals, int32_t force) {
   if (params->force_ripple_max == 0) {

@@ -1,35 +1,40 @@
 #ifndef FIRMWARE_GUARD_CONTACT_GUARD_H_
 #define FIRMWARE_GUARD_CONTACT_GUARD_H_
 
-/* Protections of the motion around the contact, while a mode controls force. Each is switched off
- * by its default.
+/* Protections of the motion before and after the contact, while a mode controls force. By default
+ * each protection is off.
  *
  *   touch_velocity_max   Limit of the speed without contact. The largest permitted DAC code rises
- *                        by a quarter of position_gain for each count that the axis is behind
- *                        this speed, and falls by as much for each count that it is ahead. So the
- *                        mean speed stays at the limit for every gain of the amplifier; the
- *                        laboratory axis exceeds it by a tenth. If position_gain is 0, the axis
- *                        does not move. Each direction has its own bound, because the workpiece
- *                        may be on either side, and because a bump bias may drive against the
- *                        direction of the set-point. Bumpless transfer acts at the contact.
+ *                        by a quarter of position_gain for each count by which the axis is behind
+ *                        this speed, and falls by the same amount for each count by which the axis
+ *                        is ahead. So the mean speed stays at the limit for every gain of the
+ *                        amplifier; the laboratory axis exceeds the limit by a tenth. If
+ *                        position_gain is 0, the axis does not move. Each direction has a separate
+ *                        bound, because the workpiece may be on either side, and because a bump
+ *                        bias may act against the direction of the set-point. Bumpless transfer
+ *                        acts at the contact.
  *   contact_travel_max   Largest travel after the first contact, in counts in the direction of
- *                        pressing, which is the sign of the measured force at the first contact
- *                        since force control began; the fault is contact_travel.
- *   approach_timeout     Largest time and travel without contact while there is a demand, which
- *   approach_travel_max  is a target in modes 4 and 10, and in other modes a set-point that would
- *                        be contact; the fault is no_contact. Both start again at each contact,
+ *                        pressing. This direction is the sign of the measured force at the first
+ *                        contact since force control began. A larger travel is the fault
+ *                        contact_travel.
+ *   approach_timeout     Largest time and largest travel without contact while a demand acts. The
+ *   approach_travel_max  demand is a target in modes 4 and 10. In other modes the demand is a
+ *                        set-point whose magnitude exceeds contact_force. A larger time or travel
+ *                        is the fault no_contact. Time and travel restart from 0 at each contact,
  *                        without a demand, and when the sign of the demand changes.
- *   force_ripple_max     Largest difference of the measured forces in CONTACT_GUARD_SLOT_TICKS.
- *   force_ripple_time    A larger ripple for this time, at a constant demand and without
- *                        excitation, is a limit cycle, as repeated contact losses are
- *                        (contact.h).
+ *   force_ripple_max     Largest permitted force ripple in CONTACT_GUARD_SLOT_TICKS.
+ *   force_ripple_time    A larger force ripple during this time is a limit cycle, like repeated
+ *                        contact losses (contact.h). The ripple is checked only at a constant
+ *                        demand and without excitation.
  *   contact_unstable_option
  *                        Reaction to a limit cycle. The gain is halved with bumpless transfer, and
- *                        the guard then waits for CONTACT_GUARD_SETTLING_TICKS. Disabling the axis
- *                        restores the gain. After TOUCH_HALVINGS the fault is contact_unstable.
+ *                        the guard then waits for CONTACT_GUARD_SETTLING_TICKS. When the axis is
+ *                        disabled, the gain is restored. After TOUCH_HALVINGS the fault is
+ *                        contact_unstable.
  *
- * A fault follows fault_reaction_option. Travel and approach are checked in every fourth tick, the
- * limit cycle in a different one of each four ticks; the reaction follows in the next tick. */
+ * fault_reaction_option determines the reaction to these faults. Travel and approach are checked in
+ * every fourth tick. The limit cycle is checked in another one of every four ticks. The reaction
+ * follows in the next tick. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -40,46 +45,48 @@
 enum { CONTACT_GUARD_SLOT_TICKS = 152, TOUCH_HALVINGS = 3, CONTACT_GUARD_SETTLING_TICKS = 1500 };
 
 typedef struct {
-  int32_t speed_q8;    /* touch_velocity_max, as counts in two ticks */
-  int32_t most_q16;    /* largest DAC code without contact */
-  int32_t least_q16;   /* smallest DAC code without contact */
-  int32_t bounded_cnt; /* encoder count for which these two codes were computed */
+  int32_t speed_q8;    /* speed touch_velocity_max, as counts in two ticks */
+  int32_t most_q16;    /* largest permitted DAC code without contact */
+  int32_t least_q16;   /* smallest permitted DAC code without contact */
+  int32_t bounded_cnt; /* encoder count at which most_q16 and least_q16 were computed */
   /* force set-point of the next tick, in 1/256 count; 0 without a force mode */
   int32_t setpoint;
-  int32_t demand;         /* demand from which the set-point follows, in any unit */
-  int32_t steady_demand;  /* demand in the present slot of the force ripple */
+  int32_t demand; /* force demand from which the set-point is derived, in the unit of the mode */
+  int32_t steady_demand;  /* force demand at the start of the present slot of the force ripple */
   int32_t first_cnt;      /* encoder count at the first contact */
   int32_t approach_cnt;   /* encoder count at the start of the approach */
   uint32_t approach_tick; /* duration of the approach in ticks */
   int32_t low;            /* smallest measured force in the present slot of the force ripple */
   int32_t high;
-  axis_codes_t codes;     /* most_q16 and least_q16 as rounded DAC codes */
-  uint16_t settling_tick; /* ticks until a limit cycle is checked again */
+  axis_codes_t codes;     /* bounds most_q16 and least_q16, rounded to DAC codes */
+  uint16_t settling_tick; /* number of ticks until the guard checks for a limit cycle again */
   uint8_t slot_tick;
-  uint8_t slots;      /* number of consecutive slots with too much force ripple */
-  uint8_t steady;     /* 1: the demand has not changed in the present slot */
-  int8_t approaching; /* sign of the demand of the present approach, 0 without an approach */
-  int8_t pressing;    /* sign of the measured force at the first contact, 0 before it */
-  uint8_t begun;      /* 1: the bounds of the DAC code act on the force law */
-  uint8_t finding;    /* AXIS_FAULT_ that still needs a reaction */
+  uint8_t slots; /* number of consecutive slots whose force ripple was too large */
+  /* 1 if the force demand has not changed in the present slot of the force ripple */
+  uint8_t steady;
+  int8_t approaching; /* sign of the force demand of the present approach; 0 without an approach */
+  /* sign of the measured force at the first contact; 0 before the first contact */
+  int8_t pressing;
+  uint8_t begun;   /* 1 if the bounds of the DAC code act on the force law */
+  uint8_t finding; /* detected fault (AXIS_FAULT_) to which the drive has not reacted yet */
 } contact_guard_t;
 
-/* Force control begins: resets the contact guard. */
+/* Resets the contact guard at the start of force control. */
 void contact_guard_start(contact_guard_t *guard);
 
 /* Derives the values of the contact guard after a write to one of its parameters. */
 void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params);
 
-/* Sets the demand of the next tick for a mode that has an approach of its own. Any target other
- * than 0 counts as a demand. */
+/* Sets the force demand of the next tick for a mode that has an approach of its own. Every target
+ * other than 0 is a demand. */
 static inline void contact_guard_approach(contact_guard_t *guard, int32_t target, int32_t demand) {
   guard->setpoint = (target > 0) ? INT32_MAX : (target < 0) ? -INT32_MAX : 0;
   guard->demand = demand;
 }
 
-/* Bounds the speed of the axis in the next tick, in a mode without an approach of its own whose
- * force law uses axis->params.force_setpoint. It changes parameters of the axis that the caller
- * overrides for the tick. */
+/* Bounds the speed of the axis in the next tick. Use this function for modes that have no approach
+ * of their own and whose force law uses axis->params.force_setpoint. The function changes
+ * parameters of the axis; the caller must restore these parameters after the tick. */
 void contact_guard_bound(contact_guard_t *guard, const drive_signals_t *signals, axis_t *axis);
 static inline void contact_guard_press(contact_guard_t *guard, const drive_signals_t *signals,
                                        axis_t *axis, int32_t demand) {
@@ -90,13 +97,14 @@ static inline void contact_guard_press(contact_guard_t *guard, const drive_signa
   }
 }
 
-/* Checks the protections of the contact guard; call it after every second tick of force control. */
+/* Checks the protections of the contact guard. Call this function after every second tick of force
+ * control. */
 void contact_guard_evaluate(contact_guard_t *guard, contact_t *contact,
                             const drive_params_t *params, drive_signals_t *signals,
                             const axis_t *axis);
 
-/* Reacts to a finding of the contact guard: halves the gain and returns AXIS_FAULT_NONE, or returns
- * the fault that the drive must raise. */
+/* Reacts to a finding of the contact guard. Either halves the gain and returns AXIS_FAULT_NONE, or
+ * returns the fault that the drive must raise. */
 uint8_t contact_guard_answer(contact_guard_t *guard, contact_t *contact,
                              const drive_params_t *params, drive_signals_t *signals, axis_t *axis);
 

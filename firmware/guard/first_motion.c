@@ -3,7 +3,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/guard/sensor.h"
 
-/* Faults of the test are results in the same order. */
+/* Difference between the fault number and the result number of a failed test. It is constant,
+ * because these faults and results have the same order. */
 enum {
   FAULT_OF_RESULT = AXIS_FAULT_FORCE_SENSOR_FAILED - AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED
 };
@@ -12,8 +13,8 @@ _Static_assert(AXIS_FAULT_POSITION_GAIN_ZERO - FAULT_OF_RESULT ==
                    AXIS_FAULT_RUNAWAY - FAULT_OF_RESULT == AXIS_FIRST_MOTION_RESULT_RUNAWAY,
                "a result is its fault, less a constant");
 
-/* Largest change of the motor current at standstill, in per mille of the range. A healthy axis at
- * standstill never changes its current by a quarter of the range. */
+/* Largest permitted change of the motor current at standstill, in per mille of the range. At
+ * standstill the current of a healthy axis never changes by a quarter of its range. */
 enum { CURRENT_JUMP_PER_MILLE = 250 };
 
 void first_motion_forget(first_motion_t *first, drive_signals_t *signals) {
@@ -94,7 +95,7 @@ static void enter_phase(first_motion_t *first, const axis_t *axis, uint8_t phase
   first->force_start = axis->signals.force;
 }
 
-/* Each of these functions checks a tick of one phase. It returns the finding, or
+/* Each check_ function checks a tick of one phase. It returns the finding, or
  * AXIS_FIRST_MOTION_RESULT_RUNNING. */
 
 static uint8_t check_standstill(first_motion_t *first, const axis_t *axis) {
@@ -145,7 +146,7 @@ static uint8_t check_zero(first_motion_t *first, const drive_params_t *params, c
   return AXIS_FIRST_MOTION_RESULT_RUNNING;
 }
 
-/* Whether a limit permits no motion in this direction. */
+/* Returns true if a limit prevents the axis from moving in the present direction. */
 static bool is_blocked(const axis_t *axis) {
   return axis->signals.limit_reason >= AXIS_LIMIT_REASON_POSITION_MIN;
 }
@@ -153,8 +154,8 @@ _Static_assert(AXIS_LIMIT_REASON_POSITION_MIN > AXIS_LIMIT_REASON_OUTPUT_LIMIT &
                    AXIS_LIMIT_REASON_LIMIT_SWITCH_POS + 1 == AXIS_LIMIT_REASON_COUNT,
                "the reasons from position_min on block");
 
-/* Sets the code of the next tick. Returns false when the largest code has been output for its
- * longest time. */
+/* Sets the DAC code of the next tick. Returns false when the largest code has been output for
+ * FIRST_MOTION_HOLD_TICKS. */
 static bool raise_code(first_motion_t *first, const drive_params_t *params) {
   first->rises ^= 1;
   if (first->code < params->first_motion_code) {
@@ -172,7 +173,7 @@ static bool runs_away(const first_motion_t *first, const drive_params_t *params,
          !fx_within(moved, FIRST_MOTION_REACH * params->first_motion_counts);
 }
 
-/* Checks the change of the measured force in the complete motion of the phase "out". */
+/* Checks the change of the measured force over the complete motion of the phase "out". */
 static uint8_t check_force(first_motion_t *first, const axis_t *axis, int32_t change) {
   const int32_t step = fx_scale(1, (uint32_t)16 - axis->params.adc_bits);
   if (fx_within(first->force_start, axis->params.contact_force)) {
@@ -182,7 +183,7 @@ static uint8_t check_force(first_motion_t *first, const axis_t *axis, int32_t ch
     return AXIS_FIRST_MOTION_RESULT_FORCE_REVERSED;
   }
   if (change < step && !fx_within(axis->signals.force, axis->params.contact_force)) {
-    /* the measured force is an offset, because no contact remained */
+    /* The axis has no contact now, so the remaining measured force is an offset. */
     return AXIS_FIRST_MOTION_RESULT_FORCE_SENSOR_FAILED;
   }
   first->sign_seen = (change > axis->params.contact_force) ? 1 : 0;
@@ -237,11 +238,11 @@ static uint8_t check_back(first_motion_t *first, const drive_params_t *params, a
                                                 : AXIS_FIRST_MOTION_RESULT_NO_MOTION;
   }
   first->phase = (first->sign_seen != 0) ? FIRST_MOTION_DONE : FIRST_MOTION_WATCHING;
-  axis->rebase = 1; /* also if the axis remains in open loop mode */
+  axis->rebase = 1; /* This acts also if the mode after the test is open-loop mode. */
   return AXIS_FIRST_MOTION_RESULT_PASSED;
 }
 
-/* Checks that pressing increases the measured force. */
+/* Checks that the measured force is positive when the axis presses on the workpiece. */
 static uint8_t check_contact(first_motion_t *first, const axis_t *axis) {
   const axis_signals_t *signals = &axis->signals;
   if (signals->active_mode == AXIS_MODE_DISABLED || signals->velocity <= 0 ||

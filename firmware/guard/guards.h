@@ -1,9 +1,10 @@
 #ifndef FIRMWARE_GUARD_GUARDS_H_
 #define FIRMWARE_GUARD_GUARDS_H_
 
-/* The protections: their states, and the phases of a tick in which each of them acts. The drive
- * calls the phases below; it names a single protection only where a phase is not enough. A new
- * protection needs its file, its state in guards_t and one line in each phase in which it acts.
+/* The states of all protections, and the phases of a tick in which each protection acts. The drive
+ * calls the phases in this table. The drive calls a single protection directly only where no phase
+ * is suitable. A new protection needs its own file, its state in guards_t and one line in each of
+ * its phases.
  *
  *                      init  derive  written  start  before  limit  check  observe  evaluate answer
  *   first_motion        x              x                            x
@@ -14,19 +15,19 @@
  *   contact_guard       x      x               x       x                               x        x
  *   contact_excitation  x                                    x
  *
- *   init      power-up: no finding, no test or measurement is active
- *   derive    after a write to a parameter of the drive: values that follow from the parameters
- *   written   after a change of a parameter of the axis or drive: results that it invalidates
- *   start     a mode that controls force begins
+ *   init      at power-up: clears findings, tests and measurements
+ *   derive    after a write to a parameter of the drive: computes derived values
+ *   written   after a change of a parameter of the axis or drive: discards invalid results
+ *   start     when a mode that controls force begins: resets the protection
  *   before    before each tick, when the targets of the drive are not set yet
  *   limit     before axis_tick(), with the inputs of the tick
- *   check     after axis_tick(), before its outputs are written: a finding disables the axis
- *   observe   after each tick: signals of the protection
- *   evaluate  after every second tick: findings that are answered in the next tick
+ *   check     after axis_tick(), before the outputs are written: a finding disables the axis
+ *   observe   after each tick: updates the signals of the protection
+ *   evaluate  after every second tick: a finding acts in the next tick
  *   answer    in the tick after a finding: raises a fault or reduces the gain
  *
- * The phases are direct calls and not a loop over a table of functions: a loop costs 17
- * instructions for each row, and the interrupt has no time for them (docs/decisions/0046). */
+ * Each phase calls the protections directly. A loop over a table of functions would need 17 more
+ * instructions for each protection, too many for the interrupt (docs/decisions/0046). */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -51,13 +52,14 @@ typedef struct {
 
 void guards_init(guards_t *guards, drive_signals_t *signals);
 
-/* Derives the values of the protections from the parameters, in at most 250 instructions; call it
- * between ticks. */
+/* Computes the values that the protections derive from the parameters, in at most 250 instructions.
+ * Call this function between ticks. */
 void guards_derive(guards_t *guards, const drive_params_t *params, drive_signals_t *signals);
 
 void guards_written(guards_t *guards, drive_signals_t *signals, uint16_t object);
 
-/* Whether an active protection depends on this object. A write to the object is then refused. */
+/* Returns true if an active protection depends on this object. The firmware then refuses a write to
+ * the object. */
 bool guards_freeze(const guards_t *guards, uint16_t object);
 
 void guards_start(guards_t *guards, drive_signals_t *signals);
@@ -78,8 +80,8 @@ static inline void guards_check(guards_t *guards, const drive_params_t *params,
   sensor_check(&guards->sensor, params, axis, outputs);
 }
 
-/* Updates the signals of the protections after a tick. `controlled`: a mode that controls force was
- * active in the tick. */
+/* Updates the signals of the protections after a tick. `controlled` is true if a mode that controls
+ * force was active in the tick. */
 static inline void guards_observe(guards_t *guards, const drive_params_t *params,
                                   drive_signals_t *signals, const axis_t *axis, bool controlled) {
   tare_tick(&guards->tare, params, signals, axis);
@@ -88,13 +90,13 @@ static inline void guards_observe(guards_t *guards, const drive_params_t *params
   }
 }
 
-/* Whether guards_evaluate() uses its argument `guided`. If it does not, the caller need not compute
- * the argument. */
+/* Returns true if guards_evaluate() uses its argument `guided`. If the result is false, the caller
+ * need not compute this argument. */
 static inline bool guards_need_guided(const guards_t *guards) {
   return guards->sensor.enabled != 0;
 }
 
-/* Checks the protections. `guided`: the motion depends on the measured force
+/* Checks the protections. `guided` is true if the motion depends on the measured force
  * (cia402_is_guided_by_force()). */
 static inline void guards_evaluate(guards_t *guards, const drive_params_t *params,
                                    drive_signals_t *signals, const axis_t *axis, bool controlled,
@@ -107,12 +109,12 @@ static inline void guards_evaluate(guards_t *guards, const drive_params_t *param
   }
 }
 
-/* Whether a finding waits for its reaction by guards_answer(). */
+/* Returns true if a finding needs a reaction by guards_answer(). */
 static inline bool guards_have_finding(const guards_t *guards) {
   return guards->contact_guard.finding != AXIS_FAULT_NONE;
 }
 
-/* Returns the fault that the drive must raise (AXIS_FAULT_), or AXIS_FAULT_NONE if the protection
+/* Returns the fault (AXIS_FAULT_) that the drive must raise, or AXIS_FAULT_NONE if the protection
  * itself has reacted to its finding. */
 uint8_t guards_answer(guards_t *guards, const drive_params_t *params, drive_signals_t *signals,
                       axis_t *axis);

@@ -14,7 +14,7 @@ void tare_begin(tare_t *tare, drive_signals_t *signals) {
   signals->tare_state = AXIS_TARE_STATE_RUNNING;
 }
 
-/* Converts a difference of ADC codes to 1/256 count. */
+/* Converts a difference of ADC codes to a force in 1/256 count. */
 static int32_t q8_of(const axis_t *axis, int32_t codes) {
   return fx_scale(codes, (uint32_t)16 - axis->params.adc_bits);
 }
@@ -33,13 +33,14 @@ static void add(tare_t *tare, const axis_t *axis, uint8_t averaging) {
   tare->count = (uint16_t)(tare->count + 1);
 }
 
-/* Returns the mean, rounded half up: floor((2 sum + n) / 2n). */
+/* Returns the mean of the measured forces in 1/256 count, rounded half up: floor((2 sum + n) /
+ * 2n). */
 static int64_t mean_q8(const tare_t *tare, const axis_t *axis) {
   const axis_params_t *params = &axis->params;
   const int64_t above_zero = (int64_t)tare->sum - (int64_t)tare->count * params->force_zero_code;
   int64_t mean = above_zero * params->force_sign * q8_of(axis, 2) + tare->count;
-  /* The shift is done bit by bit, because on some chips a 64-bit shift by a variable calls a
-   * library function. */
+  /* The value is shifted bit by bit, because on some processors a 64-bit shift by a variable calls
+   * a library function. */
   for (uint8_t i = 0; i <= tare->averaging; i++) {
     mean = fx_floor_shift_wide(mean, 1);
   }
@@ -58,8 +59,8 @@ static uint8_t conclude(tare_t *tare, const axis_t *axis) {
   return AXIS_TARE_STATE_RUNNING;
 }
 
-/* Adds the force code of a tick. Returns AXIS_TARE_STATE_RUNNING, or the state that gives the
- * reason for a refusal. */
+/* Adds the force code of a tick to the mean. Returns AXIS_TARE_STATE_RUNNING, or the state that
+ * states the reason of a refusal. */
 static uint8_t measure(tare_t *tare, const drive_params_t *params, const axis_t *axis) {
   if (axis->signals.active_mode != AXIS_MODE_DISABLED) {
     return AXIS_TARE_STATE_REFUSED_ENABLED;
