@@ -21,7 +21,8 @@ void cia402_forget_targets(cia402_t *drive) {
   drive->params.force_offset = 0;
 }
 
-/* The set-points of the native modes have no such flag; the value 0 means no set-point. */
+/* Discards the set-points of the native modes. These set-points have no flag for a write, so 0
+ * means no set-point. */
 static void forget_setpoints(axis_t *axis) {
   axis->params.open_loop_code = 0;
   axis->params.excitation_amplitude = 0;
@@ -41,7 +42,7 @@ static void enter(cia402_t *drive, uint8_t state) {
   drive->outside_tick = 0;
   drive->stopping_tick = 0;
   if (state == AXIS_DRIVE_STATE_FAULT || state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    /* A target from before a fault must be written again. */
+    /* After a fault the user must write each target again. */
     cia402_forget_targets(drive);
   }
   if (state != AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
@@ -54,16 +55,17 @@ static int32_t rate_of(const cia402_t *drive, bool quick) {
   return quick ? drive->quick_deceleration : drive->deceleration;
 }
 
-/* Whether the amplifier was never switched on by a tick: a ramp would switch it on. */
+/* Returns true if the amplifier is off, because no tick has switched it on since the axis was
+ * enabled. A ramp to standstill would switch the amplifier on. */
 static bool is_at_rest(const axis_t *axis) {
   return axis->signals.active_mode == AXIS_MODE_DISABLED;
 }
 
-/* Raises a fault that the drive has found itself, or that another module reports. */
+/* Raises a fault that the drive or another module has detected. */
 static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   const uint8_t state = state_of(drive);
   if (state == AXIS_DRIVE_STATE_FAULT_REACTION_ACTIVE) {
-    return; /* the first fault remains */
+    return; /* The first fault stays the reported fault. */
   }
   if (cia402_is_powered(state) && drive->params.fault_reaction_option != STOP_AT_ONCE &&
       !first_motion_is_running(&drive->guards.first_motion) && !is_at_rest(axis)) {
@@ -75,7 +77,8 @@ static void raise_fault(cia402_t *drive, axis_t *axis, uint8_t fault) {
   enter(drive, AXIS_DRIVE_STATE_FAULT);
 }
 
-/* Raises a fault if the following error was outside its window for too long. */
+/* Raises the fault following_error if the following error was outside its window for longer than
+ * following_error_timeout. */
 static void watch_following(cia402_t *drive, axis_t *axis) {
   const bool outside =
       drive->tracking == CIA402_TRACKING_AXIS && axis->signals.active_mode == AXIS_MODE_POSITION &&
@@ -86,7 +89,7 @@ static void watch_following(cia402_t *drive, axis_t *axis) {
   }
   drive->outside_tick += 1;
   if (drive->outside_tick > fx_ticks_from_ms(drive->params.following_error_timeout)) {
-    /* the fault reaction begins at the position of the axis */
+    /* The fault reaction begins at the position of the axis. */
     drive->tracking = CIA402_TRACKING_NONE;
     raise_fault(drive, axis, AXIS_FAULT_FOLLOWING_ERROR);
   }
@@ -121,9 +124,10 @@ static void operate(cia402_t *drive, axis_t *axis) {
   cia402_run(drive, axis);
 }
 
-/* Whether a quick stop or fault reaction has ended. Each of them is reported for at least one tick,
- * even from standstill, and always ends: a very small deceleration must not keep an axis in motion
- * that nobody commands. */
+/* Returns true if a quick stop or fault reaction has ended. A quick stop or fault reaction is
+ * reported for at least one tick, even if the axis is at standstill when it begins. It ends after
+ * CIA402_STOPPING_TICKS at the latest, so that the axis does not keep moving with a very small
+ * deceleration. */
 static bool has_stopped(cia402_t *drive, axis_t *axis, bool quick) {
   const bool seen = drive->leaving != 0;
   drive->leaving = 1;
@@ -214,7 +218,8 @@ void cia402_after(cia402_t *drive, axis_t *axis) {
   motion_restore(drive, axis);
 }
 
-/* Leaves the state operation enabled, at once or after a ramp (shutdown, disable operation). */
+/* Leaves the state operation enabled after the commands shutdown and disable operation, immediately
+ * or after a ramp to standstill. */
 static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const axis_t *axis) {
   if (option == STOP_AT_ONCE || motion_stands(drive) || is_at_rest(axis)) {
     enter(drive, to);
@@ -224,7 +229,8 @@ static void leave_operation(cia402_t *drive, uint8_t to, int16_t option, const a
   drive->leaving_to = to;
 }
 
-/* Carries out a transition that a controlword commands, as the option codes select. */
+/* Carries out a transition that a controlword commands. The option codes determine how the axis
+ * stops. */
 static void go(cia402_t *drive, const axis_t *axis, uint8_t from, uint8_t to) {
   if (first_motion_is_running(&drive->guards.first_motion)) {
     enter(drive,
@@ -248,7 +254,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   const uint8_t to = cia402_next_state(from, controlword, rising, may_resume);
   if (to == from) {
     if (from == AXIS_DRIVE_STATE_OPERATION_ENABLED && cia402_enables(controlword)) {
-      drive->leaving = 0; /* the axis is enabled again during the ramp */
+      drive->leaving = 0; /* A controlword enables the axis again during the ramp to standstill. */
     }
     return;
   }
@@ -265,7 +271,7 @@ static void change_state(cia402_t *drive, axis_t *axis, uint16_t controlword, ui
   }
 }
 
-/* Acts on bits 4 to 8 of the controlword. */
+/* Reacts to bits 4 to 8 of the controlword. */
 static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
                          bool halt_changed) {
   const bool started = (rising & CIA402_CW_MODE_4) != 0;
@@ -277,7 +283,7 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
     drive->reached_tick = 0;
   }
   if ((rising & CIA402_CW_HALT) != 0) {
-    drive->position_written = 0; /* the axis continues with the next target */
+    drive->position_written = 0; /* After the halt the axis moves only to the next target. */
     homing_interrupt(drive);
   }
   if (!started || state_of(drive) != AXIS_DRIVE_STATE_OPERATION_ENABLED || drive->leaving != 0 ||
@@ -297,8 +303,9 @@ static void command_mode(cia402_t *drive, uint16_t controlword, uint16_t rising,
   }
 }
 
-/* A halted axis remains halted until a controlword enables it without the halt bit. A controlword
- * that commands no transition, as with bit 7, does not end the halt. */
+/* Returns the controlword with the halt bit if the axis is halted and the new controlword does not
+ * enable the axis. Only a controlword that enables the axis and has no halt bit ends a halt; a
+ * controlword without a transition, for example with bit 7, does not end the halt. */
 static uint16_t with_halt(cia402_t *drive, uint16_t controlword, uint16_t previous) {
   if (state_of(drive) == AXIS_DRIVE_STATE_OPERATION_ENABLED && (previous & CIA402_CW_HALT) != 0 &&
       !cia402_enables(controlword)) {
@@ -315,7 +322,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
   const uint16_t controlword = (uint16_t)value;
   const uint16_t rising = (uint16_t)(controlword & (uint16_t) ~(uint16_t)previous);
   if (object != AXIS_OBJ_CONTROLWORD && value != previous) {
-    drive->reached_tick = 0; /* a target, or a criterion for reaching it, has changed */
+    /* A target has changed, or a criterion for the report that the target is reached. */
+    drive->reached_tick = 0;
   }
   if (value != previous) {
     guards_written(&drive->guards, &drive->signals, object);
@@ -333,7 +341,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       }
       break;
     case AXIS_OBJ_TARGET_POSITION:
-    case AXIS_OBJ_INTERPOLATION_SETPOINT: /* one value has two addresses */
+    /* target_position and interpolation_setpoint are two objects with one value. */
+    case AXIS_OBJ_INTERPOLATION_SETPOINT:
       drive->params.target_position = value;
       drive->params.interpolation_setpoint = value;
       drive->position_written = 1;
@@ -348,7 +357,8 @@ void cia402_written(cia402_t *drive, axis_t *axis, uint16_t object, int32_t prev
       break;
     default:
       if (value != previous && parameters_written(drive, object)) {
-        cia402_forget_targets(drive); /* the targets had other units or directions */
+        /* The targets were written in other user units or for another direction. */
+        cia402_forget_targets(drive);
       }
       break;
   }
@@ -377,8 +387,8 @@ void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsuperv
   cia402_show(drive, axis);
 }
 
-/* Whether a state may lead to motion soon; any other state is left by a controlword that does not
- * enable. */
+/* Returns true if the axis can move after the next controlword or already moves in this state. In
+ * the other states a controlword that does not enable the axis is sufficient to prevent motion. */
 static bool can_move_soon(uint8_t state) {
   return state == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON || state == AXIS_DRIVE_STATE_SWITCHED_ON ||
          state == AXIS_DRIVE_STATE_OPERATION_ENABLED || state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE;

@@ -6,7 +6,7 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Largest magnitude of force_setpoint. */
+/* Largest magnitude of force_setpoint in 1/256 count. */
 #define FORCE_SETPOINT_MAX INT32_C(65536)
 
 static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
@@ -16,8 +16,8 @@ static inline void press(cia402_t *drive, axis_t *axis, int32_t setpoint_q8) {
   motion_restrict_law(drive, axis);
 }
 
-/* Approach without contact, in position mode: the direction is the sign of the target, the speed at
- * most approach_velocity_max. */
+/* Moves the axis towards the workpiece in position mode before contact. The direction is the sign
+ * of the target, and the speed is at most approach_velocity_max. */
 static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted) {
   const int32_t speed = units_speed_of_cnt(drive, drive->params.approach_velocity_max);
   if (!motion_track(drive, axis, CIA402_TRACKING_AXIS, speed)) {
@@ -28,9 +28,9 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
     const int32_t least = motion_least_step(drive, fx_magnitude(drive->trajectory.velocity_q16));
     limits.deceleration = (limits.deceleration < least) ? least : limits.deceleration;
   }
-  /* If an obstacle blocks the axis, the trajectory must not be far ahead when the axis is free
-   * again. The lead is at most the travel of a quarter of a second, which is enough for a position
-   * loop of more than 4 rad/s. */
+  /* The lead of the trajectory over the axis is limited, so that an axis that was blocked by an
+   * obstacle does not move too fast when it is free again. The limit is the travel of a quarter of
+   * a second, which is sufficient for a position loop of more than 4 rad/s. */
   const int32_t lead =
       fx_diff_wrap(fx_cnt_from_q32(drive->trajectory.position_q32), axis->signals.position);
   const int32_t most = fx_floor_shift((int32_t)drive->params.approach_velocity_max, 2) + 16;
@@ -39,7 +39,7 @@ static void approach(cia402_t *drive, axis_t *axis, int32_t target, bool halted)
   motion_follow(drive, axis);
 }
 
-/* Returns the demanded force before the bounds are applied. */
+/* Returns the demanded force without the bounds of the demanded force. */
 static int32_t wanted_force(const cia402_t *drive) {
   return (drive->force_written != 0) ? drive->params.target_force + drive->params.force_offset : 0;
 }
@@ -48,8 +48,9 @@ static int32_t bounded_force(const cia402_t *drive, int32_t force) {
   return fx_clamp(force, drive->force_bounds.least, drive->force_bounds.most);
 }
 
-/* Contact was lost a short time ago. The force law continues with a limited pressing code, because
- * an approach that began at once would drive the axis against a workpiece that returns. */
+/* Returns true during the time contact_loss_dwell after a contact loss. The force law then stays
+ * active with a limited pressing code. An immediate approach would drive the axis against a
+ * workpiece that moves back. */
 static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   if (drive->signals.contact != 0) {
     drive->pressed = (axis->signals.force > 0) ? 1 : -1;
@@ -63,8 +64,8 @@ static bool dwells_after_loss(cia402_t *drive, const axis_t *axis) {
   return true;
 }
 
-/* From the loss of contact to the end of the dwell time, no code presses with more than
- * contact_loss_cap, neither towards the lost workpiece nor in the direction of the present
+/* Limits the DAC code from the contact loss to the end of contact_loss_dwell. The code presses with
+ * at most contact_loss_cap, both towards the lost workpiece and in the direction of the present
  * set-point. */
 static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   const int16_t cap = (int16_t)drive->params.contact_loss_cap;
@@ -78,8 +79,8 @@ static void cap_pressing(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Changes the demanded force by one tick towards the target. A halt bypasses the shaper and starts
- * from the present demand. */
+/* Changes the demanded force by one tick towards the target. A halt bypasses the input shaper, and
+ * its ramp starts from the present demanded force. */
 static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
   int32_t step = fx_q16_from_per_s(drive->params.force_slope);
   if (halted) {
@@ -99,8 +100,8 @@ static void demand(cia402_t *drive, int32_t target, bool at_once, bool halted) {
           : shaper_step(&drive->force_shaper, drive->force_ramp_q16, before_q16);
 }
 
-/* Force control of a standard client: the target is in per mille of the rated force, and in profile
- * mode a ramp leads to it. */
+/* Controls the force in the modes of CiA 402. The target is in per mille of the rated force. In
+ * profile mode the demanded force changes along a ramp to the target. */
 static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool halted = (drive->params.controlword & CIA402_CW_HALT) != 0;
   const int32_t wanted = halted ? 0 : wanted_force(drive);
@@ -110,8 +111,8 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
   const bool dwells = dwells_after_loss(drive, axis);
   if (drive->signals.contact == 0 && !dwells) {
     if (drive->pressing != 0) {
-      /* Contact was lost: the axis brakes at once, without a bias, because a bias would continue
-       * the pressing code. */
+      /* After a contact loss the axis brakes immediately and without a bump bias, because a bias
+       * would keep the pressing code active. */
       motion_override(drive, axis);
       axis->params.bump_decay_shift = 0;
       drive->pressing = 0;
@@ -121,12 +122,12 @@ static void control_force(cia402_t *drive, axis_t *axis, bool cyclic) {
     return;
   }
   if (drive->pressing == 0) {
-    /* The demanded force continues from the force that is measured now. */
+    /* The demanded force starts from the present measured force. */
     const int32_t reading = fx_ratio_apply(axis->signals.force, drive->force_of_reading, 0);
     drive->force_ramp_q16 = fx_scale(bounded_force(drive, reading), 16);
     drive->force_demand_q16 = drive->force_ramp_q16;
     shaper_clear(&drive->force_shaper);
-    drive->slowing = 0; /* from now on a halt reduces the force by a ramp */
+    drive->slowing = 0; /* From this tick on, a halt reduces the demanded force by a ramp. */
     drive->pressing = 1;
   }
   demand(drive, target, cyclic, halted);
@@ -141,15 +142,16 @@ void force_profile(cia402_t *drive, axis_t *axis) { control_force(drive, axis, f
 
 void force_cyclic(cia402_t *drive, axis_t *axis) { control_force(drive, axis, true); }
 
-/* Stiffness, damping and impedance control (thesis 1.1.3): the errors of position and velocity give
- * the force set-point f_d = K (x_d - x) + D (v_d - v), and the force law controls this force. */
+/* Stiffness, damping and impedance control (thesis 1.1.3). The force set-point f_d = K (x_d - x) +
+ * D (v_d - v) is computed from the errors of position and velocity; the force law controls this
+ * force. */
 
 static inline bool track_virtual(cia402_t *drive, axis_t *axis) {
   return motion_track(drive, axis, CIA402_TRACKING_VIRTUAL, 0);
 }
 
-/* Moves the virtual trajectory by one tick towards the target position, or to standstill if there
- * is no target. */
+/* Moves the virtual trajectory by one tick towards the target position. If there is no target, the
+ * trajectory slows down to standstill. */
 static inline void lead_to_target(cia402_t *drive) {
   const int32_t before = drive->trajectory.velocity_q16;
   const drive_params_t *params = &drive->params;
@@ -167,7 +169,8 @@ static inline int32_t led_to(const cia402_t *drive) {
   return fx_cnt_from_q32(motion_followed(drive)->position_q32);
 }
 
-/* Returns K (x_d - x), and D (v_d - v), in 1/256 count of measured force. */
+/* spring() returns K (x_d - x), and damper() returns D (v_d - v), in 1/256 count of measured
+ * force. */
 static inline int64_t spring(const cia402_t *drive, const axis_t *axis) {
   const int32_t error = fx_diff_wrap(led_to(drive), axis->signals.position);
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.stiffness, error), 8);
@@ -177,8 +180,8 @@ static inline int64_t damper(const cia402_t *drive, const axis_t *axis) {
   return fx_floor_shift_wide(fx_mul((int32_t)drive->params.damping, error_q16), 16);
 }
 
-/* Sets the force set-point to this force within the bounds. `demand` is the part of the set-point
- * that does not depend on the motion of the axis. */
+/* Sets the force set-point to force_q8, limited to the bounds of the demanded force. `demand` is
+ * the part of the set-point that does not depend on the motion of the axis. */
 static inline void press_limited(cia402_t *drive, axis_t *axis, int64_t force_q8, int32_t demand) {
   press(drive, axis,
         fx_saturate(force_q8, drive->force_bounds.least_q8, drive->force_bounds.most_q8));

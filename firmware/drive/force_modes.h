@@ -1,8 +1,9 @@
 #ifndef FIRMWARE_DRIVE_FORCE_MODES_H_
 #define FIRMWARE_DRIVE_FORCE_MODES_H_
 
-/* The modes that control force, rows of modes.c. Each function sets the set-point of the force law
- * for a tick, or approaches the workpiece in position mode. */
+/* The modes of operation that control force; modes.c has one table row for each of these modes.
+ * Each function sets the set-point of the force law for a tick, or approaches the workpiece in
+ * position mode. */
 
 #include <stdbool.h>
 
@@ -14,7 +15,7 @@ void force_stiffness(cia402_t *drive, axis_t *axis);
 void force_damping(cia402_t *drive, axis_t *axis);
 void force_impedance(cia402_t *drive, axis_t *axis);
 
-/* Whether the measured force has reached its target, in modes 4 and 10. */
+/* Returns true if the measured force has reached its target in mode 4 or 10. */
 bool force_target_reached(const cia402_t *drive, const axis_t *axis);
 
 #endif

@@ -4,7 +4,8 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Events other than digital inputs (AXIS_DIN_) that end a step; the bits belong to no input. */
+/* Events that end a step of homing and are not digital inputs (AXIS_DIN_). Their bits are not used
+ * by any input. */
 enum { CONTACT = 0x40, RETRACTED = 0x80 };
 
 enum { AWAY = -1, TOWARD = 1 };
@@ -13,7 +14,8 @@ enum { OFF = 0, ON = 1 };
 
 enum { STEPS = 3 };
 
-/* A step: moves in a direction until the input `until` is on or off; direction 0 means no step. */
+/* One step of a homing method. The axis moves in a direction until the input `until` is on or off.
+ * The direction 0 means that there is no step. */
 typedef struct {
   int8_t direction;
   uint8_t speed;
@@ -21,14 +23,15 @@ typedef struct {
   uint8_t level;
 } homing_step_t;
 
-/* A homing method: the position at the end of its last step is the reference position. */
+/* A homing method. The reference position is the position at the end of the last step. */
 typedef struct {
   int8_t method;
-  uint8_t needs; /* AXIS_DIN_ bits that inputs_fitted must have */
+  /* AXIS_DIN_ bits of the inputs that the method needs and inputs_fitted must contain */
+  uint8_t needs;
   homing_step_t steps[STEPS];
 } homing_method_t;
 
-/* Number of methods, in the order of homing_methods. */
+/* Number of homing methods. The methods have the same order as in homing_methods. */
 enum { METHODS = 11 };
 static const homing_method_t methods[METHODS] = {
     {35, 0, {{0}}},
@@ -64,7 +67,7 @@ static bool is_fitted(const cia402_t *drive, const homing_method_t *method) {
   return (method->needs & ~(uint32_t)drive->params.inputs_fitted) == 0;
 }
 
-/* Returns the index of a method; METHODS: the method is not available. */
+/* Returns the index of a homing method, or METHODS if the method is not available. */
 static uint8_t find(const cia402_t *drive, int32_t method) {
   for (uint8_t i = 0; i < METHODS; i++) {
     if (methods[i].method == method) {
@@ -115,17 +118,18 @@ static void brake(cia402_t *drive) {
   trajectory_ramp(&drive->trajectory, 0, &limits);
 }
 
-/* Ends the trajectory at the position of the axis, instead of ahead of it. */
+/* Stops the trajectory at the position of the axis, so that the trajectory is not ahead of the
+ * axis. */
 static void stand(cia402_t *drive, const axis_t *axis) {
   profile_set(&drive->trajectory, axis->signals.position);
 }
 
-/* The encoder count of the latest tick becomes the reference position; its user position is
- * home_offset. */
+/* Makes the encoder count of the latest tick the reference position. The user position of the
+ * reference position is home_offset. */
 static void set_home(cia402_t *drive, const axis_t *axis) {
   drive->origin_cnt =
       fx_diff_wrap(cia402_count(drive, drive->params.home_offset), axis->signals.position);
-  drive->position_written = 0; /* the target referred to the previous origin */
+  drive->position_written = 0; /* The target position referred to the previous origin. */
   drive->homing.state = CIA402_HOMING_DONE;
 }
 
@@ -144,7 +148,7 @@ static bool has_ended(const cia402_t *drive, const axis_t *axis, const homing_st
   }
 }
 
-/* Whether a limit switch or soft limit blocks this direction. */
+/* Returns true if a limit switch or soft limit blocks the axis in this direction. */
 static bool is_blocked(const axis_t *axis, int8_t direction) {
   const uint8_t reason = axis->signals.limit_reason;
   const uint8_t inputs = axis->signals.digital_inputs;
@@ -153,8 +157,9 @@ static bool is_blocked(const axis_t *axis, int8_t direction) {
              : (inputs & AXIS_DIN_LIMIT_NEG) != 0 || reason == AXIS_LIMIT_REASON_POSITION_MIN;
 }
 
-/* Whether an obstacle blocks the axis: it is more than the travel of a quarter of a second behind
- * its trajectory, which never happens with a position loop of more than 4 rad/s. */
+/* Returns true if an obstacle blocks the axis: the axis is behind its trajectory by more than the
+ * travel of a quarter of a second. With a position loop of more than 4 rad/s this never happens
+ * without an obstacle. */
 static bool is_behind(const cia402_t *drive, const axis_t *axis, int32_t speed_q16) {
   const int32_t place = fx_cnt_from_q32(drive->trajectory.position_q32);
   return travel_since(axis, place) > (uint32_t)fx_floor_shift(fx_per_s_from_q16(speed_q16), 2) + 16;
@@ -165,8 +170,8 @@ static bool is_pressed(const cia402_t *drive, const axis_t *axis) {
   return !fx_within(axis->signals.force, most);
 }
 
-/* Homing on contact fails only in the motion towards the workpiece; retraction is always
- * permitted. */
+/* Returns true if homing on contact has failed. Homing on contact fails only while the axis moves
+ * towards the workpiece; retraction is always permitted. */
 static bool contact_fails(const cia402_t *drive, const axis_t *axis, const homing_step_t *step) {
   return step->until == CONTACT &&
          (is_pressed(drive, axis) ||
@@ -220,8 +225,8 @@ static void seek(cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Waits until the axis is at standstill, because methods 35 and 37 use its position at standstill
- * as reference. */
+/* Starts a homing method when the axis is at standstill, because methods 35 and 37 use the position
+ * at standstill as the reference position. */
 static void begin(cia402_t *drive, axis_t *axis) {
   brake(drive);
   if (!motion_stands(drive)) {

@@ -18,7 +18,7 @@ static uint16_t bits_of(bool bit_12, bool bit_13) {
   return (uint16_t)((bit_12 ? CIA402_SW_MODE_12 : 0) | (bit_13 ? CIA402_SW_MODE_13 : 0));
 }
 
-/* Return bits 12 and 13 of the statusword. */
+/* Each function returns bits 12 and 13 of the statusword for one group of modes. */
 static uint16_t setpoint_bits(const cia402_t *drive) {
   return bits_of(drive->acknowledged != 0 || drive->setpoint_buffered != 0,
                  drive->outside_tick != 0);
@@ -118,7 +118,8 @@ int8_t cia402_operation_of(uint8_t native_mode) {
   return AXIS_MODES_OF_OPERATION_NONE;
 }
 
-/* Whether the active mode moves the axis by the position law; mode 0 commands no motion. */
+/* Returns true if the position law moves the axis in the active mode of operation. Mode 0 commands
+ * no motion. */
 static bool needs_position_gain(const cia402_t *drive) {
   const cia402_mode_t *mode = drive->mode;
   return drive->signals.modes_of_operation_display != AXIS_MODES_OF_OPERATION_NONE &&
@@ -126,14 +127,15 @@ static bool needs_position_gain(const cia402_t *drive) {
           (mode->controls_force != 0 && drive->guards.contact_guard.speed_q8 != 0));
 }
 
-/* Shapes the force set-point of mode -1, starting from the present measured force. */
+/* Applies input shaping to the force set-point of mode -1. The shaper starts from the present
+ * measured force. */
 static void shape_setpoint(cia402_t *drive, axis_t *axis) {
   motion_override(drive, axis);
   axis->params.force_setpoint =
       shaper_step(&drive->force_shaper, axis->params.force_setpoint, axis->signals.force);
 }
 
-/* Runs a native mode of the axis with the parameters of the user. */
+/* Runs a native mode of the axis with the parameters that the user has written. */
 static void run_native(cia402_t *drive, axis_t *axis, uint8_t mode) {
   if (mode == AXIS_MODE_POSITION && drive->tracking == CIA402_TRACKING_AXIS) {
     axis->params.position_setpoint = fx_cnt_from_q32(drive->trajectory.position_q32);
@@ -212,8 +214,8 @@ bool cia402_is_guided_by_force(const cia402_t *drive) {
           (mode == AXIS_MODES_OF_OPERATION_HOMING && drive->params.homing_method < 0));
 }
 
-/* Whether the active mode is a force mode that permits excitation, and the axis is neither halted
- * nor leaving the mode. */
+/* Returns true if the active mode is a force mode that permits excitation, and the axis is neither
+ * halted nor about to leave this mode. */
 static bool may_be_excited(const cia402_t *drive) {
   const int8_t mode = drive->signals.modes_of_operation_display;
   return drive->signals.drive_state == AXIS_DRIVE_STATE_OPERATION_ENABLED &&

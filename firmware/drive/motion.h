@@ -1,9 +1,10 @@
 #ifndef FIRMWARE_DRIVE_MOTION_H_
 #define FIRMWARE_DRIVE_MOTION_H_
 
-/* Moves the axis for a mode of operation along the trajectory of the drive and within its limits.
- * The functions write mode and set-points of the axis for the next tick. Positions are in user
- * units; speeds are in Q16 counts per tick in the direction of the encoder. */
+/* Moves the axis for a mode of operation along the trajectory of the drive, within the limits of
+ * the axis. The functions write the mode and the set-points of the axis for the next tick.
+ * Positions are in user units. Speeds are in Q16 counts per tick, in the direction of the
+ * encoder. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -12,10 +13,12 @@
 #include "firmware/drive/trajectory.h"
 #include "firmware/fx/fx.h"
 
-/* Longest time for which the axis may still move after its trajectory has stopped: 100 ms. */
+/* Longest time for which the axis may still move after its trajectory has reached standstill: 100
+ * ms. */
 enum { CIA402_SETTLING_TICKS = 150 };
 
-/* Permits overriding parameters of the axis for the next tick, until motion_restore(). */
+/* Saves parameters of the axis, so that the drive may override them in the next tick;
+ * motion_restore() restores them. */
 static inline void motion_override(cia402_t *drive, const axis_t *axis) {
   const axis_params_t *params = &axis->params;
   if (drive->overridden.active == 0) {
@@ -30,8 +33,8 @@ static inline void motion_override(cia402_t *drive, const axis_t *axis) {
 }
 void motion_restore(cia402_t *drive, axis_t *axis);
 
-/* Bounds the DAC code of the force law in the next tick if the law has no certificate. Call it
- * after motion_override(). */
+/* Limits the DAC code of the force law in the next tick if the law has no certificate. Call this
+ * function after motion_override(). */
 static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   if (axis->params.output_limit > drive->law_output) {
     const int16_t most = (int16_t)drive->law_output;
@@ -42,12 +45,12 @@ static inline void motion_restrict_law(const cia402_t *drive, axis_t *axis) {
   }
 }
 
-/* Disables the axis and ends a reduction of its gain by the contact guard. */
+/* Disables the axis and restores a gain that the contact guard has halved. */
 void motion_rest(cia402_t *drive, axis_t *axis);
 
-/* Selects the trajectory, CIA402_TRACKING_AXIS or _VIRTUAL. A new trajectory begins at the position
- * of the axis and at its speed, limited to `most`. Returns false if the axis has not had a valid
- * encoder count yet; the axis is then disabled. */
+/* Selects the trajectory CIA402_TRACKING_AXIS or CIA402_TRACKING_VIRTUAL. A new trajectory begins
+ * at the position of the axis and with the speed of the axis, limited to `most`. Returns false and
+ * disables the axis if the axis has not had a valid encoder count yet. */
 bool motion_begin(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most);
 static inline bool motion_track(cia402_t *drive, axis_t *axis, uint8_t tracking, int32_t most) {
   return (axis->primed != 0 && drive->tracking == tracking) ||
@@ -60,33 +63,35 @@ static inline bool motion_track_axis(cia402_t *drive, axis_t *axis) {
 /* Sets the position of the trajectory as the position set-point of the axis. */
 void motion_follow(cia402_t *drive, axis_t *axis);
 
-/* Returns the least decrease per tick with which a ramp to standstill ends within
- * CIA402_STOPPING_TICKS, settling included. `size` is the speed or force that remains. Call it in
- * each tick of the ramp. */
+/* Returns the smallest decrease per tick with which a ramp to standstill, including settling, ends
+ * within CIA402_STOPPING_TICKS. `size` is the remaining speed or force. Call this function in each
+ * tick of the ramp. */
 int32_t motion_least_step(cia402_t *drive, uint32_t size);
 
 /* Computes one tick of a ramp to standstill with the deceleration `rate` (Q16), or with a larger
- * one if the ramp would end too late. Afterwards the axis stays at its position. Returns true when
- * trajectory and axis are at standstill, or the trajectory alone for CIA402_SETTLING_TICKS, because
- * an axis without power would only coast. If the axis does not follow the trajectory yet, the ramp
- * begins at its position and speed. */
+ * deceleration if the ramp would end too late. After the ramp the axis stays at its position. If
+ * the axis does not follow the trajectory yet, the ramp begins at the position and speed of the
+ * axis. Returns true when trajectory and axis are at standstill. Also returns true when the
+ * trajectory alone has been at standstill for CIA402_SETTLING_TICKS, because an axis without power
+ * would only coast. */
 bool motion_slow_down(cia402_t *drive, axis_t *axis, int32_t rate);
 
-/* Whether trajectory and axis are at standstill. For the axis this means a speed within
- * velocity_threshold. */
+/* Returns true if trajectory and axis are at standstill. The axis is at standstill if its speed is
+ * within velocity_threshold. */
 bool motion_stands(const cia402_t *drive);
 
 /* Highest speed of the axis, in counts per tick, at which a trajectory may begin. */
 enum { MOTION_SPEED_MAX_CNT = 2048 };
 
-/* Returns the trajectory that the axis follows: the shaped trajectory once the motion shaper has
- * begun. */
+/* Returns the trajectory that the axis follows. After the first step of the motion shaper this is
+ * the shaped trajectory. */
 static inline const profile_t *motion_followed(const cia402_t *drive) {
   return shaper_has_begun(&drive->motion_shaper) ? &drive->shaped : &drive->trajectory;
 }
 
-/* Shapes a step of the trajectory, whose speed was `before`. The shaper begins only while the
- * trajectory is at standstill; a trajectory that begins in motion is not shaped until then. */
+/* Applies input shaping to a step of the trajectory; `before` is the speed before this step. The
+ * shaper begins only while the trajectory is at standstill. A trajectory that begins in motion is
+ * not shaped until its next standstill. */
 void motion_shape_step(cia402_t *drive, int32_t before);
 static inline void motion_shape(cia402_t *drive, int32_t before) {
   if (shaper_is_on(&drive->motion_shaper)) {
@@ -94,12 +99,13 @@ static inline void motion_shape(cia402_t *drive, int32_t before) {
   }
 }
 
-/* Ends input shaping: the trajectory continues from the commanded position and speed of the axis.
- * Used for stops and when a mode ends. */
+/* Ends input shaping, for stops and when a mode ends. The trajectory continues from the commanded
+ * position and speed of the axis. */
 void motion_unshape(cia402_t *drive);
 
-/* Input shaping delays the trajectory that the axis follows. The functions return whether it has
- * reached the position, or the speed, of the trajectory before shaping. */
+/* Input shaping delays the trajectory that the axis follows. motion_has_place() returns true if the
+ * shaped trajectory has reached the position of the unshaped trajectory; motion_has_speed() returns
+ * true if it has reached the speed. */
 static inline bool motion_has_place(const cia402_t *drive) {
   return motion_followed(drive)->position_q32 == drive->trajectory.position_q32;
 }
@@ -107,14 +113,14 @@ static inline bool motion_has_speed(const cia402_t *drive) {
   return motion_followed(drive)->velocity_q16 == drive->trajectory.velocity_q16;
 }
 
-/* Returns the speed of the axis, limited to the given value. */
+/* Returns the speed of the axis, limited to +-MOTION_SPEED_MAX_CNT. */
 static inline int32_t motion_axis_speed(const axis_t *axis) {
   return fx_scale(fx_clamp(axis->signals.velocity, -MOTION_SPEED_MAX_CNT, MOTION_SPEED_MAX_CNT),
                   16);
 }
 
-/* Position limits: whether there are limits, or ends of the user units; and a position bounded by
- * these limits. */
+/* motion_has_limits() returns true if the position limits or the range of the user units bound the
+ * position. motion_within_limits() returns a position that is limited to the position limits. */
 static inline bool motion_has_limits(const cia402_t *drive) {
   return drive->units.scaled != 0 || drive->params.position_limit_min != INT32_MIN ||
          drive->params.position_limit_max != INT32_MAX;
@@ -126,9 +132,9 @@ static inline int32_t motion_within_limits(cia402_t *drive, int32_t user) {
   return bounded;
 }
 
-/* Distance from a position in Q32, or from that of the trajectory, to a target. The direction is
- * that of the shorter distance modulo 2^32; with position limits it is the direction that does not
- * cross them. */
+/* Distance from a Q32 position, or from the position of the trajectory, to a target. The direction
+ * is that of the shorter distance modulo 2^32. With position limits it is the direction that does
+ * not cross a limit. */
 typedef struct {
   uint64_t magnitude_q16;
   bool negative;
@@ -138,15 +144,15 @@ static inline motion_distance_t motion_distance_to(const cia402_t *drive, int32_
   return motion_distance_from(drive, drive->trajectory.position_q32, user);
 }
 
-/* Moves the trajectory by one tick towards a position. */
+/* Moves the trajectory by one tick towards a target position. */
 static inline void motion_move_to(cia402_t *drive, int32_t user,
                                   const trajectory_limits_t *limits) {
   const motion_distance_t distance = motion_distance_to(drive, user);
   trajectory_move(&drive->trajectory, distance.magnitude_q16, distance.negative, limits);
 }
 
-/* Moves the trajectory by one tick towards a speed. It stops at a position limit that is ahead of
- * it. */
+/* Moves the trajectory by one tick towards a target speed. The trajectory stops at a position limit
+ * in the direction of motion. */
 void motion_move_at(cia402_t *drive, int32_t speed, trajectory_limits_t *limits);
 
 #endif

@@ -6,7 +6,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/access.h"
 
-/* The complete value in per mille, and the DAC code at which output_limit limits nothing. */
+/* WHOLE: all of a value, in per mille; OUTPUT_MAX: value of output_limit that does not limit the
+ * DAC code. */
 enum { WHOLE = 1000, OUTPUT_MAX = 2048 };
 
 static void derive_rates(cia402_t *drive) {
@@ -19,8 +20,8 @@ static void derive_rates(cia402_t *drive) {
 
 static void derive_forces(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
-  /* One per mille of a rated force in mN is the same number in uN; 256 units of measured force are
-   * one count of force_scale uN. */
+  /* One per mille of a rated force in mN is the same number in uN. One count of measured force is
+   * force_scale uN and 256 units. */
   drive->reading_of_force = fx_ratio(params->rated_force, params->force_scale, 8);
   drive->force_of_reading = fx_ratio(params->force_scale, params->rated_force, -8);
   const int32_t limit = params->force_limit;

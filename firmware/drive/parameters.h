@@ -1,28 +1,28 @@
 #ifndef FIRMWARE_DRIVE_PARAMETERS_H_
 #define FIRMWARE_DRIVE_PARAMETERS_H_
 
-/* Parameters of the drive: which values are consistent with each other, and the values derived from
- * them. The drive derives these values when a parameter is written, because the computation is too
- * long for every tick. */
+/* Parameters of the drive: which values are consistent with each other, and which values are
+ * derived from them. The drive computes derived values when a parameter is written, because the
+ * computation would be too long for every tick. */
 
 #include <stdbool.h>
 #include <stdint.h>
 
 #include "firmware/drive/drive.h"
 
-/* Reaction of the drive when it has to stop: values of 6007h and 605Ah, and those that 605Bh to
- * 605Eh have in common. */
+/* Reactions of the drive when it has to stop the axis: values of 6007h and 605Ah, and the values
+ * that 605Bh to 605Eh have in common. */
 enum { ABORT_NOTHING = 0, ABORT_FAULT = 1, ABORT_DISABLE = 2, ABORT_QUICK_STOP = 3 };
 enum { QUICK_STOP_DISABLE = 0, QUICK_STOP_SLOW = 1, QUICK_STOP_STAY = 5 };
 enum { STOP_AT_ONCE = 0, STOP_SLOW = 1, STOP_QUICK = 2 };
 
-/* Derives all values that follow from the parameters: user units, speeds and accelerations of the
- * trajectory, ratios between per mille of rated_force and counts of the measured force, and the
+/* Computes all values that are derived from the parameters: user units, speeds and accelerations of
+ * the trajectory, ratios between per mille of rated_force and counts of the measured force, and the
  * available homing methods. */
 void parameters_derive(cia402_t *drive);
 
-/* Derives the values that follow from the changed parameter `object` (AXIS_OBJ_). Returns true if a
- * target that was written before now has a different meaning. */
+/* Computes the values that are derived from the changed parameter `object` (AXIS_OBJ_). Returns
+ * true if the change gives another meaning to a target that was written before. */
 bool parameters_written(cia402_t *drive, uint16_t object);
 
 #endif

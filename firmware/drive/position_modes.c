@@ -5,14 +5,15 @@
 #include "firmware/drive/units.h"
 #include "firmware/fx/fx.h"
 
-/* Largest lead of the set-point for a velocity offset; beyond it the position law saturates. */
+/* Largest lead of the position set-point for a velocity offset. With a larger lead the position law
+ * saturates. */
 #define LEAD_MAX_Q8 (INT32_C(65536) * 256)
 
 void position_take_setpoint(cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool at_once = (params->controlword & CIA402_CW_MODE_5) != 0;
   if (drive->setpoint_buffered != 0 && !at_once) {
-    return; /* no room for a set-point: it remains unacknowledged */
+    return; /* The buffer is full, so the new set-point is not acknowledged. */
   }
   cia402_setpoint_t setpoint = {.position = params->target_position,
                                 .speed = params->trajectory_velocity};
@@ -30,14 +31,15 @@ void position_take_setpoint(cia402_t *drive) {
     drive->buffered = setpoint;
     drive->setpoint_buffered = 1;
   }
-  /* the target belongs to this set-point and not to a later cyclic mode */
+  /* The target position is used for this set-point, and not for a later cyclic mode. */
   drive->position_written = 0;
   drive->acknowledged = 1;
   drive->reached_tick = 0;
   drive->stopped_by_contact = 0;
 }
 
-/* The set-point was reached or passed: continues with the buffered set-point, if there is one. */
+/* Ends a set-point that the trajectory has reached or passed. Continues with the buffered set-point
+ * if there is one. */
 static void end_setpoint(cia402_t *drive) {
   drive->setpoint_active = drive->setpoint_buffered;
   if (drive->setpoint_buffered != 0) {
@@ -52,8 +54,9 @@ static void pursue_setpoint(cia402_t *drive) {
   profile_t *trajectory = &drive->trajectory;
   if (drive->setpoint_active == 0) {
     trajectory_ramp(trajectory, 0, &limits);
-    /* The position of a reached set-point stays as it was written: a conversion from its count
-     * would round it, and the rounding errors of relative moves would add up. */
+    /* The stored position of a reached set-point is the value that the client wrote. A conversion
+     * from the count would round this value, and in relative moves the rounding errors would
+     * accumulate. */
     const int32_t count = fx_cnt_from_q32(trajectory->position_q32);
     if (cia402_encoder(drive, drive->setpoint.position) != count) {
       drive->setpoint.position = cia402_user(drive, count);
@@ -82,8 +85,8 @@ static void pursue_setpoint(cia402_t *drive) {
   }
 }
 
-/* Contact in the direction of motion: the axis stops at its present position, without the lead of
- * the trajectory. */
+/* Ends a guarded move when the axis touches the workpiece in the direction of motion. The axis
+ * stops at its present position, not at the position of the trajectory, which is ahead. */
 static void guard_move(cia402_t *drive, const axis_t *axis) {
   if ((drive->setpoint_active == 0 && motion_has_place(drive)) || drive->signals.contact == 0) {
     return;
@@ -101,7 +104,7 @@ static void guard_move(cia402_t *drive, const axis_t *axis) {
   }
 }
 
-/* Limits a speed in user units and converts it to the direction of the encoder. */
+/* Limits a speed in user units and converts the speed to the direction of the encoder. */
 static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   const uint32_t size = fx_magnitude(per_s);
   drive->limited |= (uint8_t)(size > drive->params.velocity_max);
@@ -109,7 +112,7 @@ static int32_t bounded_speed(cia402_t *drive, int32_t per_s) {
   return cia402_signed_by(drive, (per_s < 0) ? -speed : speed, CIA402_POLARITY_VELOCITY);
 }
 
-/* Returns the target velocity; only cyclic velocity mode adds the offset. */
+/* Returns the target velocity. In cyclic velocity mode the result includes velocity_offset. */
 static int32_t wanted_velocity(const cia402_t *drive) {
   const drive_params_t *params = &drive->params;
   const bool cyclic =
@@ -127,8 +130,9 @@ void position_follow_velocity(cia402_t *drive, bool at_once) {
   motion_move_at(drive, bounded_speed(drive, wanted_velocity(drive)), &limits);
 }
 
-/* Returns the lead of the set-point for a velocity offset v. The law u = k_p e - k_d (v_axis - v)
- * has the same output as if the set-point were k_d v / k_p ahead. */
+/* Returns the lead of the position set-point for a velocity offset v. The law u = k_p e - k_d
+ * (v_axis - v) has the same output as the law without v and with a set-point that is k_d v / k_p
+ * ahead. */
 static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
   if (drive->params.velocity_offset == 0 || gains->position_gain == 0) {
     return 0;
@@ -140,8 +144,8 @@ static int32_t lead_of(cia402_t *drive, const axis_params_t *gains) {
   return (speed_q8 < 0) ? -lead : lead;
 }
 
-/* Cyclic position mode: moves in equal steps over the interpolation period, then waits for the next
- * target. */
+/* Computes one tick of cyclic position mode. The axis moves in equal steps during the interpolation
+ * period, then waits for the next target. */
 void position_cyclic(cia402_t *drive, axis_t *axis) {
   const int32_t most = drive->speed_max;
   if (drive->position_written == 0) {
@@ -180,7 +184,8 @@ void position_cyclic_velocity(cia402_t *drive, axis_t *axis) {
 }
 
 static bool is_in_position_window(const cia402_t *drive, int32_t target) {
-  /* One count may be larger than the window in user units. */
+  /* The comparison of counts is necessary, because one count may be larger than position_window in
+   * user units. */
   return fx_magnitude(fx_diff_wrap(target, drive->signals.position_actual)) <=
              drive->params.position_window ||
          cia402_encoder(drive, target) == drive->signals.position_internal;

@@ -1,8 +1,9 @@
 #ifndef FIRMWARE_DRIVE_POSITION_MODES_H_
 #define FIRMWARE_DRIVE_POSITION_MODES_H_
 
-/* The modes of position and velocity, rows of modes.c. Each function moves the trajectory by one
- * tick, and the axis follows it. Further functions report whether the targets are reached. */
+/* The modes of operation that control position and velocity; modes.c has one table row for each of
+ * these modes. Each function moves by one tick the trajectory that the axis follows. Other
+ * functions report whether the targets are reached. */
 
 #include <stdbool.h>
 
@@ -18,11 +19,12 @@ bool position_setpoint_reached(const cia402_t *drive, const axis_t *axis);
 bool position_target_reached(const cia402_t *drive, const axis_t *axis);
 bool position_velocity_reached(const cia402_t *drive, const axis_t *axis);
 
-/* Acts on the rising edge of the bit "new set-point" of the controlword: adopts the set-point. */
+/* Adopts the target position as a set-point, after the rising edge of the bit "new set-point" of
+ * the controlword. */
 void position_take_setpoint(cia402_t *drive);
 
 /* Moves the trajectory by one tick towards the target velocity, either with the profile
- * acceleration and deceleration or at once. */
+ * acceleration and deceleration or in one step. */
 void position_follow_velocity(cia402_t *drive, bool at_once);
 
 #endif

@@ -6,8 +6,8 @@
 #include "firmware/objects/value.h"
 
 void cia402_init(cia402_t *drive) {
-  /* The fields are set one by one, because the compiler would call memset for the complete
-   * structure. */
+  /* Each field is set separately, because for the complete structure the compiler would call
+   * memset. */
   drive->origin_cnt = 0;
   drive->setpoint = (cia402_setpoint_t){0};
   drive->buffered = (cia402_setpoint_t){0};

@@ -6,12 +6,13 @@
  *
  *   y[n] = (a_1 x[n] + a_2 x[n - d_2] + a_3 x[n - d_3]) / 65536
  *
- * The amplitudes are not negative and their sum is 65536. So y stays within the range of x, and a
- * constant command passes unchanged. The rounding remainder of y is added in the next tick: once x
- * has been 0 for the longest delay, the sum of all y equals that of all x.
+ * The amplitudes are not negative, and their sum is 65536. So y stays within the range of x, and a
+ * constant command is not changed. The rounding remainder of y is added in the next tick. When x
+ * has been 0 for the longest delay, the sum of all y equals the sum of all x.
  *
- * Any x is permitted. A step needs about 45 instructions. The first step needs no more, because one
- * value represents all inputs before it, so the history need not be filled. */
+ * Every value of x is permitted. A step needs about 45 instructions. The first step does not need
+ * more instructions: one value represents all earlier inputs, so the shaper need not fill its
+ * history. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -21,19 +22,19 @@ enum { SHAPER_IMPULSES = 3, SHAPER_TICKS = 256 };
 typedef struct {
   int32_t history[SHAPER_TICKS]; /* ring buffer of the inputs x */
   int32_t amplitude_q16[SHAPER_IMPULSES];
-  int32_t before;         /* value that represents all inputs before the first one in `history` */
+  int32_t before; /* value that represents all inputs before the oldest input in `history` */
   uint32_t remainder_q16; /* rounding remainder of the last output of the shaper */
-  /* number of inputs since the shaper began, at most SHAPER_TICKS; 0: not begun */
+  /* number of inputs since the shaper began, at most SHAPER_TICKS; 0 before the first input */
   uint16_t age;
   uint8_t delay_tick[SHAPER_IMPULSES];
-  uint8_t next;     /* slot of the next input */
-  uint8_t impulses; /* 0: off */
+  uint8_t next;     /* index of the next input in `history` */
+  uint8_t impulses; /* number of impulses; 0 if the shaper is off */
 } shaper_t;
 
-/* Makes a set of impulses active; a set that is not valid switches the shaper off. The shaper
- * begins again with the next input. Returns AXIS_FORCE_SHAPER_STATE_: off (no impulses),
- * wrong_order (the first delay is not 0, or a delay is not longer than the previous one), wrong_sum
- * (the amplitudes have a wrong sum) or valid. */
+/* Sets the impulses of the shaper. Impulses that are not valid switch the shaper off. The shaper
+ * begins again with the next input. Returns an AXIS_FORCE_SHAPER_STATE_: off (no impulses),
+ * wrong_order (the first delay is not 0, or a delay is not longer than the previous delay),
+ * wrong_sum (the sum of the amplitudes is not 65536) or valid. */
 uint8_t shaper_set(shaper_t *shaper, uint8_t impulses, const uint32_t amplitude[SHAPER_IMPULSES],
                    const uint8_t delay_tick[SHAPER_IMPULSES]);
 
@@ -41,11 +42,11 @@ static inline bool shaper_is_on(const shaper_t *shaper) { return shaper->impulse
 
 static inline bool shaper_has_begun(const shaper_t *shaper) { return shaper->age != 0; }
 
-/* Clears the history of the shaper: the next input is its first input. */
+/* Clears the history of the shaper, so that the next input is the first input. */
 static inline void shaper_clear(shaper_t *shaper) { shaper->age = 0; }
 
-/* Returns the shaped command of a tick. At the first input the shaper acts as if all earlier inputs
- * had the value `before`. Call it only if the shaper is on. */
+/* Returns the shaped command of a tick. The shaper computes its first output as if all earlier
+ * inputs had the value `before`. Call this function only if the shaper is on. */
 int32_t shaper_step(shaper_t *shaper, int32_t x, int32_t before);
 
 #endif

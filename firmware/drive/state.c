@@ -18,8 +18,8 @@ typedef struct {
   uint8_t to;
 } transition_t;
 
-/* Transitions of CiA 402, 7.2, with their numbers. Not in this table: T0 and T1, which need no
- * command; T13 and T14, which belong to a fault; T15, which needs an edge. */
+/* Transitions of CiA 402, 7.2, with their numbers. Not in this table are T0 and T1, which need no
+ * command; T13 and T14, which a fault causes; and T15, which needs a rising edge. */
 enum { TRANSITIONS = 15 };
 static const transition_t transitions[TRANSITIONS] = {
     {DISABLED, 0x87, 0x06, READY},       /* T2 shutdown */

@@ -54,7 +54,8 @@ static bool is_enabled(const cia402_t *drive) {
          !first_motion_is_running(&drive->guards.first_motion);
 }
 
-/* Returns the number of ticks for which the target must have been reached. */
+/* Returns the number of ticks for which the axis must be at its target before the drive reports
+ * target reached. */
 static uint32_t reached_ticks(const cia402_t *drive) {
   switch (drive->mode->window) {
     case CIA402_WINDOW_POSITION:
@@ -169,8 +170,9 @@ static bool has_reached(const cia402_t *drive, const axis_t *axis) {
   return mode->reached != NULL && mode->reached(drive, axis);
 }
 
-/* Counts the ticks for which a condition lasts. The count is 1 in the first tick and rises by 2 in
- * each call, because the condition is checked in every second tick; the count saturates. */
+/* Returns the number of ticks for which a condition has been true. The number is 1 in the first
+ * tick and rises by 2 in each call, because the condition is checked in every second tick. The
+ * number saturates. */
 static uint32_t lasting(uint32_t ticks, bool lasts) {
   if (!lasts) {
     return 0;
@@ -178,7 +180,8 @@ static uint32_t lasting(uint32_t ticks, bool lasts) {
   return (ticks == 0) ? 1 : (ticks >= UINT32_MAX - 2) ? ticks : ticks + 2;
 }
 
-/* Checks target and standstill, in every second tick. */
+/* Checks in every second tick whether the target is reached and whether the axis is at
+ * standstill. */
 static void check_target_and_standstill(cia402_t *drive, const axis_t *axis) {
   drive->signals.velocity_actual =
       units_user_speed(drive, fx_per_s_from_16_ticks(drive->velocity_sum));
@@ -193,7 +196,8 @@ void cia402_observe(cia402_t *drive, const axis_t *axis) {
   measure_motion(drive, axis);
   const bool controlled = drive->controlled != 0;
   guards_observe(&drive->guards, &drive->params, &drive->signals, axis, controlled);
-  /* The work is divided between even and odd ticks, to shorten the longest tick. */
+  /* The signals are computed partly in even and partly in odd ticks, so that the longest tick is
+   * shorter. */
   if ((axis->signals.tick_count & 1) != 0) {
     measure_force(drive, axis);
     drive->signals.velocity_sensor = cia402_signed_by(

@@ -10,16 +10,16 @@ void trajectory_step(profile_t *trajectory, int32_t speed) {
 static int32_t lower(int32_t a, int32_t b) { return (a < b) ? a : b; }
 static int32_t higher(int32_t a, int32_t b) { return (a > b) ? a : b; }
 
-/* Returns the speed of the next tick; d is the distance to the target position, v the present speed
- * towards it. */
+/* Returns the speed of the next tick. d is the distance to the target position, and v is the
+ * present speed towards the target. */
 static int32_t next_speed(uint64_t d, int32_t v, const trajectory_limits_t *limits) {
   const int32_t most = limits->speed;
   const int32_t up = limits->acceleration;
   const int32_t down = limits->deceleration;
   if (v < 0) {
-    return lower(v + down, 0); /* the motion is away from the target: stop first */
+    return lower(v + down, 0); /* The trajectory moves away from the target and must stop first. */
   }
-  /* Increases the speed, or reduces it to a limit that was lowered. */
+  /* Increases the speed, or reduces the speed to a limit that has become lower. */
   const int32_t wanted = (v > most) ? higher(v - down, most) : lower(v + up, most);
   return profile_next_speed(d, v, wanted, most, up, down);
 }

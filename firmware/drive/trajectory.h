@@ -1,12 +1,12 @@
 #ifndef FIRMWARE_DRIVE_TRAJECTORY_H_
 #define FIRMWARE_DRIVE_TRAJECTORY_H_
 
-/* The trajectory of the drive: position and speed of a profile_t, computed one step in each tick.
- * Unlike the profile of the axis, it has separate rates of acceleration and deceleration and can
- * follow a speed.
+/* The trajectory of the drive is the position and speed of a profile_t, computed one step in each
+ * tick. The profile of the axis (profile.h) has one acceleration limit. The trajectory has separate
+ * limits of acceleration and deceleration, and can also follow a target speed.
  *
- * Speeds are in Q16 counts per tick, -2^27..2^27; rates are in Q16 counts per tick squared,
- * 1..2^24. */
+ * Speeds are in Q16 counts per tick, -2^27..2^27. Accelerations and decelerations are in Q16 counts
+ * per tick squared, 1..2^24. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -14,27 +14,28 @@
 #include "firmware/core/profile.h"
 
 typedef struct {
-  /* limit of the speed, >= 0; a trajectory that is faster when the limit is written brakes down to
-   * it */
+  /* limit of the speed, >= 0; a faster trajectory brakes to this limit */
   int32_t speed;
-  int32_t acceleration; /* largest increase of the speed in a tick */
-  int32_t deceleration; /* largest decrease of the speed in a tick */
+  int32_t acceleration; /* largest increase of the speed per tick */
+  int32_t deceleration; /* largest decrease of the speed per tick */
 } trajectory_limits_t;
 
-/* Largest rate, in Q16 counts per tick squared. The speed then changes practically at once. */
+/* Largest acceleration and deceleration, in Q16 counts per tick squared. With this value a speed
+ * changes practically in one tick. */
 #define TRAJECTORY_RATE_MAX INT32_C(16777216)
 
-/* Moves the trajectory by one tick towards a position at this distance (fx_distance_q16). A
- * trajectory that starts from standstill never passes the position and reaches it exactly, with
- * speed 0 one tick later, if position and limits do not change. */
+/* Moves the trajectory by one tick towards a position at the distance distance_q16
+ * (fx_distance_q16()). If position and limits do not change, a trajectory that starts from
+ * standstill never passes the position; it reaches the position exactly, and one tick later the
+ * speed is 0. */
 void trajectory_move(profile_t *trajectory, uint64_t distance_q16, bool negative,
                      const trajectory_limits_t *limits);
 
-/* Changes the speed by one tick towards `speed`, within limits->speed. A change of sign passes
- * through speed 0. */
+/* Changes the speed of the trajectory by one tick towards `speed`, at most limits->speed. If the
+ * sign changes, the speed is 0 in one tick. */
 void trajectory_ramp(profile_t *trajectory, int32_t speed, const trajectory_limits_t *limits);
 
-/* Moves the trajectory by one tick at this speed, independent of its previous speed. */
+/* Moves the trajectory by one tick at the speed `speed`, independent of its previous speed. */
 void trajectory_step(profile_t *trajectory, int32_t speed);
 
 #endif

@@ -1,6 +1,6 @@
 #include "firmware/drive/units.h"
 
-/* largest speed of the trajectory: 3,072,000 count/s */
+/* Largest speed of the trajectory: 3,072,000 count/s. */
 #define SPEED_MAX_Q16 INT32_C(134217728)
 
 enum { RATIO_BITS_MAX = 20 };
@@ -11,7 +11,8 @@ bool units_depend_on(uint16_t object) {
          object == AXIS_OBJ_FEED || object == AXIS_OBJ_FEED_SHAFT_REVOLUTIONS;
 }
 
-/* The stored value of a parameter, or the value that is about to be written to it. */
+/* Returns the value that is about to be written if `object` is this parameter, otherwise the stored
+ * value. */
 #define VALUE_OF(OBJECT, stored) ((object == (OBJECT)) ? (uint32_t)value : (stored))
 
 static bool ratio_of(const drive_params_t *params, uint16_t object, int32_t value,
@@ -39,7 +40,7 @@ void units_derive(cia402_t *drive) {
   const bool scaled = params->feed != 0 && ratio_of(params, AXIS_OBJ_NONE, 0, &units->user_of_cnt);
   units->scaled = scaled ? 1 : 0;
   if (scaled) {
-    /* The factor 1500 converts seconds to ticks; the values have 16 fractional bits. */
+    /* The factor 1500 converts seconds to ticks. The results have 16 fractional bits. */
     units->speed_of_user = fx_ratio_divided(units->user_of_cnt.inverse, 1500, -16);
     units->rate_of_user = fx_ratio_divided(units->user_of_cnt.inverse, UINT32_C(2250000), -16);
   }
