@@ -92,7 +92,7 @@ class Link(abc.ABC):
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None
-    _keeper: Keeper | None = None  # True from acquire() to release()
+    _keeper: Keeper | None = None  # thread that runs from acquire() to release()
 
     def use_model(self, model: str | Path) -> None:
         """Sets the size of an encoder count from the encoder of a model (a path). Raises InputError

@@ -78,8 +78,8 @@ def force_per_count(axis: AxisValues) -> float:
 
 
 def never_set(force_scale: float, calibration_date: int) -> bool:
-    """The objects that show whether force_scale was ever set. force_scale: in uN per count;
-    calibration_date: 0 without a calibration."""
+    """Returns True if force_scale, in uN per count, still has its default value, which does not
+    belong to the sensor of the axis. calibration_date: 0 without a calibration."""
     return not calibration_date and force_scale == default("force_scale")
 
 

@@ -1,5 +1,5 @@
-"""The firmware's general force law, a bank of coefficients (firmware/core/force_law.h), as a linear
-law.
+"""The general force law of the firmware, a bank of coefficients (firmware/core/force_law.h), as a
+linear system.
 
     u = g I(z) H_1(z) .. H_n(z) e - K_v v,   I(z) = 1 + w_i T z / (z - 1)
 
@@ -19,10 +19,10 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.results import json_field
 
-GAIN_STEP = 1 / 256  # resolution of force_gain and velocity_gain
+GAIN_STEP = 1 / 256  # smallest step of force_gain and velocity_gain
 COEFFICIENT_STEP = 2.0**-26
 COEFFICIENT_MAX = 16.0
-# Largest gain at high frequency that the firmware accepts, in DAC codes per code of the ADC.
+# Largest gain at high frequency that the firmware accepts for a bank, in DAC codes per ADC code.
 HF_CODES_MAX = 15
 TICK_S = 1 / _core.TICKS_PER_SECOND
 
@@ -33,9 +33,9 @@ def _rounded(value: float, step: float) -> float:
 
 @dataclass(frozen=True)
 class BankKeys:
-    """A bank with the keys of [firmware.bank_N] in an experiment; gain and hf_gain in DAC codes per
-    8-bit count, integral rate in 1/s, velocity_gain in DAC codes per count/tick. A part that the
-    bank lacks is None and has no key."""
+    """A bank with the keys of the table [firmware.bank_N] of an experiment. gain and hf_gain: DAC
+    codes per 8-bit count; integral_rad_per_s: integral rate in 1/s; velocity_gain: DAC codes per
+    count/tick. A part that the bank does not have is None and has no key."""
 
     gain: float
     integral_rad_per_s: float | None = json_field(omit_none=True)
@@ -45,7 +45,7 @@ class BankKeys:
 
     @property
     def bank(self) -> "Bank":
-        """The bank of the firmware."""
+        """The bank that these keys describe."""
         return Bank(
             self.gain, self.integral_rad_per_s or 0.0, self.velocity_gain or 0.0,
             self.sections or (),
@@ -54,8 +54,9 @@ class BankKeys:
 
 @dataclass(frozen=True)
 class Bank:
-    """A bank. force_gain: DAC codes per 8-bit count; integral_rad_per_s >= 0; velocity_gain: DAC
-    codes per count/tick; sections: up to three of (b0, b1, b2, a1, a2)."""
+    """A bank of the firmware. force_gain: DAC codes per 8-bit count; integral_rad_per_s: integral
+    rate in 1/s, >= 0; velocity_gain: DAC codes per count/tick; sections: up to three of (b0, b1,
+    b2, a1, a2)."""
 
     force_gain: float
     integral_rad_per_s: float = 0.0
@@ -63,7 +64,8 @@ class Bank:
     sections: tuple[tuple[float, ...], ...] = ()
 
     def quantised(self) -> "Bank":
-        """The bank with the values that the firmware's objects can store."""
+        """Returns the bank with all values rounded to values that the firmware's objects can
+        store."""
         return replace(
             self,
             force_gain=_rounded(self.force_gain, GAIN_STEP),
@@ -76,7 +78,9 @@ class Bank:
         )
 
     def response(self, z: ArrayLike) -> Matrix:
-        """I H_1 .. H_n at points z: the law without its gain g. The result has the shape of z."""
+        """Returns the transfer function I H_1 .. H_n of the law at points z, without the gain g of
+        the law. I is the integral part, and H_1 .. H_n are the sections. The result has the shape
+        of z."""
         z = np.asarray(z, complex)
         back = 1 / z
         value: Matrix = 1 + self.integral_rad_per_s * TICK_S / (1 - back)
@@ -85,8 +89,8 @@ class Bank:
         return value
 
     def compensator(self) -> StateSpace:
-        """The law without its gain as (A, B, C, D). States: two of each section, then that of the
-        integral."""
+        """Returns (A, B, C, D) of the law without its gain. Each section has two states, and the
+        integral has the last state."""
         system = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for b0, b1, b2, a1, a2 in self.sections:
             A = np.array([[-a1, -a2], [1.0, 0.0]])
@@ -99,14 +103,14 @@ class Bank:
         return system
 
     def hf_gain(self) -> float:
-        """Gain at high frequency in DAC codes per 8-bit count, computed as law_bank_state() of the
-        firmware does."""
+        """Returns the gain at high frequency in DAC codes per 8-bit count, computed as
+        law_bank_state() of the firmware does."""
         direct = math.prod(section[0] for section in self.sections)
         highest = math.prod((b0 - b1 + b2) / (1 - a1 + a2) for b0, b1, b2, a1, a2 in self.sections)
         return self.force_gain * max(abs(direct), abs(highest))
 
     def keys(self) -> BankKeys:
-        """The bank with the keys of [firmware.bank_N] in an experiment, without hf_gain."""
+        """Returns the bank as a table [firmware.bank_N] of an experiment, without hf_gain."""
         return BankKeys(
             gain=self.force_gain,
             integral_rad_per_s=self.integral_rad_per_s or None,
@@ -116,15 +120,16 @@ class Bank:
 
 
 def series(front: StateSpace, back: StateSpace) -> StateSpace:
-    """The series connection of `front` and then `back`, each (A, B, C, D) with one input."""
+    """Returns the series connection of two systems (A, B, C, D) with one input each; the output of
+    `front` is the input of `back`."""
     (A1, B1, C1, D1), (A2, B2, C2, D2) = front, back
     A = np.block([[A1, np.zeros((len(A1), len(A2)))], [B2 @ C1, A2]])
     return A, np.vstack([B1, B2 @ D1]), np.hstack([D2 @ C1, C2]), D2 @ D1
 
 
 def of_settings(settings: Mapping[str, float]) -> Bank | None:
-    """The bank that an experiment's firmware settings (`_core.inputs(...)["firmware"]`) select;
-    None if they select a law of the thesis."""
+    """Returns the bank that the firmware settings of an experiment select
+    (`_core.inputs(...)["firmware"]`). Returns None if they select a law of the thesis."""
     number = int(settings.get("force_bank", 0))
     if not number:
         return None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Factored:
-    """A rational function in factors: gain s^order prod(1 - s / zero) / prod(1 - s / pole).
+    """A rational function as a product: gain s^order prod(1 - s / zero) / prod(1 - s / pole).
 
     Zeros and poles are complex arrays in 1/s without the origin, which is `order` (negative: poles
     there); so `gain` is the low-frequency gain and no coefficient can overflow.
@@ -34,12 +34,13 @@ class Factored:
     order: int = 0
 
     def at(self, s: ArrayLike) -> Matrix:
-        """Values of the function at complex s (1/s) of any shape."""
+        """Returns the values of the function at complex s in 1/s. The array s may have any
+        shape."""
         s = np.asarray(s, dtype=complex)
         value = self.gain * s**self.order
         for zero, pole in zip_longest(self.zeros, self.poles):
-            # Zeros and poles alternate in the product, so that its intermediate values stay near
-            # the result.
+            # Factors of zeros and poles alternate, so that intermediate products neither overflow
+            # nor underflow.
             if zero is not None:
                 value = value * (1 - s / zero)
             if pole is not None:
@@ -47,12 +48,13 @@ class Factored:
         return value
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Complex values at s = 2 pi j frequency_hz, in the shape of frequency_hz."""
+        """Returns the complex values of the function at s = 2 pi j frequency_hz, in the shape of
+        frequency_hz."""
         return self.at(2j * np.pi * np.asarray(frequency_hz))
 
     def zpk(self) -> tuple[Matrix, Matrix, float]:
-        """(zeros, poles, gain) of gain prod(s - zero) / prod(s - pole); zeros and poles in 1/s
-        include those at s = 0."""
+        """Returns (zeros, poles, gain) of the form gain prod(s - zero) / prod(s - pole). Zeros and
+        poles are in 1/s and include roots at s = 0."""
         zeros = np.concatenate([self.zeros, np.zeros(max(self.order, 0))])
         poles = np.concatenate([self.poles, np.zeros(max(-self.order, 0))])
         gain = self.gain
@@ -61,8 +63,8 @@ class Factored:
         return zeros, poles, float(np.real(gain))
 
     def transfer_function(self) -> "control.TransferFunction":
-        """The function as control.TransferFunction in powers of s (1/s). Raises InputError if a
-        coefficient exceeds the range of double precision."""
+        """Returns the function as a control.TransferFunction in powers of s (1/s). Raises
+        InputError if a coefficient exceeds the range of double precision."""
         import control
 
         zeros, poles, gain = self.zpk()
@@ -77,19 +79,20 @@ class Factored:
 
 
 def _newton(x: Matrix, step: Callable[[Matrix], Matrix]) -> Matrix:
-    """Newton's iteration until the steps are at the level of rounding; step(x) = f / f'."""
+    """Returns the roots that Newton's iteration finds. step(x) returns f / f'; the iteration ends
+    when the steps are as small as rounding errors."""
     for _ in range(40):
         change = step(x)
         x = x - change
         if np.all(np.abs(change) <= 4 * np.finfo(float).eps * x):
             return x
-    # The start values are close to the roots, so this is an error of the program.
+    # Every start value is close to a root, so this error can only be a defect of the program.
     raise ArithmeticError("a root of the beam did not converge")
 
 
 def sliding_free_roots(count: int) -> Matrix:
-    """The first `count` positive roots of tan y + tanh y = 0, without unit: 2.36502, 5.49780, ...;
-    array of shape (count,)."""
+    """Returns the first `count` positive roots of tan y + tanh y = 0: 2.36502, 5.49780, ... The
+    roots have no unit; the array has the shape (count,)."""
     y = (np.arange(1, count + 1) - 0.25) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -101,8 +104,8 @@ def sliding_free_roots(count: int) -> Matrix:
 
 
 def clamped_free_roots(count: int) -> Matrix:
-    """The first `count` positive roots of cos y cosh y = -1, without unit: 1.87510, 4.69409, ...;
-    array of shape (count,)."""
+    """Returns the first `count` positive roots of cos y cosh y = -1: 1.87510, 4.69409, ... The
+    roots have no unit; the array has the shape (count,)."""
     y = (np.arange(1, count + 1) - 0.5) * np.pi
 
     def step(y: Matrix) -> Matrix:
@@ -116,7 +119,8 @@ def clamped_free_roots(count: int) -> Matrix:
 
 @dataclass(frozen=True)
 class Beam:
-    """Distributed-parameter beam of Figure 2.21: one end slides without turning, the other is free.
+    """Distributed-parameter beam of Figure 2.21. One end slides without turning, and the other end
+    is free.
 
     The actuator pushes the sliding end. `damping_s` makes the modulus E (1 + damping_s s), so mode
     k of natural frequency w_k has the damping ratio damping_s w_k / 2. Raises InputError unless the
@@ -139,58 +143,61 @@ class Beam:
 
     @property
     def mass_kg(self) -> float:
-        """Mass of the whole beam."""
+        """Mass of the whole beam in kg."""
         return self.mass_per_length_kg_per_m * self.length_m
 
     @property
     def rate(self) -> float:
-        """sqrt(E I / (rho A)) / l^2 in rad/s: a root y of the beam equation has the frequency rate
-        y^2."""
+        """The factor sqrt(E I / (rho A)) / l^2 in rad/s. A root y of the beam equation belongs to
+        the frequency y^2 times this factor."""
         a = np.sqrt(self.bending_stiffness_Nm2 / self.mass_per_length_kg_per_m)
         return float(a / self.length_m**2)
 
     def natural_frequencies(self, count: int) -> Matrix:
-        """Frequencies of the first `count` bending modes in rad/s, ascending, shape (count,). The
-        rigid-body mode at frequency 0 is not included."""
+        """Returns the frequencies of the first `count` bending modes in rad/s, ascending, in the
+        shape (count,). The rigid-body mode at frequency 0 is not included."""
         return self.rate * sliding_free_roots(count) ** 2
 
     def poles(self, count: int) -> Matrix:
-        """Poles of velocity per force in 1/s, shape (1 + 2 count,): 0 for the rigid body, then a
-        pair for each of `count` modes in ascending order."""
+        """Returns the poles of velocity per force in 1/s, in the shape (1 + 2 count,): first 0 for
+        the rigid body, then a pair for each of `count` bending modes in ascending order."""
         return np.concatenate([[0.0], self._roots(-(self.natural_frequencies(count) ** 2))])
 
     def actuator_zeros(self, count: int) -> Matrix:
-        """`count` pairs of zeros of V_act / F_a in 1/s, shape (2 count,). At these frequencies the
-        sliding end does not move."""
+        """Returns `count` pairs of zeros of V_act / F_a in 1/s, in the shape (2 count,). At the
+        frequency of a zero the sliding end does not move."""
         return self._roots(-((self.rate * clamped_free_roots(count) ** 2) ** 2))
 
     def tip_zeros(self, count: int) -> Matrix:
-        """`count` real pairs of zeros of V_tip / F_a in 1/s, shape (2 count,); without damping +-2
-        rate ((k - 1/2) pi)^2."""
+        """Returns `count` real pairs of zeros of V_tip / F_a in 1/s, in the shape (2 count,).
+        Without damping the zeros are +-2 rate ((k - 1/2) pi)^2."""
         k = np.arange(1, count + 1)
         return self._roots((2 * self.rate * ((k - 0.5) * np.pi) ** 2) ** 2)
 
     def _roots(self, squares: Matrix) -> Matrix:
-        """Both roots s of s^2 = square (1 + damping_s s) for each square, as a complex array."""
+        """Returns both roots s of the equation s^2 = square (1 + damping_s s) for each `square`, as
+        a complex array."""
         half = squares * self.damping_s / 2
         root = np.sqrt((half**2 + squares).astype(complex))
-        far = half + np.where(half < 0, -1, 1) * root  # without cancellation of digits
+        # the root of larger magnitude, for which no digits cancel
+        far = half + np.where(half < 0, -1, 1) * root
         return np.column_stack([-squares / far, far]).ravel()
 
     def actuator(self, s: ArrayLike) -> Matrix:
-        """V_act / F_a in m/s per N at complex s (1/s), in the shape of s; s = 0 is a pole. No
-        frequency causes an overflow."""
+        """Returns V_act / F_a in m/s per N at complex s (1/s), in the shape of s. The value at s =
+        0 is a pole. No frequency causes an overflow."""
         return self._transfer(s)[0]
 
     def tip(self, s: ArrayLike) -> Matrix:
-        """V_tip / F_a in m/s per N at complex s (1/s), in the shape of s; s = 0 is a pole."""
+        """Returns V_tip / F_a in m/s per N at complex s (1/s), in the shape of s. The value at s =
+        0 is a pole."""
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:
-        # Thesis 2.4.4, corrected, with X = b l, 4 b^4 = p^2 = rho A s^2 / (E I): V_act / F_a = s
-        # (cosh^2 X + cos^2 X) / D, V_tip / F_a = s 2 cosh X cos X / D, D = 4 E I b^3 (sinh X cosh
-        # X + sin X cos X). Both are even in p, so p is chosen in the right half-plane. There |arg
-        # X| <= pi/4, and all terms are bounded after multiplication by exp(-2X).
+        # Thesis 2.4.4, corrected. With X = b l and 4 b^4 = p^2 = rho A s^2 / (E I): V_act / F_a = s
+        # (cosh^2 X + cos^2 X) / D, V_tip / F_a = s 2 cosh X cos X / D, D = 4 E I b^3 (sinh X cosh X
+        # + sin X cos X). Both functions are even in p, so p is chosen in the right half-plane. Then
+        # |arg X| <= pi/4, and all terms are bounded after multiplication by exp(-2X).
         s = np.asarray(s, dtype=complex)
         stiffness = self.bending_stiffness_Nm2 * (1 + self.damping_s * s)
         p = s * np.sqrt(self.mass_per_length_kg_per_m / stiffness)
@@ -203,17 +210,17 @@ class Beam:
         # 2 cosh X cos X = cosh(X + jX) + cosh(X - jX)
         half = z / 2
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
-        # np.where computes both formulas, and the one that it does not select may overflow.
+        # np.where computes both formulas. The formula that is not selected may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
-            small = e * (np.sinh(z) + np.sin(z)) / 2  # keeps its digits near 0
+            small = e * (np.sinh(z) + np.sin(z)) / 2  # this formula keeps its digits near z = 0
         large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
         bending = np.where(np.abs(z) < 1, small, large)
         factor = s / (4 * stiffness * b**3 * bending)
         return factor * act, factor * tip
 
     def polynomial(self, modes: int, output: str = "actuator") -> Factored:
-        """The rational approximation of V_act or V_tip over F_a with the modes up to `modes`, as a
-        Factored.
+        """Returns the rational approximation of V_act / F_a or V_tip / F_a with all modes up to
+        `modes`, as a Factored.
 
         It has the exact poles and zeros of the first `modes` modes, the same number of each, and
         the exact low-frequency gain 1 / (rho A l s).
@@ -226,7 +233,8 @@ class Beam:
         return Factored(zeros[output](modes), self.poles(modes)[1:], 1 / self.mass_kg, -1)
 
     def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
-        """Largest |approximation / true - 1| of the complex response from 0 through a mode.
+        """Returns the largest error |approximation / true - 1| of the complex response between
+        frequency 0 and a mode.
 
         The error is evaluated at 4000 frequencies from a thousandth of the first pole to the pole
         of mode `through`, and at a relative distance of 1e-6 from each pole and zero between. No
@@ -246,7 +254,7 @@ class Beam:
     def approximation_errors(
         self, modes: Iterable[int] = range(4, 41), through: int = 4
     ) -> list["ApproximationError"]:
-        """The approximation_error of both outputs for each number of modes."""
+        """Returns the approximation_error of V_act and V_tip for each number of modes."""
         outputs = ("actuator", "tip")
         return [
             ApproximationError(n, *(self.approximation_error(n, o, through) for o in outputs))
@@ -254,7 +262,7 @@ class Beam:
         ]
 
     def lumped(self, elements: int) -> "LumpedBeam":
-        """A LumpedBeam of `elements` bending elements that have this beam's mass at their ends.
+        """Returns a LumpedBeam of `elements` bending elements with the total mass of this beam.
 
         The beam is divided into 2 `elements` equal parts: one for the sliding body, two for each
         inner body, one for the last body. Each body is located at the common centre of mass of its
@@ -269,7 +277,7 @@ class Beam:
         inertias = 2 * m * (2 * part) ** 2 / 12 * np.ones(elements)
         inertias[-1] = m * part**2 / 12
         lengths = np.full(elements, 2 * part)
-        lengths[-1] -= part / 2  # the last body's centre is half a part before the tip
+        lengths[-1] -= part / 2  # The centre of the last body is half a part from the tip.
         return LumpedBeam(
             self.bending_stiffness_Nm2, tuple(lengths), tuple(masses), tuple(inertias), part / 2
         )
@@ -277,7 +285,7 @@ class Beam:
 
 @dataclass(frozen=True)
 class LumpedBeam:
-    """Lumped-parameter bending beam; with one element that of Figure 2.24.
+    """Lumped-parameter bending beam. With one element the model is that of Figure 2.24.
 
     The model has one mass that slides without turning, and masses that move and turn. Each mass is
     joined to the previous one by a massless bending element. The tip is `tip_offset_m` beyond the
@@ -285,9 +293,9 @@ class LumpedBeam:
     """
 
     bending_stiffness_Nm2: float  # E I of the elements
-    lengths_m: tuple[float, ...]  # of each element, between centres
+    lengths_m: tuple[float, ...]  # length of each element between the centres of its two masses
     masses_kg: tuple[float, ...]  # the sliding mass, then one mass for each element
-    inertias_kgm2: tuple[float, ...]  # of all but the sliding mass
+    inertias_kgm2: tuple[float, ...]  # inertias of all masses except the sliding mass
     tip_offset_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -317,15 +325,15 @@ class LumpedBeam:
         return cls(bending_stiffness_Nm2, (length_m,), (m1_kg, m2_kg), (J2_kgm2,), tip_offset_m)
 
     def matrices(self) -> tuple[Matrix, Matrix]:
-        """Mass matrix M and stiffness matrix K, each (2 n + 1, 2 n + 1) for n elements, of the
-        coordinates (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
+        """Returns mass matrix M and stiffness matrix K, each (2 n + 1, 2 n + 1) for n elements. The
+        coordinates are (x_1; x_2, angle_2; x_3, angle_3; ...) in m and rad."""
         n = len(self.lengths_m)
         diagonal = np.zeros(2 * n + 1)
         diagonal[[0, *range(1, 2 * n, 2)]] = self.masses_kg
         diagonal[2::2] = self.inertias_kgm2
-        # This matrix includes the angle of the sliding mass, which is removed at the end.
+        # This matrix also includes the angle of the sliding mass. The angle is removed at the end.
         whole = np.zeros((2 * n + 2, 2 * n + 2))
-        # Stiffness of a massless element for (x, angle length) at both ends.
+        # Stiffness matrix of a massless element for the coordinates (x, angle length) of both ends.
         bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
         for i, length in enumerate(self.lengths_m):
             scale = np.array([1, length, 1, length])
@@ -337,8 +345,8 @@ class LumpedBeam:
         return np.diag(diagonal), whole[np.ix_(keep, keep)]
 
     def system(self) -> System:
-        """From the force on the sliding mass (N) to the velocities of this mass and of the tip
-        (m/s), without damping."""
+        """Returns the System from the force on the sliding mass in N to the velocities of the
+        sliding mass and of the tip in m/s, without damping."""
         M, K = self.matrices()
         tip = np.zeros(len(M))
         tip[-2:] = 1.0, self.tip_offset_m
@@ -350,8 +358,8 @@ class LumpedBeam:
         return structure.system(("actuator", "tip"), np.array([first, tip]), velocity=True)
 
     def nonminimum_phase(self) -> bool:
-        """Whether the tip of Figure 2.24 (one element) has a real +- pair of zeros: e (l/2) m2 >
-        J2.
+        """Returns True if the tip of Figure 2.24 (one element) has a real +- pair of zeros, which
+        is so for e (l/2) m2 > J2.
 
         The zeros are s^2 = E I / (l (e (l/2) m2 - J2)); if both sides are equal there are no zeros.
         """
@@ -387,7 +395,7 @@ class TwoLinkArm:
     d1: float = 0.0
     d2: float = 0.0
     angle1_rad: float = 0.0
-    angle2_rad: float = 0.0  # of link 2 relative to link 1; 0: stretched arm
+    angle2_rad: float = 0.0  # angle of link 2 relative to link 1; 0 for the stretched arm
 
     def __post_init__(self) -> None:
         for name in ("l1", "l2", "m1", "m2", "I1", "I2"):
@@ -403,15 +411,16 @@ class TwoLinkArm:
                 )
 
     def mass_matrix(self) -> Matrix:
-        """Mass matrix, 2 x 2, in kg m^2, for (angle of link 1, angle of link 2 relative to link
-        1)."""
+        """Returns the mass matrix, 2 x 2, in kg m^2. Its coordinates are the angle of link 1, and
+        the angle of link 2 relative to link 1."""
         M22 = self.I2 + self.m2 * self.c2**2
         cross = self.m2 * self.l1 * self.c2 * np.cos(self.angle2_rad)
         M11 = self.I1 + self.m1 * self.c1**2 + self.m2 * self.l1**2 + M22 + 2 * cross
         return np.array([[M11, M22 + cross], [M22 + cross, M22]])
 
     def jacobian(self) -> Matrix:
-        """Rows x, y and normal (at right angles to link 2) of the endpoint, in m/rad."""
+        """Returns the motion of the endpoint per joint angle in m/rad, with the rows x, y and
+        normal. `normal` is the direction at right angles to link 2."""
         end = self.angle1_rad + self.angle2_rad
         s1, c1, s2, c2 = np.sin(self.angle1_rad), np.cos(self.angle1_rad), np.sin(end), np.cos(end)
         x = [-self.l1 * s1 - self.l2 * s2, -self.l2 * s2]
@@ -420,8 +429,8 @@ class TwoLinkArm:
         return np.array([x, y, normal])
 
     def system(self) -> System:
-        """From the torques 1 and 2 (N m) to both angles (rad) and to x, y and normal of the
-        endpoint (m)."""
+        """Returns the System from the torques 1 and 2 in N m to both joint angles in rad and to x,
+        y and normal of the endpoint in m."""
         names, torques = ("joint1", "joint2"), ("torque1", "torque2")
         K, D = np.diag([self.k1, self.k2]), np.diag([self.d1, self.d2])
         structure = _Structure(names, self.mass_matrix(), D, K, torques, np.eye(2))
@@ -429,8 +438,8 @@ class TwoLinkArm:
         return structure.system((*names, "x", "y", "normal"), rows, velocity=False)
 
     def nonminimum_phase(self) -> bool:
-        """Whether the response from torque 1 to the endpoint's normal has a real zero > 0 while
-        joint 2 is held with k2 > 0.
+        """Returns True if the response from torque 1 to the endpoint's normal has a real zero > 0
+        while joint 2 is held with the stiffness k2 > 0.
 
         The zeros are those of (l2 + l1 cos) (M22 s^2 + d2 s + k2) - l2 M21 s^2. The factor of s^2
         is l1 cos(angle 2) (I2 - m2 c2 (l2 - c2)). For an angle below 90 degrees one zero is
@@ -444,7 +453,7 @@ class TwoLinkArm:
 
 @dataclass(frozen=True)
 class _Structure:
-    """A mechanical structure M q'' + D q' + K q = forces u.
+    """A mechanical structure with the equation M q'' + D q' + K q = forces u.
 
     coordinates: names of q. M, D, K (n, n) in SI units. inputs: names of u. forces (n, inputs):
     force on each coordinate by each input.
@@ -458,8 +467,8 @@ class _Structure:
     forces: Matrix
 
     def system(self, outputs: tuple[str, ...], rows: Matrix, velocity: bool) -> System:
-        """The structure as a System with y = rows q, or y = rows q' if `velocity`; outputs: names
-        of y."""
+        """Returns the structure as a System with y = rows q, or with y = rows q' if `velocity` is
+        True. outputs: names of y."""
         n = len(self.M)
         inverse = np.linalg.inv(self.M)
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ self.K, -inverse @ self.D]])
@@ -475,8 +484,8 @@ class _Structure:
 
 @dataclass(frozen=True)
 class ApproximationError:
-    """Error of the rational approximation of a beam with the first `modes` modes: the largest
-    |approximation / true - 1| of the responses of actuator and tip."""
+    """Error of a beam's rational approximation with the first `modes` modes: the largest
+    |approximation / true - 1| of the actuator's response and of the tip's response."""
 
     modes: int
     actuator: float
@@ -485,8 +494,8 @@ class ApproximationError:
 
 @dataclass(frozen=True)
 class BeamMode:
-    """A bending mode of a beam: the root b l of the beam equation, the pole and the zero of the
-    actuator (imaginary pairs) in rad/s, and the zero of the tip (a real pair) in 1/s."""
+    """A bending mode of a beam: the root b l of the beam equation; the pole and the actuator's zero
+    in rad/s, each an imaginary pair; the tip's zero in 1/s, a real pair."""
 
     b_l: float
     pole_rad_per_s: float
@@ -503,8 +512,8 @@ class BeamAnalysis:
 
 
 def analyse(beam: Beam, modes: int) -> BeamAnalysis:
-    """The first `modes` modes of a beam, and the errors of the approximations of thesis section
-    2.4.4 with 4 to 40 modes."""
+    """Returns the first `modes` modes of a beam, and the errors of the approximations of thesis
+    section 2.4.4 with 4 to 40 modes."""
     roots = sliding_free_roots(modes)
     poles = beam.natural_frequencies(modes)
     zeros, tip = beam.actuator_zeros(modes)[1::2], beam.tip_zeros(modes)[1::2]

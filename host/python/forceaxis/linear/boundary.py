@@ -1,5 +1,5 @@
-"""A system with one input and one output on the stability boundary: its response there, important
-frequencies, and the states that act on this response.
+"""The response of a system with one input and one output along the stability boundary, its
+important frequencies, and the states that affect the response.
 
 Frequencies belong to a plane whose imaginary axis is the stability boundary: s = j w, or w = (2/T)
 (z - 1)/(z + 1) for a sampled system.
@@ -13,12 +13,13 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
-# Smallest share of a new direction of the state space that rounding of the entries does not cause.
+# The smallest new component of a vector, relative to the vector, that is not a rounding error. A
+# smaller component ends the search for states that the input controls.
 DIRECTION_SHARE_MIN = 1e-15
 
 
 def _reachable(A: Matrix, B: Matrix) -> Matrix:
-    """Orthonormal basis of the states that the input can control, as columns."""
+    """Returns an orthonormal basis of the states that the input can control, as columns."""
     basis: Matrix = B / np.linalg.norm(B)
     while basis.shape[1] < len(A):
         image = A @ basis[:, -1:]
@@ -31,13 +32,13 @@ def _reachable(A: Matrix, B: Matrix) -> Matrix:
 
 
 def minimal(system: System) -> System:
-    """The system without the states that are not controllable or not observable.
+    """Returns the system without the states that are not controllable or not observable.
 
     The poles of these states do not depend on the gain, even on the stability boundary (for example
     a position that drifts).
     """
-    # The system is balanced together with input and output, because otherwise the state of a delay
-    # can appear unobservable.
+    # Balancing includes the input and the output, because otherwise the state of a delay can appear
+    # unobservable.
     n = len(system.A)
     scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
     scale = scale[:n] / scale[n]
@@ -58,8 +59,9 @@ def minimal(system: System) -> System:
 
 
 def plane(system: System) -> StateSpace:
-    """Balanced (A, B, C, D) as np.longdouble, with the imaginary axis as stability boundary, of a
-    System with one input and output; for a sampled system in w = (2/T) (z - 1)/(z + 1)."""
+    """Returns balanced (A, B, C, D) as np.longdouble of a System with one input and one output,
+    with the imaginary axis as the stability boundary. A sampled system is transformed to the
+    variable w = (2/T) (z - 1)/(z + 1)."""
     A, B, C = (matrix.astype(np.longdouble) for matrix in system.balanced)
     D = system.D
     if system.dt is not None and len(A):
@@ -72,22 +74,24 @@ def plane(system: System) -> StateSpace:
 
 
 def response(system: System) -> _core.BoundaryResponse:
-    """The response of a System with one input and output along the stability boundary, over
-    frequencies of the plane."""
+    """Returns the response of a System with one input and one output along the stability boundary,
+    as a function of the frequency along the boundary."""
     return _core.BoundaryResponse(
         system.A, system.B, system.C, float(system.D[0, 0]), system.dt or 0.0
     )
 
 
 def marks(roots: Matrix, fastest: float) -> Matrix:
-    """Frequencies of the plane in rad/s, > 0: values beside and between `roots`, which are
-    frequencies too. fastest: largest magnitude of a pole, 1/s."""
+    """Returns frequencies in rad/s, > 0, along the stability boundary: values beside and between
+    `roots`, which are also frequencies. fastest: largest magnitude of a pole in 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    # Two equal roots count as one, because there is no frequency between them.
+    # Two roots that are equal within rounding errors are used as one root, because no frequency
+    # lies between them.
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]
     if not len(found):
         found = np.array([fastest or 1.0])
     middle = np.sqrt(found[:-1] * found[1:])
-    # At a root rounding errors hide the response, so frequencies beside the root are added.
+    # Rounding errors are larger than the response at a root, so frequencies beside each root are
+    # added.
     around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
     return np.unique(np.concatenate([middle, *around]))

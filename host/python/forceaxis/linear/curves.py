@@ -1,4 +1,4 @@
-"""Frequency responses of plants and loops as curves, for Bode and Nyquist plots."""
+"""Frequency responses of plants and force loops as curves for Bode and Nyquist plots."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
@@ -27,7 +27,7 @@ def _loop_gain(loop: Loop, gain: float) -> System:
     return replace(open_loop, C=gain * open_loop.C, D=gain * open_loop.D)
 
 
-# {part of a loop at a gain: function that returns its System}
+# {part of a loop at a gain: function that returns the System of this part}
 PARTS: dict[str, Callable[[Loop, float], System]] = {
     "loop": _loop_gain,
     "closed": lambda loop, gain: loop.closed(gain),
@@ -36,8 +36,8 @@ PARTS: dict[str, Callable[[Loop, float], System]] = {
 
 
 def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
-    """Phase in degrees without jumps of 360 degrees; the phase at the lowest frequency follows from
-    the slope there.
+    """Returns the phase in degrees without jumps of 360 degrees. The slope of the magnitude at the
+    lowest frequency determines the phase there.
 
     A response with a constant magnitude at the lowest frequencies starts at 0 degrees (-180 if
     negative), one with an integrator at -90, and one that increases with the frequency at +90.
@@ -48,7 +48,7 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
     size = np.log(np.maximum(np.abs(response[:2]), 1e-300))
     slope = (size[1] - size[0]) / np.log(frequency_hz[1] / frequency_hz[0])
     turns = (90 * round(slope) - phase[0]) / 360
-    # A negative gain with a nearly constant magnitude counts as phase lag.
+    # If the gain is negative and the magnitude nearly constant, the phase starts at -180 degrees.
     result: Numbers = phase + 360 * np.ceil(turns - 0.55)
     return result
 
@@ -56,8 +56,8 @@ def phase_deg(frequency_hz: Numbers, response: Roots) -> Numbers:
 def grid_hz(
     low_hz: float, high_hz: float, roots: Iterable[complex] = (), points: int = 400
 ) -> Numbers:
-    """Frequencies in Hz with equal logarithmic steps, and with smaller steps about lightly damped
-    roots.
+    """Returns frequencies in Hz with equal logarithmic steps, and with smaller steps near lightly
+    damped roots.
 
     roots: poles and zeros in 1/s. The smaller steps are proportional to each root's own width, so
     that no peak and no phase change falls between two frequencies.
@@ -75,7 +75,8 @@ def grid_hz(
 
 @dataclass(frozen=True)
 class CurveTable:
-    """A curve as a result: magnitude in `unit` and unwrapped phase at frequency_hz."""
+    """A curve as a result: magnitude in `unit` and phase in degrees without jumps, at
+    frequency_hz."""
 
     label: str
     unit: str
@@ -91,16 +92,16 @@ class Curve:
     label: str
     frequency_hz: Numbers
     response: Roots
-    unit: str = ""  # of the response
+    unit: str = ""  # unit of the response
 
     @property
     def magnitude(self) -> Numbers:
-        """Amplitude ratio, in `unit`."""
+        """Magnitude of the response in `unit`."""
         return np.abs(self.response)
 
     @property
     def phase_deg(self) -> Numbers:
-        """Phase in degrees without jumps of 360 degrees, see the function phase_deg."""
+        """Phase in degrees without jumps of 360 degrees; see the function phase_deg."""
         return phase_deg(self.frequency_hz, self.response)
 
     def table(self) -> CurveTable:
@@ -111,7 +112,8 @@ class Curve:
 def curve(
     system: System, label: str, span_hz: tuple[float, float], unit: str = "", points: int = 400
 ) -> Curve:
-    """The response of a one-input, one-output System over span_hz = (low, high)."""
+    """Returns the response of a System with one input and one output in the range span_hz = (low,
+    high)."""
     low, high = span_hz
     if system.dt is not None:
         high = min(high, 0.5 / system.dt)
@@ -125,8 +127,8 @@ def curve(
 
 @dataclass(frozen=True, kw_only=True)
 class BodeCurve:
-    """A curve of a Bode plot: the output of the response, its values, and the loop of the curve
-    with the figures at its gain (None if the input is not that of a force loop)."""
+    """A curve of a Bode plot: the output of the response, the values of the curve, and the loop
+    with the figures at its gain. The loop is None if the input is not the input of a force loop."""
 
     output: str
     table: CurveTable = json_field(inline=True)
@@ -135,7 +137,7 @@ class BodeCurve:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopBode:
-    """Frequency responses of a loop; of: a name of PARTS."""
+    """Frequency responses of a force loop. of: name of the part of the loop, a key of PARTS."""
 
     loop: AnalysedLoop = json_field(inline=True)
     of: str
@@ -144,14 +146,15 @@ class LoopBode:
 
     @property
     def working(self) -> Working | None:
-        """Mode of the plant; None if the model has only one."""
+        """Mode of the plant, or None if the plant has only one mode."""
         return self.loop.working
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlantBode:
-    """Frequency responses of a plant from `input`; of: "plant". timing: a name of loops.TIMINGS, or
-    the sampling period of a measurement. working: mode of the plant, None if it has only one."""
+    """Frequency responses of a plant from `input`. of: "plant". timing: a name of loops.TIMINGS, or
+    the sampling period of a measurement. working: mode of the plant, None if the plant has only one
+    mode."""
 
     model: str
     of: str
@@ -163,8 +166,8 @@ class PlantBode:
 
 @dataclass(frozen=True, kw_only=True)
 class NyquistResult:
-    """The loop gain k L at the frequencies of a Nyquist plot, the limit of the loop, and its
-    figures at the gain of the plot."""
+    """The loop gain k L at the frequencies of a Nyquist plot, the critical gain of the loop, and
+    its figures at the gain of the plot."""
 
     limit: LimitResult = json_field(inline=True)
     at: LoopAtGain
@@ -177,7 +180,7 @@ class NyquistResult:
 
 @dataclass(frozen=True)
 class Channel:
-    """Input, output, parameter values and mode of a model's response.
+    """Input, output, parameter values and mode of the response of a model.
 
     input, output, overrides, modes, free, drive: as in `linear.linearise`. timing: "continuous", or
     as in LoopSpec.
@@ -198,8 +201,8 @@ def model_curve(
     channel: Channel | None = None,
     span_hz: tuple[float, float] = (0.5, 500.0),
 ) -> Curve:
-    """A model's open-loop response over a channel (None: from command to measured force), in SI
-    units.
+    """Returns the open-loop response of a model in SI units. channel: input and output; None: from
+    the command to the measured force.
 
     Raises InputError if the input does not act on the output.
     """
@@ -225,19 +228,20 @@ def model_curve(
 
 
 def unit_of(model: str | Path, input: str, output: str, settings: Overrides | None = None) -> str:
-    """Unit of a response, the unit of the output divided by that of the input, such as "N/V"; empty
-    if both are equal. settings: {parameter: value} of the model."""
+    """Returns the unit of a response, such as "N/V", which is the unit of the output divided by the
+    unit of the input. Returns "" if both units are equal. settings: {parameter: value} of the
+    model."""
     facts = linear.facts(model, settings)
     if output == "reading":
         output = facts.required_reading.signal
-    # A signal without an entry is an ADC or the encoder, whose unit is the count.
+    # A signal that is not in the table is an ADC or the encoder. The unit of both is the count.
     above = facts.signals.get(output, "count")
     below = "V" if input in ("drive.command", "drive.tach") else "N"
     return "" if above == below else f"{above}/{below}"
 
 
 def check_span(span_hz: tuple[float, float], timing: str) -> None:
-    """Raises InputError for frequencies at which the response is not defined."""
+    """Raises InputError if the response is not defined at these frequencies."""
     low_hz, high_hz = span_hz
     highest = 1e6 if timing == "continuous" else 0.5 / linear.TICK_S
     if not (1e-6 <= low_hz < high_hz <= highest):
@@ -249,7 +253,7 @@ def check_span(span_hz: tuple[float, float], timing: str) -> None:
 
 @dataclass(frozen=True)
 class BodeView:
-    """The selection of a Bode plot.
+    """What a Bode plot shows: part of the loop, input, outputs, frequencies and varied parameters.
 
     part: "plant", or a name of PARTS; None: the plant of a model, the loop of an experiment.
     input, outputs: of the plant. span_hz: lowest and highest frequency, Hz. vary: texts
@@ -264,7 +268,8 @@ class BodeView:
 
 
 def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[Curve], LoopBode]:
-    """(curves, result) of a part of a loop: one curve for each combination of `vary`."""
+    """Returns (curves, result) for one part of a loop, with one curve for each combination of
+    `vary`."""
     curves, rows = [], []
     for label, values in varied(request.overrides, view.vary):
         loop = replace(request, overrides=values).loop()
@@ -278,7 +283,8 @@ def loop_bode_of(request: LoopRequest, view: BodeView, part: str) -> tuple[list[
 
 
 def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBode]:
-    """(curves, result) of a plant: one curve for each combination of `vary` and each output."""
+    """Returns (curves, result) for a plant, with one curve for each combination of `vary` and each
+    output."""
     timing = request.timing or "continuous"
     if request.has_gain and view.input != "drive.command":
         raise ParameterError(
@@ -298,7 +304,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             limit = None
-            if view.input == "drive.command":  # the input of a force loop
+            if view.input == "drive.command":  # only this input is the input of a force loop
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
                 limit = limits.limit_result(loop, request.gain_of(loop))
@@ -316,8 +322,8 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
 
 
 def nyquist_of(request: LoopRequest) -> NyquistResult:
-    """The curve of a Nyquist plot. Without a gain, the loop has half the critical gain, or 1 if it
-    has none."""
+    """Returns the curve of a Nyquist plot. Without a given gain, the gain is half the critical
+    gain, or 1 if the loop has no critical gain."""
     loop = request.loop()
     gain = request.drawn_gain(loop)
     c = curve(loop.open, "", NYQUIST_HZ, points=1200)

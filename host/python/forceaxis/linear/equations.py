@@ -1,4 +1,4 @@
-"""The state space of a model in one mode, as the simulator computes it from its equations."""
+"""State space of a model in one mode, computed from the same equations as the simulation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,13 +11,14 @@ from forceaxis import _core
 
 Numbers = NDArray[np.float64]
 Roots = NDArray[np.complex128]
-Matrix = NDArray[Any]  # of float, np.longdouble or complex
+Matrix = NDArray[Any]  # matrix of float, np.longdouble or complex
 StateSpace = tuple[Matrix, Matrix, Matrix, Matrix]  # (A, B, C, D) of a linear system
 
 
 @dataclass(frozen=True)
 class Equations:
-    """x' = A x + B u, y = C x + D u in SI units; `states` names the rows of A."""
+    """A linear system x' = A x + B u, y = C x + D u in SI units. `states` are the names of the rows
+    of A."""
 
     A: Matrix
     B: Matrix
@@ -35,7 +36,8 @@ def read(
     free: bool = False,
     drive: bool = True,
 ) -> Equations:
-    """The equations of the model file at `path`; arguments and errors as in `system.linearise`."""
+    """Returns the linear equations of the model file at `path`. Arguments and errors are those of
+    `system.linearise`."""
     return Equations(
         **_core.linear(path, list(inputs), list(outputs), dict(overrides), dict(modes), free, drive)
     )

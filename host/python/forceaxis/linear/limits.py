@@ -1,4 +1,4 @@
-"""Critical gain, margins, poles and step response of one loop as typed results."""
+"""Critical gain, margins, poles and step response of one force loop as results with types."""
 
 import math
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from forceaxis.results import json_field
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedLoop:
-    """The loop that was analysed, as a part of a result.
+    """Description of the analysed loop, as a part of a result.
 
     model: path of the model. parameters: those of the law in SI units. timing: a name of
     loops.TIMINGS, or several joined by "and". output: the controlled signal. working: mode of the
@@ -38,7 +38,7 @@ class AnalysedLoop:
 
     @classmethod
     def of(cls, loop: Loop) -> "AnalysedLoop":
-        """The entry about a loop."""
+        """Returns the description of a loop."""
         return cls(
             model=paths.display(loop.model),
             law=loop.law,
@@ -52,8 +52,8 @@ class AnalysedLoop:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopAtGain:
-    """Figures and margins of a loop at one gain, k in the unit of the loop; firmware_gain: the same
-    gain in DAC codes per 8-bit count, None if the loop does not feed back ADC 0."""
+    """Figures and margins of a loop at one gain k, in the unit of the loop. firmware_gain: k in DAC
+    codes per 8-bit count, or None if the loop does not feed back ADC 0."""
 
     gain: float
     firmware_gain: float | None
@@ -63,7 +63,8 @@ class LoopAtGain:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitResult:
-    """The critical gain of a loop, its crossings of the stability boundary, and its stable ranges.
+    """The critical gain of a loop, the crossings of the stability boundary, and the ranges of
+    stable gains.
 
     critical_gain: in `unit`; None if the loop is stable at every gain, or at every gain up to
     known_to; 0 if it is unstable at every small gain, see `reason`. frequency_hz: of the crossing.
@@ -86,7 +87,7 @@ class LimitResult:
 
 @dataclass(frozen=True)
 class StepResponse:
-    """The response of a closed loop to a unit step of its set-point at time 0.
+    """Response of a closed loop to a unit step of the set-point at time 0.
 
     rise_s: from 10 to 90 % of the final value. settle_s: time from which on the signal stays within
     2 % of the final value. overshoot: share of the final value. A figure is None if it is not
@@ -105,8 +106,8 @@ class StepResponse:
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """The step response of a loop at a gain k in `unit`, with firmware_gain in DAC codes per 8-bit
-    count (None if the loop does not feed back ADC 0)."""
+    """The step response of a loop at a gain k in `unit`. firmware_gain: k in DAC codes per 8-bit
+    count, or None if the loop does not feed back ADC 0."""
 
     loop: AnalysedLoop = json_field(inline=True)
     gain: float
@@ -117,8 +118,8 @@ class StepResult:
 
 @dataclass(frozen=True)
 class Root:
-    """A pole or a zero: real and imaginary part in 1/s, magnitude in Hz, damping ratio; None for an
-    infinite value. re_z, im_z: the root z of a sampled system."""
+    """A pole or a zero: real and imaginary part in 1/s, magnitude in Hz, and damping ratio. All are
+    None for an infinite value. re_z, im_z: real and imaginary part in z of a sampled system."""
 
     re_per_s: float | None
     im_per_s: float | None
@@ -130,8 +131,8 @@ class Root:
 
 @dataclass(frozen=True)
 class ClosingGain:
-    """The gain k at which a loop is closed, in `unit`, and in DAC codes per 8-bit count (None if
-    the loop does not feed back ADC 0)."""
+    """The gain k at which a loop is closed, in `unit` and in DAC codes per 8-bit count. The second
+    value is None if the loop does not feed back ADC 0."""
 
     gain: float
     unit: str
@@ -140,7 +141,7 @@ class ClosingGain:
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoop:
-    """The closed loop whose poles are a result."""
+    """The closed loop to which the poles of a result belong."""
 
     loop: AnalysedLoop = json_field(inline=True)
     closed: ClosingGain
@@ -152,19 +153,19 @@ class ClosedLoop:
 
     @property
     def timing(self) -> str:
-        """A name of loops.TIMINGS."""
+        """Timing of the loop, a name of loops.TIMINGS."""
         return self.loop.timing
 
     @property
     def working(self) -> Working | None:
-        """Mode of the plant; None if the model has only one."""
+        """Mode of the plant, or None if the model has only one mode."""
         return self.loop.working
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedPlant:
-    """The plant whose poles are a result: path of its model, timing of its input, and its mode
-    (None if the model has only one)."""
+    """The plant to which the poles of a result belong: path of its model, timing of its input, and
+    its mode. The mode is None if the model has only one mode."""
 
     model: str
     timing: str
@@ -191,8 +192,8 @@ class PolesResult:
 
 
 def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
-    """The largest value of force_gain below the limit that the firmware can store; None if there is
-    none or if the model has no measured force."""
+    """Returns the largest storable value of force_gain below the critical gain. Returns None if
+    there is no such value or if the model has no measured force."""
     gain = limit.stable_to
     if loop.codes_per_gain is None or gain == 0:
         return None
@@ -203,7 +204,8 @@ def largest_firmware_gain(loop: Loop, limit: Limit) -> float | None:
 
 
 def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:
-    """The critical gain of a loop and, with a gain k, figures and margins of the loop at k."""
+    """Returns the critical gain of a loop and, if a gain k is given, the figures and margins of the
+    loop at k."""
     limit = loop.limit()
     return LimitResult(
         critical_gain=limit.gain,
@@ -221,7 +223,7 @@ def limit_result(loop: Loop, gain: float | None = None) -> LimitResult:
 
 
 def loop_at(loop: Loop, gain: float) -> LoopAtGain:
-    """Figures and margins of a loop at a gain k."""
+    """Returns the figures and margins of a loop at a gain k."""
     return LoopAtGain(
         gain=gain,
         firmware_gain=loop.optional_firmware_gain(gain),
@@ -231,14 +233,15 @@ def loop_at(loop: Loop, gain: float) -> LoopAtGain:
 
 
 def hz_text(hz: float | None, digits: int = 4) -> str:
-    """A frequency as text, such as "at 12 Hz"; None stands for an infinite frequency."""
+    """Returns a frequency as text, such as "at 12 Hz". None stands for an infinite frequency."""
     return "at infinite frequency" if hz is None else f"at {hz:.{digits}g} Hz"
 
 
 def _figures(
     time_s: Matrix, value: Matrix, final: float, duration_s: float
 ) -> tuple[float | None, float | None, float | None]:
-    """(rise_s, settle_s, overshoot) of a step response; `value` continues after `duration_s`.
+    """Returns (rise_s, settle_s, overshoot) of a step response. The array `value` also contains the
+    response after `duration_s`.
 
     Settled: the signal stays within 2 % to the end of `value`. A figure is None if it is not
     reached within duration_s, or if the final value is 0.
@@ -259,15 +262,15 @@ def _figures(
 
 
 def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
-    """The step response of a loop at a gain k. Raises ParameterError for a duration_s below two
-    ticks or above 600 s, and if an unstable response exceeds the range of numbers."""
+    """Returns the step response of a loop at a gain k. Raises ParameterError if duration_s is below
+    two ticks or above 600 s, or if the response is unstable and exceeds the range of numbers."""
     if not (2 * linear.TICK_S <= duration_s <= 600):
         raise ParameterError(
             "duration_s", f"expected a duration from two ticks to 600 s, got {duration_s:g}"
         )
     stable = loop.stable(gain)
-    # The response is computed for twice the duration, because settling requires that the signal
-    # stays within 2 % of its final value.
+    # The computed response is twice as long as the duration, because a settled signal must stay
+    # within 2 % of its final value.
     time_s, value = loop.step(gain, 2 * duration_s if stable else duration_s)
     within = time_s <= duration_s * (1 + 1e-12)
     final: float | None = None
@@ -288,8 +291,8 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
 
 
 def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
-    """The step response of a loop at a gain k, with the loop; arguments and errors as in
-    step_response."""
+    """Returns the step response of a loop at a gain k, together with the loop. Arguments and errors
+    are those of step_response."""
     return StepResult(
         loop=AnalysedLoop.of(loop),
         gain=gain,
@@ -300,7 +303,8 @@ def step_result(loop: Loop, gain: float, duration_s: float) -> StepResult:
 
 
 def _root(value: complex, dt: float | None) -> Root:
-    """The Root of an eigenvalue in 1/s (dt None), or of z of a system sampled every dt seconds."""
+    """Returns the Root of an eigenvalue. The eigenvalue is in 1/s if dt is None, otherwise it is z
+    of a system that is sampled every dt seconds."""
 
     def number(x: float) -> float | None:
         return float(x) if np.isfinite(x) else None
@@ -318,7 +322,7 @@ def _root(value: complex, dt: float | None) -> Root:
 
 
 def _poles_result(system: System, subject: AnalysedPlant | ClosedLoop) -> PolesResult:
-    """The PolesResult of a System with one input and one output."""
+    """Returns the PolesResult of a System with one input and one output."""
 
     def ordered(values: Matrix) -> list[complex]:
         return sorted(
@@ -340,8 +344,9 @@ def _poles_result(system: System, subject: AnalysedPlant | ClosedLoop) -> PolesR
 
 
 def poles_of(request: LoopRequest, input: str | None, output: str | None) -> PolesResult:
-    """The poles and zeros of the loop of `request`, closed at its gain. Without a gain, or with an
-    input: those of the plant from input (None: drive.command) to output (None: measured force)."""
+    """Returns the poles and zeros of the loop of `request`, closed at the gain of the request.
+    Without a gain, or with an input, returns those of the plant from input (None: drive.command) to
+    output (None: measured force)."""
     own = request.settings(plant=input is not None)
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
@@ -357,13 +362,13 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
         )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
-    assert gain is not None  # the request or its experiment has a gain
+    assert gain is not None  # the caller has checked that the request or its experiment has a gain
     closing = ClosingGain(gain, loop.unit, loop.optional_firmware_gain(gain))
     return _poles_result(loop.closed(gain), ClosedLoop(loop=AnalysedLoop.of(loop), closed=closing))
 
 
 def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: str) -> PolesResult:
-    """The poles and zeros of the plant of `request` between an input and an output."""
+    """Returns the poles and zeros of the plant of `request` between an input and an output."""
     path, overrides = linear.find_model(own.model), own.overrides
     if output == "reading" and linear.facts(path, overrides).reading is None:
         raise loops.no_reading(str(path))

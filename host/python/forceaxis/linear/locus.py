@@ -1,4 +1,4 @@
-"""Root loci and arrays of poles and zeros."""
+"""Root loci, and arrays of poles and zeros."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from forceaxis.results import json_field
 
 @dataclass(frozen=True)
 class Array:
-    """Poles and zeros of one transfer function, in 1/s."""
+    """Poles and zeros of one transfer function in 1/s."""
 
     label: str
     poles: Roots
@@ -24,21 +24,22 @@ class Array:
 
 
 def pairs(roots: Iterable[complex]) -> list[list[float] | None]:
-    """Complex roots as [real part, imaginary part] for JSON; None for a root at infinity."""
+    """Returns complex roots as [real part, imaginary part] for JSON, and None for a root at
+    infinity."""
     return [[float(s.real), float(s.imag)] if np.isfinite(s) else None for s in roots]
 
 
 def array(system: System, label: str = "") -> Array:
-    """Poles and zeros of a one-input, one-output System, in 1/s."""
+    """Returns the poles and zeros in 1/s of a System with one input and one output."""
     poles, zeros = system.poles_s(), system.zeros_s()
     return Array(label, poles[np.isfinite(poles)], zeros[np.isfinite(zeros)])
 
 
 @dataclass(frozen=True)
 class LocusTable:
-    """A root locus as a result. branches, poles (open loop) and zeros: roots in 1/s as [real,
-    imaginary], None for a root at infinity; each branch has a root for each of `gains` in `unit`.
-    Further fields: see stability.Limit."""
+    """A root locus as a result. branches, poles (of the open loop) and zeros: roots in 1/s as [real
+    part, imaginary part], or None for a root at infinity. Each branch has one root for each of
+    `gains`, which are in `unit`. For further fields see stability.Limit."""
 
     label: str
     unit: str
@@ -55,7 +56,7 @@ class LocusTable:
 
 @dataclass(frozen=True, kw_only=True)
 class LocusResult:
-    """Root loci of one loop, for different values of its parameters."""
+    """Root loci of one loop for different values of its parameters."""
 
     loop: AnalysedLoop = json_field(inline=True)
     loci: list[LocusTable]
@@ -63,22 +64,22 @@ class LocusResult:
 
 @dataclass(frozen=True)
 class Locus:
-    """Closed-loop poles over the gain: `branches` (gains, poles) in 1/s, and their crossings of the
-    stability boundary."""
+    """Closed-loop poles as a function of the gain: `branches` (gains, poles) in 1/s, and the
+    crossings of the stability boundary."""
 
     label: str
     gains: Numbers
     branches: Roots
-    ends: Array  # open-loop poles and zeros
-    crossings: list[Crossing]  # every gain with a pole on the stability boundary
+    ends: Array  # poles and zeros of the open loop
+    crossings: list[Crossing]  # all gains at which a pole is on the stability boundary
     limit: Limit
     unit: str  # of the gain
-    codes: float | None  # DAC codes per 8-bit count of a gain of 1
+    codes: float | None  # gain of the firmware in DAC codes per 8-bit count if k is 1
     span_hz: float
-    at_gain: Roots  # closed-loop poles at a given gain, 1/s
+    at_gain: Roots  # closed-loop poles in 1/s at the marked gain
 
     def table(self) -> LocusTable:
-        """The locus as a part of a result."""
+        """The root locus as a part of a result."""
         return LocusTable(
             label=self.label,
             unit=self.unit,
@@ -95,7 +96,7 @@ class Locus:
 
 
 def span_of(ends: Array, critical_hz: float | None) -> float:
-    """Half-width in Hz of a figure that shows the structural dynamics.
+    """Returns the half-width in Hz of a figure that shows the poles and zeros of the structure.
 
     The figure contains the crossing of the stability boundary and the lightly damped (below 0.3)
     poles and zeros up to three times its frequency. The electrical poles of the motor are outside,
@@ -110,12 +111,13 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     return 1.35 * float(natural.max(initial=1.0))
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
+# a branch that begins at z = 0 begins at -infinity in 1/s
+@np.errstate(divide="ignore", invalid="ignore")
 def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
 ) -> Locus:
-    """The root locus of a `stability.Loop`, with small gain steps inside a figure of half-width
-    span_hz (default: span_of).
+    """Returns the root locus of a `stability.Loop`, with small steps of the gain inside a figure of
+    half-width span_hz (default: span_of).
 
     gain: at this gain, in the unit of the loop, the closed-loop poles are marked.
     """
@@ -124,7 +126,7 @@ def locus(
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
-    # A branch reaches the edge of the figure at the gain 1 / |L|, which limits the gains to draw.
+    # A branch crosses the edge of the figure at the gain 1 / |L|, so larger gains are not drawn.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(
@@ -139,7 +141,7 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # smaller steps of the gain where a pole moves far
+    for _ in range(6):  # add gains where a pole moves far between two gains
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))
@@ -162,8 +164,8 @@ def loci(
     span_hz: float | None = None,
     gains: Sequence[float | None] | None = None,
 ) -> list[Locus]:
-    """A locus for each loop, all with the same frame: span_hz, or the widest of their own
-    frames."""
+    """Returns a root locus for each loop. All loci have the same half-width span_hz, by default the
+    largest half-width that one of the loops needs."""
     if span_hz is None:
         span_hz = max(span_of(array(loop.open), loop.limit().frequency_hz) for loop in found)
     gains = gains or [None] * len(found)
@@ -176,8 +178,8 @@ def loci(
 def loci_of(
     request: LoopRequest, vary: Sequence[str] = (), span_hz: float | None = None
 ) -> tuple[list[Locus], LocusResult]:
-    """(loci, result) with a locus for each combination of `vary`, texts NAME=VALUE,VALUE; span_hz
-    as in `loci`."""
+    """Returns (loci, result) with one root locus for each combination of `vary`, which are texts
+    NAME=VALUE,VALUE. span_hz: as in `loci`."""
     runs = varied(request.overrides, vary)
     found = [replace(request, overrides=values).loop() for _, values in runs]
     gains = [request.gain_of(loop) for loop in found]

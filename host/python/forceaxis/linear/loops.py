@@ -38,7 +38,7 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# {law: its parameters}; all are required except the inner damping.
+# {control law: names of its parameters}. A law needs all of them except the inner damping.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),
@@ -54,9 +54,9 @@ MOTION_LAWS = (
     "stiffness",
     "damping",
     "impedance",
-)  # laws that feed back motion in addition to force
+)  # control laws that feed back position or velocity in addition to the force
 VELOCITY_GAIN = "velocity_gain_Vs_per_m"
-FIRMWARE_HIGHEST = 65535 * GAIN_STEP  # of force_gain, DAC codes per 8-bit count
+FIRMWARE_HIGHEST = 65535 * GAIN_STEP  # largest force_gain in DAC codes per 8-bit count
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class LoopSpec:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the law acts in continuous time, without sampling."""
+        """True if the law acts in continuous time, without sampling."""
         return self.timing == "continuous"
 
     def around(
@@ -143,26 +143,27 @@ def force_loop(
 
 
 def _first_order(a: float, b: float, c: float, d: float) -> StateSpace:
-    """The state space with one state whose matrices are the numbers a, b, c, d."""
+    """Returns the state space with one state whose matrices are the numbers a, b, c, d."""
     A, B, C, D = (np.array([[float(value)]]) for value in (a, b, c, d))
     return A, B, C, D
 
 
 def _compensator(law: str, p: Mapping[str, float], dt: float | None) -> StateSpace:
-    """The part of the law between error and command: the integral of pi, or the lead filter."""
+    """Returns the part of the law between error and command: the integral of law pi, or the filter
+    of law lead."""
     if law == "pi":
         w = p["integral_rad_per_s"]
         return _first_order(0, 1, w, 1) if dt is None else _first_order(1, w * dt, 1, 1 + w * dt)
     wz, wp = (2 * math.pi * p[name] for name in ("lead_zero_hz", "lead_pole_hz"))
     if dt is None:
         return _first_order(-wp, wp, 1 - wp / wz, wp / wz)
-    # Bilinear: s = 2/T (z - 1)/(z + 1).
+    # Bilinear transformation: s = 2/T (z - 1)/(z + 1).
     (az, bz), (ap, bp) = ((1 + 2 / (dt * w), 1 - 2 / (dt * w)) for w in (wz, wp))
     return _first_order(-bp / ap, 1, (bz - az * bp / ap) / ap, az / ap)
 
 
 def _check(spec: LoopSpec) -> None:
-    """Raises ParameterError for a field of the specification that contradicts the others."""
+    """Raises ParameterError if a field of the specification contradicts another field."""
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
         raise ParameterError("law", "expected law bank only with an experiment that selects a bank")
@@ -192,7 +193,7 @@ def _check(spec: LoopSpec) -> None:
 
 
 def _check_number(name: str, value: float) -> None:
-    """Raises ParameterError for a parameter of a law that is not finite or has the wrong sign."""
+    """Raises ParameterError if a parameter of a law is not finite or has the wrong sign."""
     may_be_0 = name in (VELOCITY_GAIN, "stiffness_N_per_m", "damping_Ns_per_m")
     if not (math.isfinite(value) and (value >= 0 if may_be_0 else value > 0)):
         wanted = ">= 0" if may_be_0 else "> 0"
@@ -200,7 +201,8 @@ def _check_number(name: str, value: float) -> None:
 
 
 class _Site(NamedTuple):
-    """The plant of a loop: facts and file of the model, its overrides, the states of its mode."""
+    """The plant of a loop: facts and file of the model, overrides of parameters, and states of the
+    mode."""
 
     known: PlantFacts
     where: str
@@ -209,8 +211,8 @@ class _Site(NamedTuple):
 
 
 class _Plant(NamedTuple):
-    """A plant with the rows of its outputs that a law can feed back: the force f, its rate, the
-    position x and the velocity v."""
+    """A plant whose outputs are the signals that a law can feed back: the force f, the rate of the
+    force, the position x and the velocity v."""
 
     A: Matrix
     B: Matrix
@@ -218,13 +220,14 @@ class _Plant(NamedTuple):
     rate: Matrix
     x: Matrix
     v: Matrix
-    direct: Matrix  # D of the state space: direct path from the command to f and to its rate
+    direct: Matrix  # direct path from the command to f, a part of D of the state space
     rate_direct: Matrix
     states: tuple[str, ...]
 
 
 def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[str, str]:
-    """(signal, unit) that a loop controls. Raises InputError if the model has no such signal."""
+    """Returns (signal, unit) of the signal that a loop controls. Raises InputError if the model has
+    no such signal."""
     if known.drive is None:
         raise _core.InputError(
             f"{where}: drive: expected a model with a [drive], there is none; choose another model"
@@ -239,7 +242,7 @@ def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[s
 
 
 def _encoder_scale(known: PlantFacts, where: str) -> float:
-    """Counts per metre of the encoder."""
+    """Returns the number of encoder counts per metre."""
     if known.encoder is None:
         raise _core.InputError(
             f"{where}: encoder: expected a model with an [encoder] for a loop with velocity "
@@ -249,7 +252,7 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
 
 
 def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
-    """The name of the signal that is the rate of a force of a spring or contact."""
+    """Returns the name of the signal that is the rate of the force of a spring or contact."""
     rate = signal.rpartition(".")[0] + ".spring_force_rate"
     if unit != "N" or rate not in known.signals:
         raise ParameterError(
@@ -261,7 +264,7 @@ def _force_rate(known: PlantFacts, signal: str, unit: str) -> str:
 
 
 def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
-    """The velocity gain K_v of the law or of its bank, in V s/m."""
+    """Returns the velocity gain K_v in V s/m of the law or of its bank."""
     if spec.bank is not None and spec.bank.velocity_gain:
         scale = _encoder_scale(known, where)
         return spec.bank.velocity_gain * known.volts_per_code * scale * TICK_S
@@ -269,7 +272,8 @@ def _inner_damping(spec: LoopSpec, known: PlantFacts, where: str) -> float:
 
 
 def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) -> _Plant:
-    """The plant with inner damping, sampled as `timing` requires, with its feedback signals."""
+    """Returns the plant with its feedback signals and with inner damping, sampled as `timing`
+    requires."""
     law, moves = spec.law, bool(spec.law in MOTION_LAWS or inner)
     names = [spec.output]
     if law == "derivative":
@@ -289,7 +293,7 @@ def _plant(spec: LoopSpec, site: _Site, signal: str, unit: str, inner: float) ->
 
 
 def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list[str]) -> System:
-    """The plant as a System with the outputs f, f', x and v.
+    """Returns the plant as a System with the outputs f, f', x and v.
 
     names: the output, and the name of its rate if the law needs the rate.
     """
@@ -342,7 +346,7 @@ def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list
 
 
 def _continuous(system: System, law: str, where: str) -> _Plant:
-    """The _Plant for a law without sampling."""
+    """Returns the _Plant for a law in continuous time."""
     A, B, C, D = system.A, system.B, system.C, system.D
     f, rate, x, v = (C[[i]] for i in range(4))
     direct, rate_direct = D[:1], D[1:2]
@@ -357,13 +361,13 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
 
 
 def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) -> _Plant:
-    """The _Plant for a law that runs once per tick; velocity and the rate of pd are backward
-    differences."""
+    """Returns the _Plant for a law that is computed once per tick. The velocity and the rate of law
+    pd are backward differences."""
     system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    # The ADC converts immediately before the new DAC code acts. A direct path from the code to the
-    # measured force therefore acts one tick later.
+    # The ADC converts immediately before the new DAC code acts. A direct path from the DAC code to
+    # the measured force therefore acts one tick later.
     if D.any():
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])
@@ -388,7 +392,7 @@ def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) 
 
 
 def _late_motion(plant: _Plant) -> _Plant:
-    """The _Plant with x and v of the previous tick."""
+    """Returns the _Plant with position x and velocity v of the previous tick."""
     A, B, (f, rate, v, x) = _with_last(plant.A, plant.B, [plant.f, plant.rate, plant.v], plant.x)
     A, B, (f, rate, x, v) = _with_last(A, B, [f, rate, x], v)
     states = (*plant.states, "x late", "v late")
@@ -396,8 +400,8 @@ def _late_motion(plant: _Plant) -> _Plant:
 
 
 def _with_law(spec: LoopSpec, plant: _Plant) -> System:
-    """The law in series with the plant, from the error to (feedback of the law, controlled
-    signal)."""
+    """Returns the series connection of law and plant, from the error to the feedback of the law and
+    the controlled signal."""
     law, given = spec.law, spec.parameters
     dt = None if spec.is_continuous else spec.tick_s
     fed, fed_direct = plant.f.copy(), plant.direct.copy()
@@ -422,7 +426,7 @@ def _with_law(spec: LoopSpec, plant: _Plant) -> System:
 
 
 def no_reading(where: str) -> _core.InputError:
-    """The error for a model without an ADC on channel 0."""
+    """Returns the error for a model without an ADC on channel 0."""
     return _core.InputError(
         f"{where}: adc: expected an ADC on channel 0, there is none; choose another output"
     )
@@ -431,8 +435,8 @@ def no_reading(where: str) -> _core.InputError:
 def _with_last(
     A: Matrix, B: Matrix, rows: list[Matrix], kept: Matrix
 ) -> tuple[Matrix, Matrix, list[Matrix]]:
-    """The sampled system with one more state, which holds the last sample of the row `kept`;
-    returns A, B, the rows for the larger state, and the row of that sample."""
+    """Adds a state to a sampled system. The new state stores the last sample of the row `kept`.
+    Returns A, B, the given rows for the larger state, and the row that reads the new state."""
     n = len(A)
     A = np.block([[A, np.zeros((n, 1))], [kept, np.zeros((1, 1))]])
     B = np.vstack([B, np.zeros((1, B.shape[1]))])

@@ -38,18 +38,19 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Smallest residue of a mode, as a share of the sum of all, that rounding errors do not cause.
+# Residues below this share of the sum of all residues are rounding errors.
 NO_RESIDUE = 1e-9
-# A mode with a smaller frequency, as a share of the highest, is a rigid-body mode whose frequency
-# differs from 0 by rounding errors.
+# A mode whose frequency is below this share of the highest frequency is a rigid-body mode. Its
+# frequency differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
-# Poles below this magnitude count as equally slow when poles are assigned to modes.
+# Magnitude in rad/s below which poles have the same similarity to a mode when poles are assigned to
+# modes.
 SLOW_RAD_PER_S = 0.06
 
 
 @dataclass(frozen=True)
 class Pole:
-    """A pole of a damped system; of a pair, the pole with the positive imaginary part.
+    """A pole of a damped system. For a complex pair, the pole with the positive imaginary part.
 
     frequency_hz: magnitude of the pole divided by 2 pi. damping_ratio: None for a pole at 0.
     real_per_s, imag_per_s: real and imaginary part in 1/s.
@@ -63,7 +64,7 @@ class Pole:
 
 @dataclass(frozen=True)
 class VibrationMode:
-    """One mode of vibration of the undamped mechanics without the drive.
+    """One mode of vibration of the mechanics without damping and without the drive.
 
     damping_ratio: that of the dampers in the undamped mode shape; None at 0 Hz. shape: {body:
     displacement}, the largest has the magnitude 1. residue: of the response from input to output,
@@ -91,7 +92,8 @@ class VibrationMode:
 
 @dataclass(frozen=True, kw_only=True)
 class ModeAnalysis:
-    """Result of `modes`: the modes of vibration of a model with their labels, ascending.
+    """Result of `modes`: the modes of vibration of a model with their labels, in ascending order of
+    frequency.
 
     model: stem of the model file. contact: "pressed", "apart", or None for a model without contact.
     working: the mode of operation that was analysed, None if the model has only one. has_path:
@@ -113,7 +115,8 @@ class ModeAnalysis:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Undamped modes of a model without the drive; b bodies, n modes.
+    """The modes of vibration of a model without damping and without the drive, for b bodies and n
+    modes.
 
     bodies: names. masses (b,) in kg. w (n,): angular frequencies in rad/s, ascending. shapes (b,
     n): displacement of each body in each mode, scaled to a modal mass of 1 kg. damping_ratio (n,):
@@ -137,7 +140,8 @@ def mechanics(
     states: States | None = None,
     free: bool = False,
 ) -> Mechanics:
-    """The undamped modes of a model without its drive, between one input and one output.
+    """Returns the modes of vibration between one input and one output, without damping and without
+    the drive.
 
     model, overrides, free: as in `modes`. input: "drive.force" or "BODY.force" in N. output: a
     signal that is a function of positions. states: {element: state} of elements outside the drive.
@@ -152,8 +156,8 @@ def mechanics(
     x = [system.states.index(f"{body}.position") for body in bodies]
     v = [system.states.index(f"{body}.velocity") for body in bodies]
     root = np.sqrt(np.array([masses[body] for body in bodies]))
-    # In coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P in
-    # M x'' = P (force - K x); the modes lie within this projection.
+    # In the coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P
+    # in M x'' = P (force - K x), and the modes lie within this projection.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -167,8 +171,8 @@ def mechanics(
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
     push = shapes.T @ (root * system.B[v, 0])
-    # If two modes have one frequency (two free bodies), the modes are rotated so that only one is
-    # excited by the input.
+    # Modes with equal frequencies, such as those of two free bodies, are rotated so that the input
+    # excites only one of them.
     highest = squares.max(initial=0.0)
     w = np.sqrt(np.where(squares > NO_STIFFNESS**2 * highest, squares, 0.0))
     first = 0
@@ -188,22 +192,22 @@ def mechanics(
 
 
 def default_output(facts: PlantFacts, apart: Sequence[ContactFacts]) -> str:
-    """The output of the force loop: the measured signal, or the position of the body that would
-    touch the workpiece. facts: of the model; apart: its contacts if all of them are open, otherwise
+    """Returns the output for the residues: the measured signal, or the position of the body that
+    would touch the workpiece. apart: the contacts of the model if all contacts are open, otherwise
     empty."""
     for contact in apart:
         return next(end for end in contact.between if end != "ground") + ".position"
     reading = facts.reading
     if reading and not reading.signal.startswith("drive."):
         return reading.signal
-    # A tachometer or current follows the motion of the drive itself.
+    # A tachometer signal or motor current follows the motion of the drive itself.
     body = facts.required_drive.body if facts.drive else next(iter(facts.masses_kg))
     return f"{body}.position"
 
 
 def as_positions(output: str) -> str:
-    """The signal whose residues are compared for an output: a velocity or an acceleration is
-    replaced by the position, the rate of a force by the force."""
+    """Returns the signal whose residues are compared for an output. The position replaces a
+    velocity or an acceleration, and the force replaces the rate of a force."""
     for ending, plain in (
         (".velocity", ".position"),
         (".acceleration", ".position"),
@@ -222,7 +226,7 @@ def modes(
     states: States | None = None,
     free: bool = False,
 ) -> ModeAnalysis:
-    """The modes of vibration of a model with their labels, in ascending order of frequency.
+    """Returns the modes of vibration of a model with their labels, in ascending order of frequency.
 
     model: a path, or the stem of a file in sim/models. input: "drive.force" or "BODY.force", in N.
     output: a signal of the model; default: the measured force, or the position of the endpoint if
@@ -240,9 +244,9 @@ def modes(
     pressed = any(states.get(c.name, otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
-        input = "drive.force"  # the force that a command causes
+        input = "drive.force"  # the force of the drive, which a command causes
     if output in ("reading", "adc0") and facts.reading:
-        output = facts.required_reading.signal  # the signal at the input of the ADC's filter
+        output = facts.required_reading.signal  # the signal before the filter of the ADC
     if output is None:
         output = default_output(facts, [] if pressed else contacts)
     output = as_positions(output)
@@ -310,7 +314,7 @@ def modes(
 
 
 def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[Pole]]:
-    """Assigns a pole of the damped `system` to each undamped mode: ([pole or None], [other
+    """Assigns a pole of the damped `system` to each undamped mode. Returns ([pole or None], [other
     poles]).
 
     A pole is assigned at most once, to a mode with similar displacements and a similar frequency.
@@ -319,7 +323,7 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
     keep = poles.imag >= 0
     poles, vectors = poles[keep], vectors[:, keep]
     pairs = _assign(m, system, poles, vectors)
-    # The computed pole of a rigid body differs from 0 by rounding.
+    # The exact pole of a rigid body is 0; the computed pole differs by rounding errors.
     poles = np.where(np.abs(poles) > 1e-12 * np.abs(poles).max(), poles, 0)
     names = [_pole(p) for p in poles]
     others = sorted(
@@ -331,7 +335,8 @@ def match(m: Mechanics, system: linear.System) -> tuple[list[Pole | None], list[
 def _assign(
     m: Mechanics, system: linear.System, poles: np.ndarray, vectors: np.ndarray
 ) -> dict[int, int]:
-    """{index of a mode: index of the pole whose displacements and frequency are most similar}."""
+    """Returns {index of a mode: index of the pole that is most similar in displacements and
+    frequency}."""
     x = [system.states.index(f"{body}.position") for body in m.bodies]
     shapes = vectors[x] * np.sqrt(m.masses)[:, None]
     norm = np.linalg.norm(shapes, axis=0)
@@ -343,12 +348,12 @@ def _assign(
 
 
 def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
-    """For each mode, whether the damped mechanics have a residue at its pole."""
+    """Returns for each mode True if the damped mechanics have a residue at the pole of the mode."""
     poles, left, right = linalg.eig(system.A, left=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)
         residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
-    # A free body without damping has a double pole at 0, at which this residue is not defined.
+    # A free body without damping has a double pole at 0, for which this residue is not defined.
     residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])

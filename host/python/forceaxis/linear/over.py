@@ -1,4 +1,5 @@
-"""Figures of a loop, and the worst figures over a set of plants, its modes and the delays.
+"""Figures of a force loop, and their worst values over a set of plants with several modes and
+latencies.
 
 The frequencies belong to the loop from set-point to measured force, S = 1 / (1 + k L). The
 bandwidth fS is the lowest frequency at which |S| reaches -3 dB (half the power); fT is the
@@ -32,16 +33,17 @@ from forceaxis.linear.system import System
 from forceaxis.linear.working import States
 
 T = TypeVar("T")
-Entry = tuple[Member, str, T]  # member, timing, and the analysis of its loop
+Entry = tuple[Member, str, T]  # (member of the set, timing, result of the analysis of the loop)
 Mode = tuple[tuple[str, str], ...]  # (element, state) of each element, in alphabetical order
 
 HALF_POWER = math.sqrt(0.5)
-RANDOM_MEMBERS = 24  # random plants that are analysed in addition to the nominal plant and corners
-SEARCH_STARTS = 2  # number of plants from which the search for the worst value of a figure begins
-# Steps of the search for the worst plant, as a share of half the width of a range.
+# number of random plants that are analysed in addition to the nominal plant and the corners
+RANDOM_MEMBERS = 24
+SEARCH_STARTS = 2  # number of plants from which the search for the worst value of a figure starts
+# First and last step of the search for the worst plant, relative to half the width of a range.
 COARSE_STEP, FINE_STEP = 1 / 16, 1 / 2048
 COMBINATIONS_MAX = 20000
-# {figure: True if the largest value is the worst}
+# {figure: True if the largest value of the figure is the worst}
 FIGURES = {
     "fS_Hz": False,
     "fT_Hz": False,
@@ -53,23 +55,25 @@ FIGURES = {
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of one loop at one gain. For an unstable loop only `stable` is defined; the others
-    are None or False."""
+    """Figures of one loop at one gain. For an unstable loop only `stable` is defined, and the other
+    figures are None or False."""
 
     stable: bool
     fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: |S| is above -3 dB at frequency 0
     fT_Hz: float | None = None  # None: |T| stays above -3 dB; 0: |T| is never above -3 dB
-    Ms: float | None = None  # largest |S|, up to half the tick rate
-    # Gain factor up to the next crossing of the stability boundary; None: none up to known_to.
+    Ms: float | None = None  # largest |S|, for frequencies up to half the tick rate
+    # Gain factor up to the next crossing of the stability boundary. None if no crossing is known up
+    # to the gain factor known_to.
     gain_margin: float | None = None
-    # The phase margin with the smallest magnitude; None: |L| is 1 at no frequency.
+    # The phase margin with the smallest magnitude. None if |L| is 1 at no frequency.
     phase_margin_deg: float | None = None
-    sag: bool = False  # |T| is below -3 dB somewhere below fS
-    # gain factor above which rounding hides crossings; None: there is no such factor
+    sag: bool = False  # True if |T| is below -3 dB at a frequency below fS
+    # Gain factor above which rounding errors hide crossings. None if no such factor exists.
     known_to: float | None = None
 
     def badness(self, name: str) -> float:
-        """A number that increases as the figure `name` gets worse; inf for an unstable loop."""
+        """Returns a number that is larger if the figure `name` is worse; infinity for an unstable
+        loop."""
         if not self.stable:
             return math.inf
         value = getattr(self, name)
@@ -81,7 +85,7 @@ class Figures:
 
 
 class _Response:
-    """|H| along the stability boundary, for a stable System H."""
+    """Magnitude |H| of a stable System H along the stability boundary."""
 
     def __init__(self, system: System) -> None:
         system = boundary.minimal(system)
@@ -92,21 +96,23 @@ class _Response:
         self.widest = max(np.abs(self.poles).max(initial=0.0), 1e-9)
 
     def size(self, w: ArrayLike) -> Matrix:
-        """|H| at frequencies w of the plane; the result has the shape of w."""
+        """Returns |H| at frequencies w in rad/s along the stability boundary, in the shape of w."""
         at = np.asarray(w, float)
         result: Matrix = np.abs(self.response(at.ravel())[0]).reshape(at.shape)
         return result
 
     def ends(self) -> tuple[float, float]:
-        """|H| at frequency 0 and at the other end of the axis (z = -1 or infinity)."""
+        """Returns |H| at frequency 0 and at the other end of the stability boundary (z = -1 or
+        infinity)."""
         return float(self.size(0.0)), float(abs(self.D))
 
     def _level_roots(self, level: float) -> Matrix:
-        """Complex points s near which |H(jw)| = level: the zeros of level^2 - H(s) H(-s)."""
+        """Returns complex points s near the frequencies at which |H| = level: the zeros of level^2
+        - H(s) H(-s)."""
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
         if abs(rest) < 1e-9 * level**2:
-            # |H| at the end of the axis equals the level, so that one root is very large
+            # |H| equals the level at the end of the stability boundary, so one root is very large
             rest = 1e-9 * level**2
         matrix = np.block(
             [
@@ -118,13 +124,14 @@ class _Response:
         return result
 
     def marks(self, level: float) -> Matrix:
-        """Frequencies of the plane, beginning with 0; between two of them |H| crosses `level` at
-        most once."""
+        """Returns frequencies along the stability boundary, beginning with 0. Between two adjacent
+        frequencies |H| crosses `level` at most once."""
         roots = np.concatenate([self._level_roots(level), self.poles])
         return np.concatenate([[0.0], boundary.marks(np.abs(roots.imag), self.widest)])
 
     def crossings(self, level: float) -> list[tuple[float, bool]]:
-        """[(w, True if |H| rises)] at which |H| = level, in ascending order."""
+        """Returns [(w, True if |H| rises)] for all frequencies w with |H| = level, in ascending
+        order."""
         grid = self.marks(level)
         apart = self.size(grid) - level
         found = []
@@ -136,8 +143,8 @@ class _Response:
         return found
 
     def peak(self) -> float:
-        """Largest |H|: the level rises from the highest points of the grid until no point exceeds
-        it."""
+        """Returns the largest |H|. Starting at the highest points of a grid, the search repeats
+        with a higher level until |H| exceeds the level nowhere."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
         for _ in range(20):
@@ -150,7 +157,7 @@ class _Response:
         return float(best)
 
     def _hill(self, grid: Matrix, sizes: Matrix, i: int) -> float:
-        """The largest |H| between the neighbours of point i of a grid."""
+        """Returns the largest |H| between the two neighbours of point i of a grid."""
         high = grid[min(i + 1, len(grid) - 1)]
         low = max(grid[max(i - 1, 0)], 1e-6 * high)
         top = optimize.minimize_scalar(
@@ -159,7 +166,8 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        # The minimiser gives only half of the digits of w; the zero of the slope gives all of them.
+        # The minimiser determines only half of the digits of w. The zero of the slope determines
+        # all digits.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):
@@ -168,13 +176,13 @@ class _Response:
         return float(best)
 
     def _rise(self, w: float) -> float:
-        """Derivative of ln |H| with respect to the frequency w."""
+        """Returns the derivative of ln |H| with respect to the frequency w."""
         value, slope, _ = self.response([w])
         return float((slope[0] / value[0]).real)
 
 
 def figures(loop: Loop, gain: float) -> Figures:
-    """The Figures of a loop at a gain (k, V/N)."""
+    """Returns the Figures of a loop at a gain k in V/N."""
     if not loop.stable(gain):
         return Figures(False)
     S, T = _Response(loop.sensitivity(gain)), _Response(loop.closed(gain))
@@ -190,9 +198,9 @@ def figures(loop: Loop, gain: float) -> Figures:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst of each figure over a set; None if no member has the figure, or if one member is
-    unstable. known_to: gain factor up to which no member has a gain margin, if the margin is
-    unknown above it."""
+    """The worst value of each figure over a set of plants. A value is None if no plant has the
+    figure, or if one plant is unstable. known_to: gain factor up to which no plant has a gain
+    margin, if the margin above this factor is unknown."""
 
     stable: bool
     fS_Hz: float | None = None
@@ -209,7 +217,8 @@ class Worst:
 
 
 class _Set(Generic[T]):
-    """Loops over a PlantSet, each analysed once, and the search for the worst loop."""
+    """The loops of a PlantSet, each analysed once, and the search for the loop with the worst
+    value."""
 
     def __init__(
         self,
@@ -223,7 +232,7 @@ class _Set(Generic[T]):
         self.found: dict[tuple[tuple[float, ...], Mode, str], Entry[T]] = {}
 
     def at(self, member: Member, timing: str) -> Entry[T]:
-        """The analysis of the loop of one member."""
+        """Returns the analysis of the loop of one member."""
         key = tuple(member.values.values()), tuple(sorted(member.modes.items())), timing
         if key not in self.found:
             loop = self.plants.loop(member, timing, self.spec)
@@ -231,12 +240,12 @@ class _Set(Generic[T]):
         return self.found[key]
 
     def cover(self, members: Iterable[Member]) -> None:
-        """Analyses members with every timing."""
+        """Analyses each of the members with every timing."""
         for member, timing in itertools.product(members, self.timings):
             self.at(member, timing)
 
     def worst(self, badness: Callable[[T], float]) -> Entry[T]:
-        """The entry with the largest badness, after a search in the neighbourhood of the worst
+        """Returns the entry with the largest badness, after a search that starts at the worst
         entries."""
         for member, timing, _ in self._starts(badness):
             self._climb(member, timing, badness, (0.5, COARSE_STEP))
@@ -248,8 +257,8 @@ class _Set(Generic[T]):
         return max(self.found.values(), key=lambda entry: badness(entry[2]))
 
     def _starts(self, badness: Callable[[T], float]) -> list[Entry[T]]:
-        """Entries from which the search begins: the worst entry of each mode and timing, and the
-        worst of all entries."""
+        """Returns the entries at which the search starts: the worst entry of each mode and timing,
+        and the worst of all entries."""
         ordered = sorted(self.found.values(), key=lambda entry: -badness(entry[2]))
         first: dict[tuple[Mode, str], Entry[T]] = {}
         for member, timing, result in ordered:
@@ -265,9 +274,9 @@ class _Set(Generic[T]):
         badness: Callable[[T], float],
         steps: tuple[float, float],
     ) -> None:
-        """Pattern search for a larger badness within the ranges, beginning at one member. steps:
-        first and last step, as a share of half the width of a range. A search that begins with
-        COARSE_STEP does not change a parameter that is at the end of its range."""
+        """Pattern search for a larger badness within the ranges, which starts at one member. steps:
+        first and last step, relative to half the width of a range. If the first step is
+        COARSE_STEP, a parameter at the end of its range does not change."""
         ranges = self.plants.ranges
         best, (step, last) = badness(self.at(member, timing)[2]), steps
         if step == COARSE_STEP:
@@ -294,8 +303,8 @@ class _Set(Generic[T]):
 
 
 def sample(plants: PlantSet) -> list[Member]:
-    """Members of a set that are analysed before the search: the nominal ones, the corners, and
-    random ones."""
+    """Returns the members of a set that are analysed before the search: nominal members, corners,
+    and random members."""
     return plants.nominal() + (
         plants.corners() + plants.random(RANDOM_MEMBERS) if plants.ranges else []
     )
@@ -304,15 +313,15 @@ def sample(plants: PlantSet) -> list[Member]:
 def _explored(
     plants: PlantSet, timings: Sequence[str], spec: LoopSpec | None, analyse: Callable[[Loop], T]
 ) -> _Set[T]:
-    """A _Set whose nominal, corner and random members are analysed."""
+    """Returns a _Set whose nominal, corner and random members are already analysed."""
     group = _Set(plants, timings, spec, analyse)
     group.cover(sample(plants))
     return group
 
 
 def gain_at(loop: Loop, gain: float | None, force_gain: float | None) -> float:
-    """The gain k of a loop: `gain` if it is given, otherwise the gain of force_gain, otherwise the
-    gain of the bank. Raises ParameterError without any of them."""
+    """Returns the gain k of a loop from the first value that is given: `gain`, `force_gain`, or the
+    gain of the loop's bank. Raises ParameterError without any of them."""
     if gain is not None:
         return gain
     if force_gain is not None:
@@ -329,8 +338,8 @@ def worst(
     gain: float | None = None,
     force_gain: float | None = None,
 ) -> Worst:
-    """The Worst of a PlantSet over its modes and `timings`, for the loop of `spec` (None: law
-    p).
+    """Returns the Worst of a PlantSet over its modes and `timings`, for the loop of `spec` (None:
+    law p).
 
     gain: k in V/N; or force_gain in DAC codes per 8-bit count; or the gain of the bank. The nominal
     members, corners and random members (with a fixed seed) are analysed first; then a pattern
@@ -348,7 +357,7 @@ def worst(
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # A loop without a known crossing has a gain margin of at least its known_to.
+    # A loop without a known crossing has a gain margin of at least its own known_to.
     doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):
@@ -365,10 +374,10 @@ def worst(
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest gain k up to which all members of a set are stable, from 0 on, and the member
-    that becomes unstable there, or for which rounding hides crossings above `known_to`. `gain` is
-    None if all members are stable at every gain, or at every gain up to `known_to`; it is 0 if one
-    member is stable at no gain."""
+    """The largest gain k up to which all members of a set are stable, and the member that becomes
+    unstable at this gain. `gain` is None if all members are stable at every gain, or at every gain
+    up to `known_to`, above which rounding errors hide crossings. `gain` is 0 if one member is
+    stable at no gain."""
 
     gain: float | None
     member: Member
@@ -380,8 +389,8 @@ class Largest:
 def largest_gain(
     plants: PlantSet, timings: Sequence[str] = ("zoh",), spec: LoopSpec | None = None
 ) -> Largest:
-    """The largest gain at which all members of a PlantSet are stable, with the loop of `spec`
-    (None: law p)."""
+    """Returns the largest gain at which all members of a PlantSet are stable, with the loop of
+    `spec` (None: law p)."""
 
     def analyse(loop: Loop) -> tuple[float, Limit]:
         limit = loop.limit()
@@ -396,7 +405,8 @@ def largest_gain(
 def _equations(
     model: str | Path, overrides: Overrides | None, modes: States, output: str
 ) -> StateSpace | None:
-    """(A, B, C, D) from the command to the output in a mode; None if there is no path."""
+    """Returns (A, B, C, D) from the command to the output in a mode. Returns None if the command
+    does not act on the output."""
     plant = linear.linearise(model, outputs=(output,), overrides=overrides, modes=modes)
     return (plant.A, plant.B, plant.C, plant.D) if plant.has_path() else None
 
@@ -407,8 +417,8 @@ def distinct(
     output: str,
     candidates: Iterable[dict[str, str]],
 ) -> tuple[dict[str, str], ...]:
-    """One of each group of modes with the same equations, if these have a path; each mode is given
-    with the fewest states that define it."""
+    """Returns one mode of each group of modes with equal equations. Modes in which the command does
+    not act on the output are left out. Each mode is given by as few states as possible."""
 
     def same(modes: States, equations: StateSpace) -> bool:
         own = _equations(model, overrides, modes, output)
@@ -429,9 +439,9 @@ def distinct(
 
 
 def _lasts(known: PlantFacts, modes: States) -> bool:
-    """Whether a force law can stay in this mode: a contact is pressed, if the model has contacts,
-    and no element is saturated, because with a saturated feedback inside the drive no gain makes
-    the loop stable."""
+    """Returns True if a force law can stay in this mode. All contacts of the model must be pressed
+    and no element saturated, because a loop with a saturated feedback inside the drive is stable at
+    no gain."""
     if any(state.endswith(" limit") for state in modes.values()):
         return False
     names = [contact.name for contact in known.contacts]
@@ -444,9 +454,9 @@ def modes_visited(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """The modes, {element: state}, that a run of an experiment visits in contact, without
-    saturation and with a path for its loop; at least the mode of `fixed`, whose states all modes
-    have. experiment: a path; overrides: texts NAME=VALUE.
+    """Returns the modes, {element: state}, that a run of an experiment visits in contact, without
+    saturation and with a path for its loop. The result has at least the mode of `fixed`, whose
+    states are part of all modes. experiment: a path; overrides: texts NAME=VALUE.
 
     Each friction counts as both stuck and sliding, even if the run visits only one of these states:
     a friction that always sticks slides after a larger step, and one that always slides sticks at
@@ -482,8 +492,8 @@ def modes_all(
     output: str = "reading",
     fixed: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, str], ...]:
-    """All combinations of states of all elements that switch, otherwise as modes_visited(). Raises
-    InputError if there is none."""
+    """Returns all combinations of states of all elements that switch, with the conditions of
+    modes_visited(). Raises InputError if no combination is left."""
     known = linear.facts(model, overrides)
     where = linear.find_model(model)
     if output == "reading" and known.reading is None:

@@ -7,12 +7,13 @@ from typing import NamedTuple, TypeVar
 from forceaxis import _core
 
 T = TypeVar("T")
-FactValue = str | float | dict[str, float]  # of an entry about a drive, a sensor or an encoder
-Overrides = Mapping[str, float | str]  # parameter name to SI value, or to a text with a unit
+# value of an entry about a drive, a sensor or an encoder
+FactValue = str | float | dict[str, float]
+Overrides = Mapping[str, float | str]  # {parameter name: value in SI units, or text with a unit}
 
 
 class ParameterFacts(NamedTuple):
-    """A parameter of a model: its value in SI units, and the name of that unit."""
+    """A parameter of a model: its value in SI units, and the name of the SI unit."""
 
     value: float
     unit: str
@@ -20,7 +21,7 @@ class ParameterFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactFacts:
-    """A contact: its name, and the two bodies (or "ground") that touch in it."""
+    """A contact of a model: its name, and the two bodies (or "ground") that touch each other."""
 
     name: str
     between: tuple[str, str]
@@ -28,8 +29,8 @@ class ContactFacts:
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """A drive: its type, the body that it moves, the reaction body ("ground" for none), and its
-    parameters in SI units."""
+    """A drive: its type, the body that the drive moves, the reaction body ("ground" for none), and
+    its parameters in SI units."""
 
     type: str
     body: str
@@ -49,8 +50,8 @@ class SensorFacts:
 
 @dataclass(frozen=True)
 class EncoderFacts:
-    """The encoder: the body that it measures, the reference body, counts per metre (or per rad)
-    with their sign."""
+    """The encoder: the body whose position is measured, the reference body, and the number of
+    counts per metre (or per rad) with their sign."""
 
     body: str
     reference: str
@@ -59,7 +60,7 @@ class EncoderFacts:
 
 @dataclass(frozen=True)
 class PlantFacts:
-    """What one model contains, at given parameter values.
+    """Bodies, signals, parameters and devices of one model with given parameter values.
 
     `path` is the model's file. `masses_kg` has every body, `signals` the unit of every signal,
     `switches` the states of every element that has several ("sensor": ("apart", "pressed",
@@ -81,7 +82,7 @@ class PlantFacts:
 
     @property
     def required_drive(self) -> DriveFacts:
-        """The drive; raises InputError if the model has no drive."""
+        """The drive of the model. Raises InputError if the model has no drive."""
         if self.drive is None:
             raise _core.InputError(
                 f"{self.path}: expected a model with a [drive], there is none; choose another model"
@@ -90,7 +91,7 @@ class PlantFacts:
 
     @property
     def required_reading(self) -> SensorFacts:
-        """The sensor; raises InputError if the model has no sensor."""
+        """The sensor of the model. Raises InputError if the model has no sensor."""
         if self.reading is None:
             raise _core.InputError(
                 f"{self.path}: expected a model with an [[adc]] of channel 0, there is none; "
@@ -100,7 +101,7 @@ class PlantFacts:
 
     @property
     def required_encoder(self) -> EncoderFacts:
-        """The encoder; raises InputError if the model has no encoder."""
+        """The encoder of the model. Raises InputError if the model has no encoder."""
         if self.encoder is None:
             raise _core.InputError(
                 f"{self.path}: expected a model with an [encoder], there is none; choose another "
@@ -114,7 +115,7 @@ def _optional(kind: Callable[..., T], table: Mapping[str, FactValue] | None) -> 
 
 
 def read(path: str, overrides: Overrides | None = None) -> PlantFacts:
-    """The facts of the model file at `path`; raises `_core.InputError` if the file is not a
+    """Returns the facts of the model file at `path`. Raises `_core.InputError` if the file is not a
     model."""
     table = _core.facts(path, dict(overrides or {}))
     return PlantFacts(

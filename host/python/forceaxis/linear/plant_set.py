@@ -1,6 +1,6 @@
-"""A set of plants: ranges of a model's parameters, and modes of the plant. Texts such as k_w=30% or
-m_w=200..500 define the ranges. A Member is one choice of parameter values in one mode. Margins are
-computed over the loops of all members, for one latency or several."""
+"""A set of plants, defined by ranges of a model's parameters and by modes of the plant. Texts such
+as k_w=30% or m_w=200..500 define the ranges. A Member has one value of each parameter and one mode.
+Margins are computed for the loops of all members, with one latency or several."""
 
 import itertools
 import math
@@ -17,7 +17,7 @@ from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 from forceaxis.words import plain, suggestion
 
-RANGES_MAX = 8  # parameters with a range; their set has 256 corners
+RANGES_MAX = 8  # largest number of parameters with a range; such a set has 256 corners
 Range = tuple[float, float, float]  # nominal, low and high value of a parameter in SI units
 
 
@@ -30,7 +30,7 @@ class Member:
     modes: dict[str, str] = field(default_factory=dict)
 
     def label(self) -> str:
-        """Text for a user: "k_w = 288,900, drive.amplifier = high outer"; "nominal"."""
+        """Text for a user, such as "k_w = 288,900, drive.amplifier = high outer" or "nominal"."""
         parts = [f"{n} = {plain(v, 4)}" for n, v in self.values.items()]
         parts += [f"{n} = {state}" for n, state in self.modes.items()]
         return ", ".join(parts) or "nominal"
@@ -38,7 +38,7 @@ class Member:
 
 @dataclass(frozen=True)
 class PlantSet:
-    """Plants of one model with parameters in ranges, in several modes. model: a path or stem.
+    """The plants of one model with parameters in ranges, in several modes. model: a path or stem.
     overrides: {parameter: value} of all members. ranges: {parameter: (nominal, low, high)} in SI
     units. modes: {element: state} of each mode. together: {parameter: SI value} for parameters that
     change together. Each choice of values in the ranges is combined with each entry of `together`
@@ -51,19 +51,19 @@ class PlantSet:
     together: tuple[dict[str, float], ...] = ({},)
 
     def nominal(self) -> list[Member]:
-        """The members with the nominal values, one for each mode."""
+        """Returns the members with the nominal values, one for each mode."""
         return self._in_modes({name: r[0] for name, r in self.ranges.items()})
 
     def corners(self) -> list[Member]:
-        """The members at all combinations of the ends of the ranges, in each mode; empty without
-        ranges."""
+        """Returns the members at all combinations of the ends of the ranges, in each mode. The list
+        is empty without ranges."""
         ends = [[(name, end) for end in r[1:]] for name, r in self.ranges.items()]
         if not ends:
             return []
         return [m for c in itertools.product(*ends) for m in self._in_modes(dict(c))]
 
     def random(self, count: int, seed: int = 1988) -> list[Member]:
-        """Members of `count` random choices of values, uniform within the ranges."""
+        """Returns members with `count` random choices of values, uniform within the ranges."""
         rng = random.Random(seed)
         chosen = [
             {name: rng.uniform(r[1], r[2]) for name, r in self.ranges.items()} for _ in range(count)
@@ -76,7 +76,7 @@ class PlantSet:
         ]
 
     def loop(self, member: Member, timing: str = "zoh", spec: LoopSpec | None = None) -> Loop:
-        """The loop of `spec` (None: law p) around a member, with the timing `timing`."""
+        """Returns the loop of `spec` (None: law p) around a member, with the timing `timing`."""
         overrides = {**self.overrides, **member.values}
         own = replace(spec or LoopSpec(), timing=timing)
         return own.around(self.model, overrides, member.modes or None)
@@ -85,9 +85,9 @@ class PlantSet:
 def ranges_of(
     model: str | Path, over: Iterable[str], overrides: Overrides | None = None
 ) -> dict[str, Range]:
-    """{parameter: (nominal, low, high)} in SI units from texts NAME=PERCENT% or NAME=LOW..HIGH; a
-    text may contain several ranges, separated by commas. Raises ParameterError for an unknown
-    parameter or a wrong range."""
+    """Returns {parameter: (nominal, low, high)} in SI units from texts NAME=PERCENT% or
+    NAME=LOW..HIGH. A text may contain several ranges with commas between them. Raises
+    ParameterError for an unknown parameter or a wrong range."""
     known = linear.facts(model, overrides).parameters
     ranges: dict[str, Range] = {}
     for text in (part for given in over for part in given.split(",")):

@@ -1,4 +1,4 @@
-"""Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes, in the thesis's form.
+"""Bode, Nyquist and root-locus plots, pole-zero arrays and mode shapes in the style of the thesis.
 
 The arguments are curves, loci, arrays of poles and zeros, or results of the modules beside this
 one.
@@ -47,7 +47,7 @@ from forceaxis.linear.system import facts
 
 
 class LineStyle(TypedDict, total=False):
-    """Keywords of Matplotlib for a line."""
+    """Options of Matplotlib for a line."""
 
     color: str
     linewidth: float
@@ -57,7 +57,7 @@ class LineStyle(TypedDict, total=False):
     zorder: float
 
 
-# Line of a corner or random member of a set of plants.
+# Style of the line of a corner or random member of a set of plants.
 MEMBER_LINE: LineStyle = {"color": "#9db4c8", "linewidth": 0.5, "zorder": 1}
 
 
@@ -70,7 +70,7 @@ def bode(
     others: Sequence[Curve] = (),
     margins: LimitResult | None = None,
 ) -> Figure:
-    """Figure of amplitude and phase over frequency; `phase_only` leaves out the amplitude.
+    """Returns a figure of magnitude and phase over the frequency. `phase_only` omits the magnitude.
 
     others: curves of the other members of a set, drawn thin. margins: the limit of the loop and
     its figures at the gain of the curves; the margins are marked at the first curve.
@@ -104,7 +104,7 @@ def bode(
     plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # an axis of at least a decade shows a constant curve as constant
+        if high < 10 * low:  # a nearly constant curve must not appear as a large change
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         plain_ticks(axes[0, 0].yaxis)
@@ -125,14 +125,13 @@ def bode(
 
 
 def members_key(ax: Axes) -> None:
-    """Adds the legend of a figure with the nominal curve and the curves of other members of a
-    set."""
+    """Adds a legend that names the nominal curve and the curves of other members of a set."""
     thin = Line2D([], [], label="corners and random members", **MEMBER_LINE)
     legend(ax, handles=[Line2D([], [], color=INK, label="nominal"), thin], loc="best")
 
 
 def mark_margins(size: Axes, phase: Axes, curve: Curve, limit: LimitResult, at: LoopAtGain) -> None:
-    """Marks gain and phase margin of a loop gain, as distances from |L| = 1 and from -180
+    """Marks gain and phase margin of a loop gain as distances from |L| = 1 and from -180
     degrees."""
     size.axhline(1, color=FAINT, linewidth=0.8, linestyle=":", zorder=1)
     gain_line: LineStyle = {
@@ -173,7 +172,8 @@ def nyquist(
     size: tuple[float, float] = (4.8, 4.6),
     others: Sequence[Curve] = (),
 ) -> Figure:
-    """Figure of a loop gain's `values`, both signs of frequency, around the point -1.
+    """Returns a figure of the loop gain `values` around the point -1, for positive and negative
+    frequencies.
 
     The figure contains the unit circle and the curve within a distance of 2.5. others: curves of
     the other members of a set, drawn thin.
@@ -198,7 +198,7 @@ def nyquist(
         at = int(np.argmin(np.abs(frequency_hz - hz)))
         point = values[at]
         ax.plot(point.real, point.imag, "o", color=INK, markersize=2.5)
-        # The label is at right angles to the curve, away from its other half and from the origin.
+        # The label is at right angles to the curve, on the side that points away from the origin.
         along = values[min(at + 1, len(values) - 1)] - values[max(at - 1, 0)]
         out = along * 1j / abs(along)
         out *= 14 if (out * point.conjugate()).real > 0 else -14
@@ -219,8 +219,8 @@ def nyquist(
 
 
 def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
-    """Round frequencies for labels at a Nyquist curve, inside the figure and with a distance
-    between them."""
+    """Returns round frequencies for labels at a Nyquist curve. The labels are inside the figure and
+    do not overlap."""
     shown: list[tuple[float, complex]] = []
     for hz in (1, 2, 5, 10, 20, 30, 50, 70, 100, 200, 500):
         if not frequency_hz[0] < hz < frequency_hz[-1]:
@@ -235,7 +235,7 @@ def decades(frequency_hz: Numbers, values: Roots, span: float) -> list[float]:
 
 
 def hz(roots: ArrayLike) -> tuple[Numbers, Numbers]:
-    """Real and imaginary parts of roots in 1/s, divided by 2 pi."""
+    """Returns real and imaginary parts of roots in 1/s, divided by 2 pi."""
     roots = np.asarray(roots) / (2 * np.pi)
     return roots.real, roots.imag
 
@@ -250,7 +250,7 @@ def mark(ax: Axes, ends: Array, size: float = 5.5) -> None:
 
 
 def panels(labels: Sequence[str], wide: float, tall: float) -> tuple[Figure, list[Axes]]:
-    """A figure and an axes of wide x tall inches for each of the labels, side by side."""
+    """Returns a figure and a panel of wide x tall inches for each of the labels, side by side."""
     left, right, gap, low = 0.74, 0.15, 0.4, 0.48
     high = 0.55 if any(labels) else 0.32
     count = len(labels)
@@ -272,7 +272,7 @@ def panels(labels: Sequence[str], wide: float, tall: float) -> tuple[Figure, lis
 
 
 def headline(figure: Figure, title: str) -> None:
-    """Writes the title above the panels; pyplot no longer lists the figure."""
+    """Writes the title above the panels and removes the figure from the list of pyplot."""
     figure.suptitle(
         title, fontsize=9, color=INK, parse_math=False, x=0.02, ha="left", va="top", y=0.985
     )
@@ -280,11 +280,12 @@ def headline(figure: Figure, title: str) -> None:
 
 
 def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
-    """Figure of root loci side by side, upper half-planes in Hz, with the critical gain marked."""
+    """Returns a figure of root loci side by side, with upper half-planes in Hz and the critical
+    gain marked."""
     span = max(one.span_hz for one in loci)
     figure, axes = panels(
         [one.label for one in loci], wide, 1.05 * wide
-    )  # both axes have the same scale
+    )  # both axes of a panel have the same scale
     for ax, one in zip(axes, loci, strict=True):
         x, y = hz(np.where(one.branches.imag >= 0, one.branches, np.nan))
         ax.plot(x, y, color=WANTED, linewidth=1.1)
@@ -296,7 +297,7 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
         if len(one.at_gain):
             closed = one.at_gain[one.at_gain.imag > -1e-6]
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
-        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther away are not drawn
+        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther to the left are not drawn
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
@@ -313,7 +314,7 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
 
 
 def gain_text(gain: float, one: Locus) -> str:
-    """A gain with its unit, and the force_gain of the firmware if there is one."""
+    """Returns a gain with its unit as text, and the force_gain of the firmware if it is known."""
     text = f"k = {gain:.3g} {one.unit}".rstrip()
     return text + (f"\n(force_gain {gain * one.codes:.3g})" if one.codes else "")
 
@@ -333,7 +334,7 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
         0.97, 0.97, note, transform=ax.transAxes, fontsize=7, ha="right", va="top",
         color=WANTED if limit.gain is None else GOT,
     )  # fmt: skip
-    taken: list[tuple[float, float]] = []  # centre and half the height of each label, Hz
+    taken: list[tuple[float, float]] = []  # (centre, half the height) of each label in Hz
     own = one.limit.frequency_hz or 0.0
     inside = [
         (c.frequency_hz, c)
@@ -365,7 +366,7 @@ def label_crossings(ax: Axes, one: Locus, span: float) -> None:
 def pole_zero(
     arrays: Sequence[Array], title: str = "", span_hz: float | None = None, wide: float = 2.9
 ) -> Figure:
-    """Figure of pole-zero arrays side by side, in Hz: x poles, o zeros.
+    """Returns a figure of pole-zero arrays side by side, in Hz, with x for poles and o for zeros.
 
     span_hz: half-width of the figure; by default it shows the structural dynamics, as in 4.3.1. The
     number of poles and zeros outside is printed below.
@@ -373,8 +374,9 @@ def pole_zero(
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # Lightly damped and nonminimum-phase roots. Most real roots in the left half-plane are
-        # electrical poles of the drive and do not describe the structure.
+        # The frame shows lightly damped roots and roots in the right half-plane. Most real roots in
+        # the left half-plane are electrical poles of the drive, which do not describe the
+        # structure.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
@@ -393,9 +395,9 @@ def pole_zero(
 
 
 def frame(sizes: Numbers) -> float:
-    """Half-width in 1/s of a figure of roots with these magnitudes. Outer roots are left out if
-    their magnitude is more than six times that of the next smaller root."""
-    # Magnitudes that are 0 except for rounding errors are ignored.
+    """Returns the half-width in 1/s of a figure of roots with these magnitudes. Outer roots are
+    left out if their magnitude is more than six times the magnitude of the next smaller root."""
+    # Magnitudes below this limit are rounding errors of 0.
     ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):
         return 2 * np.pi
@@ -405,8 +407,8 @@ def frame(sizes: Numbers) -> float:
 
 
 def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
-    """Figure of a ModeAnalysis with a row for each mode; each body is shown at rest (dashed) and
-    displaced.
+    """Returns a figure of a ModeAnalysis with one row for each mode. Each body is shown at rest
+    (dashed) and displaced.
 
     The bodies are side by side in the order of the model; displacements are along the axis. The
     largest displacement has the same length in each mode.
@@ -449,7 +451,7 @@ def mode_shapes(result: ModeAnalysis, title: str = "") -> Figure:
 
 
 def step_response(result: StepResult) -> Figure:
-    """Figure of a step response."""
+    """Returns a figure of a step response."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
     ax.plot(result.response.time_s, result.response.value, color=INK, linewidth=1.2)
@@ -462,8 +464,7 @@ def step_response(result: StepResult) -> Figure:
 
 
 def with_units(label: str, model: str | Path) -> str:
-    """The label of a curve, "b_w = 8.25, m_w = 5", with the units of the model's parameters
-    added."""
+    """Adds the units of the parameters to the label of a curve, such as "b_w = 8.25, m_w = 5"."""
     known = facts(model).parameters
     parts = (part.partition(" = ") for part in label.split(", "))
     return ", ".join(f"{n} = {v} {known[n][1]}" if n in known else n for n, _, v in parts)
@@ -478,13 +479,14 @@ PART_NAMES = {"loop": "loop gain", "closed": "closed loop", "sensitivity": "sens
 
 
 def loop_title(loop: AnalysedLoop) -> str:
-    """The title of a figure of a loop."""
+    """Returns the title of a figure of a loop."""
     law, timing = LAW_NAMES.get(loop.law, loop.law), TIMING_NAMES.get(loop.timing, loop.timing)
     return f"{name_of(loop.model)}: {law}, {timing}"
 
 
 def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOfSet) -> Figure:
-    """Bode plot of the curves of a result; over a set the first curve is nominal."""
+    """Returns a Bode plot of the curves of a result. For a set of plants, the first curve is
+    nominal."""
     if isinstance(result, CurvesOfSet):
         label = PART_NAMES[result.of or "loop"]
         title = f"{loop_title(result.analysed.loop)}, {label}"
@@ -501,37 +503,37 @@ def bode_figure(curves: Sequence[Curve], result: LoopBode | PlantBode | CurvesOf
 
 
 def _with_units(curves: Sequence[Curve], model: str) -> list[Curve]:
-    """The curves of a model, with units in their labels."""
+    """Returns the curves of a model, with units in their labels."""
     return [replace(c, label=with_units(c.label, model)) for c in curves]
 
 
 def rlocus_figure(loci: Sequence[Locus], result: LocusResult) -> Figure:
-    """Root-locus plot of the loci of a result."""
+    """Returns a root-locus plot of the loci of a result."""
     named = [replace(one, label=with_units(one.label, result.loop.model)) for one in loci]
     return rlocus(named, loop_title(result.loop))
 
 
 def nyquist_figure(result: NyquistResult) -> Figure:
-    """Nyquist plot of one loop."""
+    """Returns a Nyquist plot of one loop."""
     limit = result.limit
     title = _title_with_gain(limit.loop, result.at, limit.unit)
     return nyquist(result.frequency_hz, result.real + 1j * result.imag, title)
 
 
 def nyquist_set_figure(curves: Sequence[Curve], result: CurvesOfSet) -> Figure:
-    """Nyquist plot of the loops of a set; the first curve is nominal."""
+    """Returns a Nyquist plot of the loops of a set, of which the first curve is nominal."""
     title = _title_with_gain(result.analysed.loop, result.at, result.unit)
     return nyquist(curves[0].frequency_hz, curves[0].response, title, others=curves[1:])
 
 
 def _title_with_gain(loop: AnalysedLoop, at: LoopAtGain | WorstAtGain, unit: str) -> str:
-    """The title of a figure of a loop at a gain."""
+    """Returns the title of a figure of a loop at a gain."""
     own = f" (force_gain {at.firmware_gain:.3g})" if at.firmware_gain else ""
     return f"{loop_title(loop)}\nk = {at.gain:.3g} {unit}{own}"
 
 
 def step_set_figure(result: StepOfSet) -> Figure:
-    """Figure of the step responses of a set; the first response is nominal."""
+    """Returns a figure of the step responses of a set, of which the first response is nominal."""
     figure, ax = plt.subplots(figsize=(5.6, 3.0))
     style(ax)
     responses = [member.response for member in result.members]
@@ -539,7 +541,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
     for one in others:
         ax.plot(one.time_s, one.value, **MEMBER_LINE)
     ax.plot(first.time_s, first.value, color=INK, linewidth=1.2)
-    if not result.stable:  # an unstable response grows and would hide the others
+    if not result.stable:  # an unstable response would grow and hide the other responses
         shown = [one for one in responses if one.stable] or [first]
         reach = 1.5 * max(np.abs(one.value).max() for one in shown)
         ax.set_ylim(-reach, reach)
@@ -551,7 +553,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
 
 
 def poles_figure(result: PolesResult, span_hz: float | None = None) -> Figure:
-    """Figure of poles and zeros; roots at infinity are left out."""
+    """Returns a figure of poles and zeros without roots at infinity."""
 
     def finite(roots: Sequence[Root]) -> Roots:
         return np.array(

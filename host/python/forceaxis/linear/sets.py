@@ -1,4 +1,4 @@
-"""A force loop over a set of plants: ranges of parameters, several modes, several delays."""
+"""A force loop over a set of plants: ranges of parameters, several modes, and several latencies."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -30,11 +30,11 @@ class SetMember:
 
     @classmethod
     def of(cls, member: Member, timing: str) -> "SetMember":
-        """The loop around a member of a set of plants with a timing."""
+        """Returns the loop around a member of a set of plants, with a timing."""
         return cls(member.values, member.modes, timing)
 
     def label(self) -> str:
-        """Text for a user: "k_w = 288,900, drive.amplifier = high outer, zoh"."""
+        """Text for a user, such as "k_w = 288,900, drive.amplifier = high outer, zoh"."""
         return f"{Member(self.values, self.modes).label()}, {self.timing}"
 
 
@@ -49,8 +49,8 @@ class RangeEntry:
 
 @dataclass(frozen=True)
 class SetEntry:
-    """The set of plants of a result: {parameter: range}, its modes as {element: state}, and the
-    timings of its loops."""
+    """The set of plants of a result: ranges of parameters, modes as {element: state}, and timings
+    of the loops."""
 
     ranges: dict[str, RangeEntry]
     modes: list[dict[str, str]]
@@ -59,7 +59,7 @@ class SetEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class AnalysedSet:
-    """The set of loops that was analysed, as a part of a result; loop: the nominal loop."""
+    """The set of loops that was analysed, as a part of a result. loop: the nominal loop."""
 
     loop: AnalysedLoop = json_field(inline=True)
     over: SetEntry
@@ -67,7 +67,7 @@ class AnalysedSet:
 
 @dataclass(frozen=True, kw_only=True)
 class WorstAtGain:
-    """The worst value of each figure over a set of loops at one gain, k in the unit of the loop.
+    """The worst value of each figure over a set of loops at one gain k, in the unit of the loop.
 
     firmware_gain: the gain in DAC codes per 8-bit count, None if the loops do not feed back ADC 0.
     The figures are those of over.Worst. member: {name of a figure, "stable" or "sag": the loop with
@@ -90,8 +90,8 @@ class WorstAtGain:
 
 @dataclass(frozen=True)
 class NominalLimit:
-    """Critical gain of the nominal loop, and the gain above which rounding hides crossings; see
-    stability.Limit."""
+    """Critical gain of the nominal loop, and the gain above which rounding errors hide crossings;
+    see stability.Limit."""
 
     critical_gain: float | None
     known_to: float | None
@@ -99,7 +99,8 @@ class NominalLimit:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitOfSet:
-    """The largest gain at which all loops of a set are stable, and the loop that limits it.
+    """The largest gain at which all loops of a set are stable, and the loop that becomes unstable
+    first.
 
     critical_gain: k in `unit`, None if all loops are stable at every gain, or up to known_to; the
     further fields are as in limits.LimitResult. at: worst figures at the gain of the request.
@@ -119,7 +120,7 @@ class LimitOfSet:
 
 @dataclass(frozen=True, kw_only=True)
 class MemberCurve(SetMember):
-    """The curve of one loop of a set at its gain k."""
+    """The curve of one loop of a set at the gain k of the loop."""
 
     gain: float
     table: CurveTable = json_field(inline=True)
@@ -127,8 +128,8 @@ class MemberCurve(SetMember):
 
 @dataclass(frozen=True, kw_only=True)
 class CurvesOfSet:
-    """Frequency responses of the loops of a set, the nominal ones first, and the worst figures; of:
-    the part of the loop in a Bode plot, None in a Nyquist plot."""
+    """Frequency responses of the loops of a set, first the nominal loops, and the worst figures.
+    of: part of the loop in a Bode plot, None in a Nyquist plot."""
 
     analysed: AnalysedSet = json_field(inline=True)
     unit: str
@@ -146,7 +147,8 @@ class MemberStep(SetMember):
 
 @dataclass(frozen=True, kw_only=True)
 class WorstStep:
-    """The largest value of a figure of the step responses, and the loop that has it."""
+    """The largest value of a figure of the step responses, and the loop to which the value
+    belongs."""
 
     value: float
     member: SetMember = json_field(inline=True)
@@ -154,7 +156,7 @@ class WorstStep:
 
 @dataclass(frozen=True, kw_only=True)
 class StepOfSet:
-    """The step responses of the loops of a set, the nominal ones first.
+    """The step responses of the loops of a set, first the nominal loops.
 
     gain: k of the nominal loop in `unit`; firmware_gain: in DAC codes per 8-bit count, None if the
     loops do not feed back ADC 0. stable: whether all loops are stable. worst: the largest overshoot
@@ -171,31 +173,31 @@ class StepOfSet:
 
 
 def wanted(request: LoopRequest, over: Sequence[str], modes: str | None) -> bool:
-    """Whether ranges, modes and timing specify more than one loop."""
+    """Returns True if ranges, modes and timing specify more than one loop."""
     return bool(over or modes or request.timing == "both")
 
 
 @dataclass(frozen=True)
 class LoopSet:
-    """A set of loops: that of `spec` around each of `plants` with each of `timings`."""
+    """A set of loops: the loop of `spec` around each of `plants`, with each of `timings`."""
 
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
     spec: LoopSpec
-    gain: float | None  # k; None: force_gain is given, or no gain
+    gain: float | None  # gain k of all loops; None if force_gain is given or no gain is given
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:
-        """The loop around one member."""
+        """Returns the loop around one member."""
         return self.plants.loop(member, timing, self.spec)
 
     def nominal(self) -> Loop:
-        """The loop around the nominal plant in its first mode."""
+        """Returns the loop around the nominal plant in its first mode."""
         return self.loop(self.plants.nominal()[0], self.timings[0])
 
     def drawn_gain(self) -> tuple[float | None, float | None]:
-        """(k, force_gain) of the loops to draw: the given gain, otherwise half of the largest gain
-        at which all loops are stable, or k = 1."""
+        """Returns (k, force_gain) for the loops in a drawing. Without a given gain, k is half the
+        largest gain at which all loops are stable, or 1."""
         if self.gain is not None or self.force_gain is not None:
             return self.gain, self.force_gain
         largest = over.largest_gain(self.plants, self.timings, self.spec).gain
@@ -203,7 +205,7 @@ class LoopSet:
 
 
 def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None = None) -> LoopSet:
-    """The LoopSet of a request over ranges, texts NAME=RANGE as in `plant_set.ranges_of`.
+    """Returns the LoopSet of a request. ranges: texts NAME=RANGE as in `plant_set.ranges_of`.
 
     modes: "visited" (the modes of a run of the experiment), "all", "nominal" (that of the request).
     None: nominal if the request has states, otherwise visited for an experiment and all for a
@@ -219,14 +221,14 @@ def loop_set(request: LoopRequest, ranges: Sequence[str] = (), modes: str | None
     timings = BOTH_TIMINGS if request.timing == "both" else (spec.timing,)
     plants = plant_set.PlantSet(own.model, own.overrides, spans, states)
     found = LoopSet(plants, timings, spec, gain, force_gain)
-    one_gain(found.nominal(), gain, force_gain)  # raises ParameterError for a gain out of range
+    one_gain(found.nominal(), gain, force_gain)  # raises ParameterError if a gain is out of range
     return found
 
 
 def _modes_of(
     request: LoopRequest, own: ModelSettings, modes: str | None
 ) -> tuple[dict[str, str], ...]:
-    """The modes of a set, as described in `loop_set`."""
+    """Returns the modes of a set, as described in `loop_set`."""
     fixed = dict(request.states)
     if fixed and modes:
         raise ParameterError("modes", "expected either `modes` or `states`, got both")
@@ -244,7 +246,7 @@ def _modes_of(
 
 
 def _analysed(found: LoopSet) -> AnalysedSet:
-    """The entry about the analysed set in a result."""
+    """Returns the description of the analysed set for a result."""
     return AnalysedSet(
         loop=replace(AnalysedLoop.of(found.nominal()), timing=" and ".join(found.timings)),
         over=SetEntry(
@@ -256,8 +258,8 @@ def _analysed(found: LoopSet) -> AnalysedSet:
 
 
 def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> WorstAtGain:
-    """The worst value of each figure of a set at a gain k, or at a force_gain in DAC codes per
-    8-bit count."""
+    """Returns the worst value of each figure of a set at a gain k, or at a force_gain in DAC codes
+    per 8-bit count."""
     nominal = found.nominal()
     k = over.gain_at(nominal, gain, force_gain)
     worst = over.worst(found.plants, found.timings, found.spec, gain, force_gain)
@@ -278,8 +280,8 @@ def worst_at(found: LoopSet, gain: float | None, force_gain: float | None) -> Wo
 
 
 def limit_of(found: LoopSet) -> LimitOfSet:
-    """The largest gain at which all loops of a set are stable, and the worst figures at the gain of
-    the set."""
+    """Returns the largest gain at which all loops of a set are stable, and the worst figures at the
+    gain of the set."""
     largest = over.largest_gain(found.plants, found.timings, found.spec)
     loop = found.loop(largest.member, largest.timing)
     own = found.nominal().limit()
@@ -299,8 +301,8 @@ def limit_of(found: LoopSet) -> LimitOfSet:
 
 
 def _members(found: LoopSet) -> Iterator[tuple[Member, str, Loop]]:
-    """(member, timing, loop) of the loops to draw; the nominal members of all modes are the
-    first."""
+    """Returns (member, timing, loop) of the loops in a drawing. The nominal members of all modes
+    are the first."""
     for member in over.sample(found.plants):
         for timing in found.timings:
             yield member, timing, found.loop(member, timing)
@@ -313,7 +315,8 @@ def _curves_over(
     points: int,
     of: str | None = None,
 ) -> tuple[list[Curve], CurvesOfSet]:
-    """(curves, result) of response(loop, k), a System with one input and output, over the set.
+    """Returns (curves, result) over a set. response(loop, k) returns a System with one input and
+    one output for each curve.
 
     The first curve is nominal; the result contains the worst value of each figure, and `of`.
     """
@@ -335,7 +338,7 @@ def _curves_over(
 
 
 def nyquist_of(found: LoopSet) -> tuple[list[Curve], CurvesOfSet]:
-    """(curves, result) of the loop gains of a set, for a Nyquist plot."""
+    """Returns (curves, result) of the loop gains of a set for a Nyquist plot."""
     return _curves_over(found, curves.PARTS["loop"], curves.NYQUIST_HZ, 300)
 
 
@@ -345,7 +348,7 @@ def bode(
     ranges: Sequence[str] = (),
     modes: str | None = None,
 ) -> tuple[list[Curve], LoopBode | PlantBode | CurvesOfSet]:
-    """(curves, result) of a Bode plot, for a plant, for a loop, or for a set of loops.
+    """Returns (curves, result) of a Bode plot for a plant, for a loop, or for a set of loops.
 
     ranges, modes: as in `loop_set`.
     """
@@ -373,8 +376,8 @@ def bode(
 
 
 def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
-    """The step responses of the nominal and of other loops of a set; duration_s as in
-    limits.step_response."""
+    """Returns the step responses of the nominal loops and of other loops of a set. duration_s: as
+    in limits.step_response."""
     given = found.drawn_gain()
     rows = []
     for member, timing, loop in _members(found):
@@ -400,7 +403,8 @@ def step_of(found: LoopSet, duration_s: float) -> StepOfSet:
 def _worst_step(
     rows: Sequence[MemberStep], figure: Callable[[StepResponse], float | None]
 ) -> WorstStep | None:
-    """The first response with the largest value of a figure; None if no response has the figure."""
+    """Returns the first response with the largest value of a figure, or None if no response has the
+    figure."""
     found: WorstStep | None = None
     for row in rows:
         value = figure(row.response)

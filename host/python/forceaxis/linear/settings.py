@@ -1,7 +1,7 @@
 """The plant of a model or an experiment, and the force loop that the firmware of an experiment
-closes. The analysis uses the experiment's model, its [set], and the initial values of [firmware] as
-the firmware stores them: law, bank, gain, latency. Later writes of the experiment ([[at]]) are
-ignored."""
+closes. The analysis uses the experiment's model, the table [set], and the initial values of
+[firmware] as the firmware stores them: law, bank, gain, latency. Later writes of the experiment
+([[at]]) are ignored."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,15 +17,15 @@ Firmware = Mapping[str, float]  # {object: initial value in an experiment}
 
 MODES_OF_OPERATION = objects.BY_NAME["modes_of_operation"]
 NATIVE_MODES = objects.BY_NAME["mode"].enum
-NATIVE_FORCE = 3  # value of the object `mode` for the force law
-# {value of modes_of_operation that controls the force: control law}
+NATIVE_FORCE = 3  # value of the object `mode` that selects the force law
+# {value of modes_of_operation for a mode that controls the force: control law}
 FORCE_MODES = {4: "p", 10: "p", -1: "p", -6: "stiffness", -7: "damping", -8: "impedance"}
 
 
 @dataclass(frozen=True)
 class ExperimentInputs:
-    """The inputs of an experiment: path of its model, {parameter of the model: SI value}, and
-    {object: initial value} of the firmware."""
+    """Inputs of an experiment: path of its model, {parameter of the model: SI value}, and {object:
+    initial value} of the firmware."""
 
     model: str
     parameters: dict[str, float]
@@ -33,7 +33,8 @@ class ExperimentInputs:
 
 
 def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
-    """The inputs of the experiment at `path` with NAME=VALUE texts. Raises InputError."""
+    """Returns the inputs of the experiment at `path`, changed by texts NAME=VALUE. Raises
+    InputError."""
     own = _core.inputs(path, texts)
     parameters = {name: given["value"] for name, given in own["parameters"].items()}
     return ExperimentInputs(str(own["model"]), parameters, own["firmware"])
@@ -41,27 +42,27 @@ def read_inputs(path: str, texts: Sequence[str]) -> ExperimentInputs:
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """The plant of a loop, and the firmware's law if an experiment specifies one."""
+    """The plant of a loop, and the control law of the firmware if an experiment specifies a law."""
 
     model: str
-    overrides: dict[str, float | str]  # {parameter: SI value, or a text}
+    overrides: dict[str, float | str]  # {parameter: SI value, or a text with a unit}
     experiment: str | None = None
     law: str = "p"
     timing: str = "zoh"
     bank: banks.Bank | None = None
-    force_gain: float | None = None  # gain of a law of the thesis, DAC codes per 8-bit count
+    force_gain: float | None = None  # gain of a law of the thesis in DAC codes per 8-bit count
     parameters: dict[str, float] = field(default_factory=dict)
-    texts: tuple[str, ...] = ()  # the experiment's overrides, NAME=VALUE
+    texts: tuple[str, ...] = ()  # overrides of the experiment as texts NAME=VALUE
 
     @property
     def firmware_gain(self) -> float | None:
-        """The active gain in DAC codes per 8-bit count; None for a model, or if no gain is set."""
+        """The active gain in DAC codes per 8-bit count. None for a model, or if no gain is set."""
         return self.bank.force_gain if self.bank else self.force_gain
 
 
 def find(text: str | Path) -> Path:
-    """The path of a model or experiment given as a path or as a stem; a model has precedence over
-    an experiment of the same stem."""
+    """Returns the path of a model or experiment that is given as a path or as a stem. A model has
+    precedence over an experiment of the same stem."""
     if Path(text).suffix != ".toml" and Path(text).parent == Path():
         for folder in (paths.MODELS, paths.EXPERIMENTS):
             if (folder / f"{text}.toml").exists():
@@ -70,15 +71,16 @@ def find(text: str | Path) -> Path:
 
 
 def is_experiment(table: Mapping[str, Any]) -> bool:
-    """Whether the table of a file is that of an experiment, which names a model and a run."""
+    """Returns True if the table of a file is that of an experiment, which names a model and a
+    run."""
     return "model" in table and "duration_s" in table
 
 
 def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False) -> ModelSettings:
-    """The ModelSettings of a model or experiment, given as path or stem. overrides: {parameter:
-    value}, for an experiment also firmware.NAME. plant: True if only the plant is needed. Raises
-    InputError for a wrong file or value, and unless `plant` also for an experiment without a force
-    law."""
+    """Returns the ModelSettings of a model or experiment, which is given as path or stem.
+    overrides: {parameter: value}, for an experiment also firmware.NAME. plant: True if only the
+    plant is needed. Raises InputError for a wrong file or value; without `plant`, also for an
+    experiment without a force law."""
     given = dict(overrides or {})
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
@@ -107,7 +109,7 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
 
 
 def _law(path: Path, firmware: Firmware) -> str:
-    """The control law of the mode of operation in which the firmware starts."""
+    """Returns the control law of the mode of operation in which the firmware starts."""
     drive = int(firmware.get("modes_of_operation", 0))
     if drive in FORCE_MODES:
         return FORCE_MODES[drive]
@@ -121,7 +123,7 @@ def _law(path: Path, firmware: Firmware) -> str:
 
 
 def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
-    """The bank that the experiment selects, or None."""
+    """Returns the bank that the experiment selects, or None."""
     try:
         return banks.of_settings(firmware)
     except KeyError:
@@ -132,7 +134,7 @@ def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
 
 
 def _parameters(path: Path, law: str, firmware: Firmware, known: PlantFacts) -> dict[str, float]:
-    """Parameters in SI units of the laws stiffness, damping and impedance."""
+    """Returns the parameters of the laws stiffness, damping and impedance in SI units."""
     if law not in ("stiffness", "damping", "impedance"):
         return {}
     if known.reading is None or known.encoder is None:

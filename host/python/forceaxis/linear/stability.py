@@ -1,4 +1,4 @@
-"""Stability of a force loop: its critical gains, margins, root locus and step response.
+"""Stability of a force loop: critical gain, margins, root locus and step response.
 
 A `Loop` is a law around a plant, as `loops.force_loop` makes it. Every figure is computed from the
 response along the stability boundary, whose values are accurate to the rounding of single entries
@@ -23,16 +23,15 @@ from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# A crossing counts if rounding of the matrices' entries in double precision changes its gain by a
-# smaller share than this. The gain of these matrices is then known a thousand times more
-# accurately.
+# A crossing is reported if rounding of the matrix entries in double precision changes the gain of
+# the crossing by less than this share. The computation itself is a thousand times more accurate.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a loop that is analysed
 
 
 def known_text(known_to: float, unit: str) -> str:
-    """Text that a loop has no crossing up to the gain known_to in `unit`, because above this gain
-    rounding errors decide about the result."""
+    """Returns a text with the gain known_to in `unit`. Up to this gain the loop has no crossing;
+    above this gain rounding errors are too large for a statement."""
     return f"{plain(known_to)} {unit}".rstrip() + ", above which rounding decides"
 
 
@@ -41,34 +40,38 @@ class Crossing:
     """A gain at which a closed-loop pole is on the stability boundary."""
 
     gain: float
-    frequency_hz: float | None  # None: at infinity (continuous, direct path with negative sign)
-    # As the gain rises, the pole leaves (1) or enters (-1) the stable region, or touches its
-    # boundary (0).
+    # None: at infinite frequency (continuous loop, negative direct path)
+    frequency_hz: float | None
+    # With a rising gain, the pole leaves the stable region (1), enters the stable region (-1), or
+    # touches its boundary (0).
     direction: int
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest stable gain from 0 on. `gain` is None if the loop is stable at every gain, or at
-    every gain up to `known_to`."""
+    """The gain at which the loop becomes unstable as the gain rises from 0. `gain` is None if the
+    loop is stable at every gain, or at every gain up to `known_to`."""
 
     gain: float | None
     frequency_hz: float | None
     crossings: list[Crossing]
-    stable_ranges: list[tuple[float, float | None]]  # (from, to), to None: no upper end
+    # stable gains as (from, to); `to` is None if the range has no upper end
+    stable_ranges: list[tuple[float, float | None]]
     reason: str
-    # Gain above which rounding errors hide crossings; None: there is no such gain.
+    # Gain above which rounding errors hide crossings. None if no such gain exists.
     known_to: float | None = None
 
     @property
     def stable_to(self) -> float | None:
-        """The gain up to which the loop is known to be stable; None: it is stable at every gain."""
+        """The gain up to which the loop is known to be stable. None if the loop is stable at every
+        gain."""
         return self.known_to if self.gain is None else self.gain
 
 
 @dataclass(frozen=True)
 class Crossover:
-    """A frequency at which the magnitude of the loop gain is 1, and the phase margin there."""
+    """A frequency at which the magnitude of the loop gain is 1, and the phase margin at this
+    frequency."""
 
     frequency_hz: float
     phase_margin_deg: float
@@ -76,7 +79,7 @@ class Crossover:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of a loop at one gain.
+    """Gain and phase margins of a loop at one gain.
 
     gain_margin: gain factor up to the next crossing above, None if there is no crossing, or none up
     to `known_to`. gain_reduction: gain factor (< 1) down to the next crossing below, None if there
@@ -95,7 +98,7 @@ class Margins:
 
 @dataclass
 class Loop:
-    """A law around a plant, without its gain k.
+    """A force loop without its gain k: a control law around a plant.
 
     whole: system from the error, multiplied by k, to the feedback of the law and to the controlled
     signal. unit: of k, V/N for a force. codes_per_gain: firmware gain (DAC codes per 8-bit count)
@@ -111,22 +114,22 @@ class Loop:
     codes_per_gain: float | None
     parameters: dict[str, float] = field(default_factory=dict)
     bank: Bank | None = None
-    own_gain: float | None = None  # k of the experiment from which the loop was made
+    own_gain: float | None = None  # gain k of the experiment to which the loop belongs
     working: Working = field(default_factory=lambda: Working({}))
 
     @cached_property
     def open(self) -> System:
-        """L / k as a System with one input and one output."""
+        """The loop gain divided by k, as a System with one input and one output."""
         return self.whole.select(outputs=("feedback",))
 
     @property
     def dt(self) -> float | None:
-        """Sampling period, s; None: continuous."""
+        """Sampling period in s; None for a continuous loop."""
         return self.whole.dt
 
     def firmware_gain(self, gain: float) -> float:
-        """The force_gain of the firmware in DAC codes per 8-bit count for a gain k of the loop.
-        Raises InputError if the loop does not feed back the signal of ADC 0."""
+        """Returns the force_gain of the firmware in DAC codes per 8-bit count for a gain k of the
+        loop. Raises InputError if the loop does not feed back the signal of ADC 0."""
         if self.codes_per_gain is None:
             raise _core.InputError(
                 "firmware gain: expected a loop that controls the signal of ADC channel 0; use "
@@ -135,20 +138,21 @@ class Loop:
         return gain * self.codes_per_gain
 
     def optional_firmware_gain(self, gain: float | None) -> float | None:
-        """As firmware_gain, but None for a gain that is None or 0, and for a loop that does not
-        feed back the signal of ADC 0."""
+        """Returns firmware_gain(gain). Returns None if the gain is None or 0, or if the loop does
+        not feed back the signal of ADC 0."""
         return self.firmware_gain(gain) if gain and self.codes_per_gain is not None else None
 
     def gain_of(self, firmware_gain: float) -> float:
-        """The gain k of the loop for a force_gain of the firmware in DAC codes per 8-bit count.
-        Raises InputError if the loop does not feed back the signal of ADC 0."""
+        """Returns the gain k of the loop for a force_gain of the firmware in DAC codes per 8-bit
+        count. Raises InputError if the loop does not feed back the signal of ADC 0."""
         return firmware_gain / self.firmware_gain(1.0)
 
     def closed(self, gain: float) -> System:
-        """The closed loop at a gain k as a System from the set-point, in the unit of the feedback
-        (N for a force), to the controlled signal."""
+        """Returns the closed loop at a gain k as a System from the set-point to the controlled
+        signal. The set-point has the unit of the feedback (N for a force)."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
-        # The input is u = gain (r - C x - D u) = share (r - C x), with the set-point r.
+        # With the set-point r, the input of the plant is u = gain (r - C x - D u) = share (r - C
+        # x).
         share = gain / (1 + gain * D[0, 0])
         return replace(
             self.whole,
@@ -161,18 +165,18 @@ class Loop:
         )
 
     def sensitivity(self, gain: float) -> System:
-        """The sensitivity function S = 1 / (1 + k L) at a gain k as a System from the set-point to
-        the error."""
+        """Returns the sensitivity function S = 1 / (1 + k L) at a gain k as a System from the
+        set-point to the error."""
         A, B, C, D = self.open.A, self.open.B, self.open.C, 1 + gain * self.open.D
         share = gain / D[0, 0]
         return replace(self.open, A=A - share * B @ C, B=share * B, C=-C / D, D=1 / D)
 
     def closed_poles(self, gain: float) -> Matrix:
-        """Closed-loop poles in 1/s (of a sampled loop log(z) / T)."""
+        """Returns the closed-loop poles in 1/s, which are log(z) / T for a sampled loop."""
         return self.closed(gain).poles_s()
 
     # At a critical gain, L / k on the stability boundary is real and negative. A sampled loop is
-    # mapped to w = (2/T) (z - 1)/(z + 1), which maps the unit circle to the imaginary axis.
+    # transformed to w = (2/T) (z - 1)/(z + 1), which maps the unit circle to the imaginary axis.
 
     @cached_property
     def _minimal(self) -> System:
@@ -180,11 +184,11 @@ class Loop:
 
     @cached_property
     def _plane(self) -> StateSpace:
-        """Balanced (A, B, C, D) with the imaginary axis as stability boundary."""
+        """Balanced (A, B, C, D) of the loop, with the imaginary axis as the stability boundary."""
         return plane(self._minimal)
 
     def hz(self, w: float) -> float:
-        """The frequency in Hz of a frequency w of the plane in rad/s."""
+        """Returns the frequency in Hz for a frequency w in rad/s along the stability boundary."""
         if self.dt is None:
             return w / (2 * math.pi)
         return math.atan(w * self.dt / 2) / (math.pi * self.dt)
@@ -198,10 +202,11 @@ class Loop:
         return response(self._minimal)
 
     def _known(self, w: ArrayLike) -> tuple[Matrix, Matrix, Matrix]:
-        """(G, dG/dw, change of G by rounding of the matrices' entries) at frequencies w of the
-        plane, each in the shape of w."""
+        """Returns (G, dG/dw, change of G by rounding of the matrix entries) at frequencies w along
+        the stability boundary. Each array has the shape of w."""
         at = np.asarray(w, float)
-        # Only at w = 0 does a pole without effect on the output prevent the computation.
+        # Only at w = 0, a pole that has no effect on the output makes the computation of G
+        # impossible.
         whole = self._boundary if np.all(at) else self._boundary_minimal
         G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
         return G, slope, rounding
@@ -210,8 +215,8 @@ class Loop:
         return self._known(w)[0]
 
     def _static_rounding(self, static: float) -> float:
-        """The value that G(0) = `static` must exceed to be known to 1 %; infinite for an
-        integrator.
+        """Returns the value that |G(0)| must exceed, so that its rounding error is below 1 %.
+        Returns infinity for an integrator.
 
         G(0) is computed again with states in other units, whose rounding differs. The difference
         also contains errors that `_known` does not include, from a pole and a zero at 0 Hz that
@@ -231,8 +236,9 @@ class Loop:
         return float(100 * max(apart, self._known(0.0)[2].item()))
 
     def _marks(self, zeros: Matrix) -> Matrix:
-        """Frequencies of the plane between which a real function of w changes its sign at most
-        once. zeros: estimates of its zeros in s; no frequency of the result is a pole."""
+        """Returns frequencies along the stability boundary. Between two of them a real function of
+        w changes its sign at most once. zeros: estimates of the zeros of this function in s. No
+        returned frequency is a pole."""
         found = np.concatenate([np.abs(zeros.imag), np.abs(self._poles.imag), np.abs(self._poles)])
         return marks(found, np.abs(self._poles).max())
 
@@ -243,8 +249,9 @@ class Loop:
 
     @cached_property
     def _boundary_poles(self) -> list[tuple[float, complex | None]]:
-        """(frequency of the plane, its change by a small gain or None) of each pole that lies on
-        the stability boundary at gain 0, within rounding. None: a multiple pole."""
+        """Returns the poles on the stability boundary at gain 0, within rounding errors, as
+        (frequency along the boundary, change of the pole per gain). The change is None for a
+        multiple pole."""
         A, B, C, _ = self._plane
         size = np.linalg.norm(A)
         there = np.abs(self._poles.real) <= np.maximum(1e-12 * np.abs(self._poles), 1e-17 * size)
@@ -256,14 +263,15 @@ class Loop:
         found = []
         for w in there:
             i = np.argmin(np.abs(poles - 1j * w))
-            turn = left[i] @ right[:, i]  # product of the eigenvectors; 0 if two poles are equal
+            # product of left and right eigenvector; 0 if two poles are equal
+            turn = left[i] @ right[:, i]
             move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
             found.append((float(w), None if move is None else complex(move)))
         return found
 
     @property
     def _at_gain_0(self) -> list[Crossing]:
-        """Crossings at gain 0: simple poles of the plant without damping."""
+        """Crossings at gain 0, which are the undamped simple poles of the plant."""
         found = [(w, move) for w, move in self._boundary_poles if move is not None]
         sideways = [abs(move.real) < 1e-9 * abs(move) for _, move in found]
         return [
@@ -272,19 +280,19 @@ class Loop:
         ]
 
     def _phase(self, w: float) -> float:
-        """Sine of the phase of G at a frequency w in rad/s; 0 where G is real or 0, and at a
-        pole."""
+        """Returns the sine of the phase of G at a frequency w in rad/s. Returns 0 at a pole, and
+        where G is real or 0."""
         G = self._at(w)
         return float(G.imag / np.abs(G)) if np.isfinite(G) and G else 0.0
 
     def _turn(self, w: float) -> float:
-        """Derivative of the imaginary part of G with respect to the frequency w."""
+        """Returns the derivative of the imaginary part of G with respect to the frequency w."""
         return float(self._known(w)[1].imag)
 
     @cached_property
     def _real_points(self) -> Matrix:
-        """Complex points s at which G(s) = G(-s); G is real at those of them that lie on the
-        imaginary axis."""
+        """Complex points s with G(s) = G(-s). At those points that lie on the imaginary axis G is
+        real."""
         A, B, C, _ = self._plane
         zero = np.zeros((len(A), len(A)))
         both = System(
@@ -294,8 +302,8 @@ class Loop:
         return both.zeros() if both.has_path() else np.zeros(0, complex)
 
     def crossings(self) -> list[Crossing]:
-        """All gains > 0 at which a closed-loop pole is on the stability boundary, smallest
-        first.
+        """Returns all gains > 0 at which a closed-loop pole is on the stability boundary, in
+        ascending order.
 
         At these points G is real and negative, and k = -1 / G. The points at which G is real are an
         eigenvalue problem, so no point is missed; each point is then refined with G itself. If G is
@@ -305,8 +313,8 @@ class Loop:
 
     @cached_property
     def _crossed(self) -> tuple[list[Crossing], float | None]:
-        """(all crossings up to the gain above which rounding hides crossings, that gain or
-        None)."""
+        """(crossings, gain above which rounding errors hide crossings). All crossings below this
+        gain are included. The gain is None if rounding errors hide no crossing."""
         if not len(self._minimal.A):
             return [], None
         zeros = self._real_points
@@ -324,12 +332,14 @@ class Loop:
         crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                continue  # the phase changes at a pole, but no gain gives a crossing there
+                continue  # the phase changes at a pole, but no gain has a crossing there
             G, slope, rounding = self._known(w)
             value = G.real
-            if abs(G.imag) < 1e-12 * w * abs(slope.imag):  # w is known only to double precision
+            # corrects G for the error of w, which is known only to double precision
+            if abs(G.imag) < 1e-12 * w * abs(slope.imag):
                 value -= slope.real * G.imag / slope.imag
-            # At a zero of G on the axis the phase changes too, but the gain -1 / G is infinite.
+            # The phase also changes at a zero of G on the axis, but there the gain -1 / G is
+            # infinite.
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
             if rounding < GAIN_CHANGE_MAX * abs(value):
@@ -341,8 +351,9 @@ class Loop:
         return crossings, doubt if doubt < GAIN_MAX else None
 
     def _drowned(self, grid: Matrix, G: Matrix, rounding: Matrix, known: Matrix) -> float:
-        """The smallest gain at which rounding errors could hide a crossing: between two frequencies
-        of the grid the rounding error of G exceeds both Im G and GAIN_CHANGE_MAX |G|."""
+        """Returns the smallest gain at which rounding errors could hide a crossing. Between two
+        frequencies of the grid, the rounding error of G then exceeds both Im G and GAIN_CHANGE_MAX
+        |G|."""
         hidden = rounding > GAIN_CHANGE_MAX * np.abs(G)
         gains = 1 / (np.abs(G) + rounding)
         least = math.inf
@@ -367,9 +378,9 @@ class Loop:
         return float(optimize.brentq(of, low, high, xtol=1e-300, rtol=1e-15))
 
     def _touches(self, zeros: Matrix, grid: Matrix, values: Matrix) -> list[tuple[float, int]]:
-        """Frequencies w at which a closed-loop pole touches the stability boundary without crossing
-        it, as [(w, 0)]: the double zeros of Im G. zeros: all zeros of Im G in the complex plane;
-        values: Im G on the grid."""
+        """Returns frequencies w at which a closed-loop pole touches the stability boundary without
+        crossing it, as [(w, 0)]. They are the double zeros of Im G. zeros: all zeros of Im G in the
+        complex plane; values: Im G on the grid."""
         found = []
         for zero in zeros:
             w = abs(zero.imag)
@@ -383,9 +394,9 @@ class Loop:
         return found
 
     def _ends(self, values: Matrix, least: float) -> list[Crossing]:
-        """Crossings at the two ends of the stability boundary: at frequency 0, unless the plant
-        integrates, and at infinity or z = -1. values: Im G on the grid; least: the largest negative
-        direct path that rounding errors can cause."""
+        """Returns the crossings at the two ends of the stability boundary: at frequency 0, unless
+        the plant integrates, and at infinity or z = -1. values: Im G on the grid; least: the
+        largest negative direct path that rounding errors can cause."""
         crossings = []
         static = float(self._at(0.0).real)
         if -math.inf < static < 0 and static < -self._static_rounding(static):
@@ -397,16 +408,16 @@ class Loop:
         return crossings
 
     def stable(self, gain: float) -> bool:
-        """Whether the closed loop is stable at a gain k. States that are not controllable or not
-        observable in the loop are ignored."""
+        """Returns True if the closed loop is stable at a gain k. States that are not controllable
+        or not observable in the loop are ignored."""
         A = self._closed_minimal(gain)
         poles = _core.eigenvalues(A)
         rounding = 1e-18 * len(A) * max(float(np.linalg.norm(A)), 1.0)
         return bool(np.all((poles.real if self.dt is None else np.abs(poles) - 1) < -rounding))
 
     def decay(self, gain: float) -> float:
-        """Decay rate in 1/s of the slowest closed-loop pole at a gain k; negative for an unstable
-        loop."""
+        """Returns the decay rate in 1/s of the slowest closed-loop pole at a gain k. The rate is
+        negative for an unstable loop."""
         poles = _core.eigenvalues(self._closed_minimal(gain))
         if self.dt is None:
             return float(-poles.real.max())
@@ -422,7 +433,8 @@ class Loop:
 
     @cached_property
     def stable_ranges(self) -> list[tuple[float, float | None]]:
-        """Gain ranges (from, to) in which the loop is stable; to is None without an upper end."""
+        """Gain ranges (from, to) in which the loop is stable. `to` is None if the range has no
+        upper end."""
         if not len(self._minimal.A):
             return [(0.0, None)]
         crossings, known_to = self._crossed
@@ -434,8 +446,9 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
-            # The loop is stable in the whole range or nowhere in it, so one gain is checked; a
-            # small one, because rounding may hide the result at high gains.
+            # The loop is stable either in the whole range or nowhere in the range, so the check of
+            # one gain is enough. Small gains are also checked, because rounding errors may hide the
+            # result at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
             else:
@@ -445,9 +458,9 @@ class Loop:
         return ranges
 
     def limit(self) -> Limit:
-        """The smallest gain at which the loop becomes unstable as the gain rises from 0, with all
-        crossings. If this gain is 0, the crossings also contain the poles of the plant that lie on
-        the stability boundary."""
+        """Returns the smallest gain at which the loop becomes unstable as the gain rises from 0,
+        with all crossings. If this gain is 0, the crossings also contain the poles of the plant
+        that lie on the stability boundary."""
         crossings, ranges = self.crossings(), self.stable_ranges
         if not ranges or ranges[0][0] > 0:
             reason = "unstable at any small gain" if ranges else "stable at no gain"
@@ -462,7 +475,7 @@ class Loop:
         return Limit(first.gain, first.frequency_hz, crossings, ranges, "")
 
     def margins(self, gain: float) -> Margins:
-        """Gain and phase margins of the loop at a gain k at which it is stable."""
+        """Returns the gain and phase margins at a gain k at which the loop is stable."""
         if not len(self._minimal.A):
             return Margins(None, None, None, None, [])
         crossings, known_to = self._crossed
@@ -470,8 +483,8 @@ class Loop:
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
-        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s). These zeros are the poles of a system that
-        # feeds the product k^2 G(s) G(-s) back to its input.
+        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s). These zeros are the poles of a system with
+        # the positive feedback k^2 G(s) G(-s).
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [
@@ -501,8 +514,8 @@ class Loop:
         )
 
     def step(self, gain: float, duration_s: float) -> tuple[Matrix, Matrix]:
-        """(time_s, signal): response to a unit step of the set-point from rest, every 1/1500 s or
-        tick.
+        """Returns (time_s, signal), the response from rest to a unit step of the set-point, at
+        every tick or every 1/1500 s.
 
         The set-point is f_d; for the law stiffness K_fs x_d, for damping K_fd v_d. The values at
         these times are exact.
@@ -522,7 +535,8 @@ class Loop:
         return time_s, y
 
     def locus(self, gains: Matrix, plane: str = "s") -> Matrix:
-        """Closed-loop poles at ascending gains, (len(gains), poles); each column is one branch.
+        """Returns closed-loop poles at ascending gains in the shape (len(gains), poles). Each
+        column is one branch of the root locus.
 
         In 1/s, or z of a sampled loop with plane "z". In s, a branch from z = 0 starts at -inf.
         """

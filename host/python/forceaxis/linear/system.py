@@ -1,5 +1,5 @@
-"""The plant in one mode as a linear system: matrices, poles, zeros, responses, sampling with
-hold.
+"""The plant in one mode as a linear system: matrices, poles, zeros, responses, and sampling with
+zero-order hold.
 
 All results come from the equations that the time simulation integrates (`_core.linear`). `loops`
 closes control loops around the system, `modes` analyses the mechanics alone. Poles, zeros and holds
@@ -32,8 +32,8 @@ TICK_S = 1 / _core.TICKS_PER_SECOND
 
 
 def _complement(rows: Matrix) -> Matrix:
-    """Orthonormal columns (n, n - d) of the vectors that are orthogonal to all rows (d, n),
-    computed by Householder reflections."""
+    """Returns orthonormal columns (n, n - d), computed by Householder reflections, that are
+    orthogonal to all d rows of length n."""
     work = np.array(rows.T, np.longdouble)
     basis = np.eye(len(work), dtype=np.longdouble)
     for k in range(len(rows)):
@@ -47,7 +47,8 @@ def _complement(rows: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class System:
-    """x' = A x + B u, or x(k+1) = A x(k) + B u(k) every `dt` seconds; y = C x + D u.
+    """A linear system: x' = A x + B u, or x(k+1) = A x(k) + B u(k) every `dt` seconds; y = C x + D
+    u.
 
     A (n, n), B (n, m), C (p, n), D (p, m): float arrays in SI units; `states`, `inputs`, `outputs`
     name their rows and columns. Methods that use one transfer function (`zeros`,
@@ -66,7 +67,7 @@ class System:
     def select(
         self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
     ) -> "System":
-        """The system with these inputs and outputs only."""
+        """Returns the system with only these inputs and outputs."""
         columns = [self.inputs.index(name) for name in inputs or self.inputs]
         rows = [self.outputs.index(name) for name in outputs or self.outputs]
         return replace(
@@ -80,29 +81,31 @@ class System:
 
     @cached_property
     def balanced(self) -> tuple[Matrix, Matrix, Matrix]:
-        """(A, B, C) in units of the states in which rows and columns of A have similar sizes."""
+        """(A, B, C) with the states in other units, so that rows and columns of A have similar
+        magnitudes."""
         if not len(self.A):
             return self.A, self.B, self.C
         scale = _core.balance(self.A)
         return self.A * scale / scale[:, None], self.B / scale[:, None], self.C * scale
 
     def poles(self) -> Matrix:
-        """Eigenvalues of A, in 1/s or as z of a sampled system."""
+        """Returns the eigenvalues of A, which are in 1/s, or z for a sampled system."""
         result: Matrix = _core.eigenvalues(self.A)
         return result
 
     def poles_s(self) -> Matrix:
-        """Poles in 1/s; for a sampled system log(z) / dt (a pole at z = 0 becomes -inf)."""
+        """Returns the poles in 1/s. For a sampled system they are log(z) / dt, and a pole at z = 0
+        is -infinity."""
         return self._per_second(self.poles())
 
     def stable(self) -> bool:
-        """Whether all poles are inside the stable region."""
+        """Returns True if all poles are inside the stable region."""
         poles = self.poles()
         return bool(np.all(poles.real < 0 if self.dt is None else abs(poles) < 1))
 
     def _markov(self) -> tuple[int, float]:
-        """The relative degree r of the transfer function and its first nonzero Markov parameter: C
-        A^(r-1) B, or D for r = 0."""
+        """Returns the relative degree r of the transfer function and its first nonzero Markov
+        parameter, which is C A^(r-1) B, or D for r = 0."""
         if self.B.shape[1] != 1 or self.C.shape[0] != 1:
             raise ValueError("expected one input and one output")
         A, B, C = (matrix.astype(np.longdouble) for matrix in self.balanced)
@@ -113,18 +116,19 @@ class System:
             if not row.any():
                 break
             value, size = (row @ B).item(), (bound @ abs(B)).item()
-            # A smaller value is a rounding error of a value that is 0 by the structure.
+            # A smaller value is a rounding error of an exact 0.
             if abs(value) > 1e-11 * size:
                 return degree, value
             row, bound = row @ A, bound @ abs(A)
-        return len(A) + 1, 0.0  # no path
+        return len(A) + 1, 0.0  # the input does not act on the output
 
     def has_path(self) -> bool:
-        """Whether the input has an effect on the output."""
+        """Returns True if the input acts on the output."""
         return self._markov()[1] != 0.0
 
     def zeros(self) -> Matrix:
-        """Zeros of the transfer function, 1/s or z, including those that cancel poles.
+        """Returns the zeros of the transfer function in 1/s or as z, including zeros that cancel
+        poles.
 
         They are the poles of the system under a feedback that keeps its output at 0. The feedback
         uses the first nonzero derivative of the output; the states are those for which the output
@@ -137,7 +141,7 @@ class System:
         if not degree:
             result: Matrix = _core.eigenvalues(A - B @ C / value)
             return result
-        # Rows that give the lower derivatives of the output, made orthogonal to each other.
+        # Rows for the output and its lower derivatives, made orthogonal to each other.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
             row = rows[-1:] @ A
@@ -150,7 +154,7 @@ class System:
         return result
 
     def zeros_s(self) -> Matrix:
-        """Zeros in 1/s, as `poles_s`."""
+        """Returns the zeros in 1/s; for a sampled system see `poles_s`."""
         return self._per_second(self.zeros())
 
     def _per_second(self, roots: Matrix) -> Matrix:
@@ -161,11 +165,12 @@ class System:
             return result
 
     def gain(self) -> float:
-        """The factor g of the transfer function g prod(s - zero) / prod(s - pole)."""
+        """Returns the factor g of the transfer function g prod(s - zero) / prod(s - pole)."""
         return float(self._markov()[1])
 
     def transfer_function(self) -> tuple[Matrix, Matrix]:
-        """(numerator, denominator) coefficients, highest power first, denominator monic."""
+        """Returns the coefficients (numerator, denominator), highest power first. The first
+        coefficient of the denominator is 1."""
         value = self.gain()
         if value == 0.0:
             return np.zeros(1), polynomial(self.poles())
@@ -177,8 +182,8 @@ class System:
         return result
 
     def at(self, points: ArrayLike) -> Matrix:
-        """Transfer function at complex points s (or z), in the shape of `points`; for several
-        inputs or outputs followed by (p, m)."""
+        """Returns the transfer function at complex points s (or z), in the shape of `points`. With
+        several inputs or outputs the shape is followed by (outputs, inputs)."""
         s = np.asarray(points, complex)
         H, B, C = self._hessenberg
         values: Matrix = _core.hessenberg_response(H, B, C, self.D, s.ravel())
@@ -187,14 +192,14 @@ class System:
         return values.reshape(s.shape + values.shape[1:])
 
     def response(self, frequency_hz: ArrayLike) -> Matrix:
-        """Frequency response in the form of `at`."""
+        """Returns the frequency response in the form of `at`."""
         s = 2j * np.pi * np.asarray(frequency_hz, float)
         return self.at(s if self.dt is None else np.exp(s * self.dt))
 
     def sampled(self, delay_ticks: int = 0, dt: float = TICK_S, extended: bool = False) -> "System":
-        """The system with a zero-order hold at its input, sampled every `dt` s; inputs act
-        `delay_ticks` samples later. extended: A and B keep the digits of np.longdouble, because in
-        double precision G loses its digits where it is far below its largest value."""
+        """Returns the system with a zero-order hold at its input, sampled every `dt` s. The inputs
+        act `delay_ticks` samples later. extended: True if A and B keep the digits of np.longdouble,
+        because in double precision a very small G would lose its digits."""
         if self.dt is not None:
             raise ValueError("expected a continuous system")
         n = len(self.A)
@@ -208,7 +213,7 @@ class System:
         return system
 
     def delayed(self) -> "System":
-        """A sampled system whose inputs act one sample later."""
+        """Returns a sampled system whose inputs act one sample later."""
         n, m = self.B.shape
         A = np.zeros((n + m, n + m), self.A.dtype)
         A[:n, :n], A[:n, n:] = self.A, self.B
@@ -225,8 +230,8 @@ class System:
         )
 
     def state_space(self) -> "control.StateSpace":
-        """The system as `control.StateSpace` with its names (python-control needs _ in place of
-        dots)."""
+        """Returns the system as `control.StateSpace` with its names. python-control needs _ in
+        place of dots."""
         import control
 
         def plain(names: Sequence[str]) -> list[str]:
@@ -243,12 +248,13 @@ class System:
 
 
 def polynomial(roots: Matrix) -> Matrix:
-    """Coefficients of the monic real polynomial with these roots, highest power first."""
-    return np.atleast_1d(np.real(np.poly(roots)))  # without roots NumPy returns a scalar 1
+    """Returns the coefficients of the monic real polynomial with these roots, highest power
+    first."""
+    return np.atleast_1d(np.real(np.poly(roots)))  # without roots, NumPy returns a scalar 1
 
 
 def find_model(text: str | Path) -> Path:
-    """The path of a model that is given as a path or as the stem of a file in sim/models
+    """Returns the path of a model that is given as a path or as the stem of a file in sim/models
     (fig4_19)."""
     path = Path(text)
     if path.suffix == ".toml" or path.parent != Path():
@@ -263,8 +269,8 @@ def find_model(text: str | Path) -> Path:
 
 
 def overrides(texts: Iterable[str]) -> dict[str, float | str]:
-    """{name: number, or text of a quantity or of another parameter} from texts NAME=VALUE. Raises
-    ParameterError for another text, or for a name with two values."""
+    """Returns {name: number, or text of a quantity or of another parameter} from texts NAME=VALUE.
+    Raises ParameterError for a text of another form, and for a name that occurs with two values."""
     values: dict[str, float | str] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -285,17 +291,18 @@ def overrides(texts: Iterable[str]) -> dict[str, float | str]:
 
 
 def shown(value: float | str) -> str:
-    """The value of an override as text for a user."""
+    """Returns the value of an override as text for a user."""
     return value if isinstance(value, str) else f"{value:g}"
 
 
 def override_texts(values: Overrides) -> list[str]:
-    """Texts NAME=VALUE of {name: number or text}."""
+    """Returns texts NAME=VALUE from {name: number or text}."""
     return [f"{n}={v if isinstance(v, str) else repr(float(v))}" for n, v in values.items()]
 
 
 def states(texts: Sequence[str]) -> dict[str, str]:
-    """{element: state} from texts ELEMENT=STATE. Raises ParameterError for another text."""
+    """Returns {element: state} from texts ELEMENT=STATE. Raises ParameterError for a text of
+    another form."""
     for text in texts:
         if not all(text.partition("=")):
             raise ParameterError("states", f"{text}: expected ELEMENT=STATE")
@@ -303,7 +310,8 @@ def states(texts: Sequence[str]) -> dict[str, str]:
 
 
 def facts(model: str | Path, overrides: Overrides | None = None) -> PlantFacts:
-    """What a model contains: bodies, signals with units, parameters, drive, sensor, encoder."""
+    """Returns what a model contains: bodies, signals with units, parameters, drive, sensor and
+    encoder."""
     return plant_facts.read(str(find_model(model)), overrides)
 
 
@@ -316,7 +324,7 @@ def linearise(
     free: bool = False,
     drive: bool = True,
 ) -> System:
-    """One mode of a model as a System, from the equations that the time simulation integrates.
+    """Returns one mode of a model as a System, from the equations that the simulation integrates.
 
     model: a path, or the stem of a file of sim/models. inputs: drive.command (V), drive.tach (V,
     added to the tachometer), drive.force (N, between the body of the drive and its reaction body,
@@ -341,7 +349,7 @@ def linearise(
 
 
 def once(parameter: str, names: Sequence[str]) -> None:
-    """Raises InputError for a name that a parameter has twice."""
+    """Raises InputError if the names for a parameter contain one name twice."""
     if len(set(names)) < len(names):
         raise ParameterError(parameter, f"expected each name once, got {', '.join(names)}")
 
@@ -353,7 +361,7 @@ def check_export(path: str | Path | None) -> None:
 
 
 def export(system: System, path: str | Path) -> None:
-    """Writes A, B, C, D, dt (0: continuous) and the names to .npz or .mat."""
+    """Writes A, B, C, D, dt (0 for a continuous system) and the names to a file .npz or .mat."""
     dt, names = system.dt or 0.0, (system.states, system.inputs, system.outputs)
     if Path(path).suffix == ".mat":
         from scipy import io
@@ -371,8 +379,8 @@ def export(system: System, path: str | Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class SystemResult:
-    """A System as a result, with the mode of the model (None if it has only one) and dt in s (None
-    if the system is continuous)."""
+    """A System as a result, with the mode of the model (None if the model has only one mode) and dt
+    in s (None if the system is continuous)."""
 
     working: Working | None = json_field(inline=True)
     states: tuple[str, ...]
@@ -386,7 +394,7 @@ class SystemResult:
 
 
 def system_result(system: System, mode: Working) -> SystemResult:
-    """The SystemResult of a System and its mode."""
+    """Returns the SystemResult of a System and its mode."""
     return SystemResult(
         working=mode.shown,
         states=system.states,

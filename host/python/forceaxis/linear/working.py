@@ -1,4 +1,5 @@
-"""The default mode in which a model is linearised: the mode in which the axis works.
+"""The default mode in which a model is linearised: the states of its elements in which the axis
+works.
 
 A force law works while the axis presses and moves. In this mode contacts are pressed, frictions
 slide, backlash is closed, and all other elements are in the middle of their range. Sliding friction
@@ -25,19 +26,19 @@ from forceaxis.results import json_field
 STUCK, SLIDING = "stuck", "forward"
 FLANKS = (".low", ".high")
 OPEN, CLOSED = "apart", "pressed"
-DAC_CODES = 2048  # DAC codes from 0 V to full scale
-SLOW_PER_S = 0.06  # frequency in rad/s at which the response counts as static
+DAC_CODES = 2048  # number of DAC codes from 0 V to full scale
+SLOW_PER_S = 0.06  # frequency in rad/s that is low enough for a static response
 
 States = Mapping[str, str]  # {element: state}
-Stamp = tuple[int, int]  # time of the last change of a file in ns, size of the file in bytes
-Used = tuple[tuple[str, float | str], ...]  # (parameter, value)
+Stamp = tuple[int, int]  # version of a file: time of the last change in ns, size in bytes
+Used = tuple[tuple[str, float | str], ...]  # (parameter, value) pairs
 
 
 @dataclass(frozen=True)
 class Friction:
     """A [[friction]] of a model: its name, its two ends, sliding force and breakaway force in N.
-    parameters: names of the parameters that define these two forces; None for a force that is a
-    number in the file."""
+    parameters: names of the parameters that define these two forces. A name is None if the file
+    states the force as a number."""
 
     name: str
     between: tuple[str, str]
@@ -48,20 +49,22 @@ class Friction:
 
 @dataclass(frozen=True)
 class Working:
-    """modes: {element: state} in which a model is linearised, given or chosen. text: the chosen
-    states as one line for a user; empty if the model has no choice and no state was given."""
+    """The mode in which a model is linearised. modes: {element: state}, given or chosen; text: the
+    chosen states as one line for a user, empty if the model has no choice and no state was
+    given."""
 
     modes: dict[str, str] = json_field(key="mode")
     text: str = json_field(key="mode_text", default="")
 
     @property
     def shown(self) -> "Working | None":
-        """The mode as a part of a result; None if the model has no choice of a mode."""
+        """The mode as a part of a result. None if the model has only one mode."""
         return self if self.text else None
 
 
 class _FrictionRow(NamedTuple):
-    """A [[friction]] as it stands in a file; a force is a number, a quantity or a parameter."""
+    """A [[friction]] as written in a file. A force is a number, a quantity or the name of a
+    parameter."""
 
     name: str
     between: tuple[str, str]
@@ -70,7 +73,7 @@ class _FrictionRow(NamedTuple):
 
 
 class _Elements(NamedTuple):
-    """The elements of a model whose states have a default that depends on the parameters."""
+    """The elements of a model whose default states depend on the parameters."""
 
     frictions: tuple[_FrictionRow, ...] = ()
     backlashes: tuple[str, ...] = ()
@@ -78,7 +81,8 @@ class _Elements(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _elements(path: str, stamp: Stamp) -> _Elements:
-    """The elements of a model's file in the version with the time and size `stamp`."""
+    """Returns the elements of a model file. `stamp`, the time and size of the file, is part of the
+    key of the cache."""
     table = toml.read(path)
     frictions = (
         _FrictionRow(
@@ -98,13 +102,14 @@ def _stamp(path: str | Path) -> Stamp:
 
 
 def _own_elements(path: str | Path) -> _Elements:
-    if not Path(path).is_file():  # the reader of models reports a missing file
+    if not Path(path).is_file():  # the function that reads models reports a missing file
         return _Elements()
     return _elements(str(path), _stamp(path))
 
 
 def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]]) -> float | None:
-    """The value of a number, quantity or parameter in a model's file; None for another type.
+    """Returns the value of a number, quantity or parameter in a model file, or None for another
+    type.
 
     parameters: as facts has them.
     """
@@ -116,7 +121,8 @@ def number(given: float | str | None, parameters: Mapping[str, tuple[float, str]
 
 
 def frictions(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """The frictions of the model at `path` under {parameter: value}, in the file's order."""
+    """Returns the frictions of the model at `path` with the parameters {parameter: value}, in the
+    order of the file."""
     if not _own_elements(path).frictions:
         return ()
     return _frictions(path, plant_facts.read(str(path), overrides).parameters)
@@ -137,13 +143,13 @@ def _frictions(
 
 
 def backlashes(path: str | Path) -> tuple[str, ...]:
-    """The names of the model's backlashes."""
+    """Returns the names of the backlashes of a model."""
     return _own_elements(path).backlashes
 
 
 def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction, ...]:
-    """The frictions that the drive cannot overcome, because the force of the drive that reaches the
-    friction is below its breakaway force."""
+    """Returns the frictions that the drive cannot overcome. The force of the drive that arrives at
+    such a friction is below its breakaway force."""
     arriving = arriving_N(path, overrides)
     return tuple(
         one
@@ -153,9 +159,9 @@ def held(path: str | Path, overrides: Overrides | None = None) -> tuple[Friction
 
 
 def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str, float]:
-    """{friction: force in N with which the drive can load a sticking friction} at the full scale of
-    the DAC and within the limits of the drive, while all other frictions slide and contacts are
-    pressed. Empty for a model without a drive."""
+    """Returns {friction: largest force in N with which the drive can load this friction while it
+    sticks}. The DAC is at full scale, the drive is within its limits, all other frictions slide and
+    contacts are pressed. Empty for a model without a drive."""
     values = dict(overrides or {})
     own = frictions(path, values)
     known = plant_facts.read(str(path), values)
@@ -173,7 +179,8 @@ def arriving_N(path: str | Path, overrides: Overrides | None = None) -> dict[str
 
 
 def _stall_N(path: str | Path, known: PlantFacts) -> float:
-    """Largest static force of the drive in N; infinite if the model has no limits."""
+    """Returns the largest static force of the drive in N, or infinity if the drive has no
+    limits."""
     table, drive = toml.read(path)["drive"], known.required_drive.values
 
     def limit(name: str) -> float:
@@ -194,8 +201,8 @@ def _sliding(path: str | Path, own: tuple[Friction, ...]) -> dict[str, str]:
 
 @lru_cache(maxsize=512)
 def _chosen(path: str, stamp: Stamp, used: Used, overrides: Used) -> dict[str, str]:
-    """The default states of frictions and backlashes. stamp, used: version of the file and the
-    values that it uses; both are the key of the cache."""
+    """Returns the default states of frictions and backlashes. stamp, used: version of the file and
+    the values that the computation uses; both are part of the key of the cache."""
     values = dict(overrides)
     stuck = {one.name: STUCK for one in held(path, values)}
     return _sliding(path, frictions(path, values)) | stuck
@@ -207,7 +214,7 @@ def working(
     modes: States | None = None,
     free: bool = False,
 ) -> Working:
-    """The Working mode of the model at `path`; states in `modes` keep their given values.
+    """Returns the Working mode of the model at `path`. States that are given in `modes` are kept.
 
     free: contacts are open. Raises InputError for a file that is not a model.
     """
@@ -219,7 +226,7 @@ def working(
     given = tuple(sorted((overrides or {}).items()))
     chosen = dict(_chosen(str(path), _stamp(path), used, given))
     for name in backlashes(path):
-        if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank is closed
+        if named.get(name + FLANKS[0], OPEN) != OPEN:  # the other flank of the backlash is closed
             chosen.pop(name + FLANKS[1])
     taken = chosen | named
     contacts = [contact.name for contact in known.contacts]
@@ -229,9 +236,9 @@ def working(
 def friction_states(
     path: str | Path, overrides: Overrides | None = None
 ) -> list[tuple[tuple[str, str], ...]]:
-    """For each friction of the model its possible states ((name, state), ...): sliding and stuck,
-    or only stuck if the drive cannot overcome the friction. Both directions of sliding give the
-    same linear system, so only one is listed."""
+    """Returns for each friction of the model its possible states ((name, state), ...): sliding and
+    stuck, or only stuck if the drive cannot overcome the friction. Both directions of sliding give
+    the same linear system, so the result contains one direction."""
     stuck = {one.name for one in held(path, overrides)}
     own = frictions(path, overrides)
     return [
@@ -243,9 +250,9 @@ def friction_states(
 def choices(
     path: str | Path, switches: Mapping[str, tuple[str, ...]], overrides: Overrides | None = None
 ) -> list[list[dict[str, str]]]:
-    """For each element that switches, the states that can last and that differ as linear systems,
-    each as {switch: state}. switches: as in facts. A backlash or a stop with two ends has at most
-    one closed end; both flanks of a backlash are equal."""
+    """Returns for each element that switches the states that can last and that differ as linear
+    systems, each as {switch: state}. switches: as in facts. A backlash or a stop with two ends has
+    at most one closed end. Both flanks of a backlash give the same system."""
     found = [[dict([one]) for one in states] for states in friction_states(path, overrides)]
     done = {name for states in found for one in states for name in one}
     plays = backlashes(path)
@@ -282,9 +289,9 @@ def cut_by(
     taken: States,
     has_path: Callable[[dict[str, str]], bool],
 ) -> str:
-    """The end of an error text that names the element that interrupts the signal path in the mode
-    `taken`, and the remedy; empty if no single element interrupts the path. has_path(modes):
-    whether the path exists in a mode."""
+    """Returns the end of an error text that names the element that interrupts the signal path in
+    the mode `taken`, and the remedy. The text is empty if no single element interrupts the path.
+    has_path(modes): returns True if the path exists in a mode."""
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (
