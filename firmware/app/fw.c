@@ -36,8 +36,8 @@ static uint8_t fault_of(const fw_t *fw) {
   return (latched != AXIS_FAULT_NONE) ? latched : fw->drive.fault;
 }
 
-/* Returns true if a write to the object is refused now: the first motion test keeps the bounds with
- * which the test began. */
+/* Returns true if a write to this object is refused now, because a running first motion test keeps
+ * the bounds with which it began. */
 static bool is_frozen(const fw_t *fw, uint16_t object) {
   return guards_freeze(&fw->drive.guards, object);
 }
@@ -117,7 +117,7 @@ static void node_written(dictionary_t *objects, uint8_t source, uint16_t object,
   }
 }
 
-/* Sets store_state immediately if the store has accepted the command, because the store is then
+/* If the store has accepted the command, store_state shows immediately that the store is
  * working. */
 static int begin_store(fw_t *fw, int refusal) {
   if (refusal == FW_OK) {
@@ -213,9 +213,9 @@ static const dictionary_owner_t owner = {
     .domain_read = recording_read,
 };
 
-/* Returns true if the newest saved parameter set is active, so the axis was commissioned with this
- * set. Returns false without a set, after an interrupted save, and with a set of another object
- * table of which some entries are not active. */
+/* Returns true if the axis was commissioned: the newest saved parameter set is complete and active.
+ * Returns false without a set, after an interrupted save, and with a set of another object table of
+ * which some entries are not active. */
 static bool is_commissioned(uint8_t store_state) {
   return store_state == AXIS_STORE_STATE_LOADED ||
          store_state == AXIS_STORE_STATE_LOADED_OLD_DEFAULTS;
@@ -292,7 +292,7 @@ static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-/* Executes the requests that the CANopen node has made in its last function. */
+/* Executes the requests that the last called function of the CANopen node has left. */
 static void take_requests(fw_t *fw) {
   if (!canopen_has_requests(&fw->canopen)) {
     return;
@@ -343,8 +343,8 @@ static void execute_reset(fw_t *fw) {
       canopen_emergency(&fw->canopen, AXIS_ERROR_CODE_STORE_FAILED, AXIS_STORE_STATE_FAILED);
     }
   }
-  /* The port reports only changes of the bus state, so the reset node gets the present state
-   * here. */
+  /* The code for the board reports only changes of the bus state. So after a reset the node gets
+   * the present bus state here. */
   canopen_bus(&fw->canopen, bus);
   take_requests(fw);
 }
@@ -406,7 +406,8 @@ bool fw_report(fw_t *fw) {
   cia402_after(&fw->drive, &fw->axis);
   incident_tick(fw, fault_of(fw));
   if (fw->config.buses != 0) {
-    /* A sample of the recorder and a TPDO in one interrupt would take too long. */
+    /* A sample of the recorder and a TPDO in the same interrupt would take too long, so the TPDO is
+     * deferred. */
     const bool defer = incident_samples(fw) || reports_contact_seen(fw) != fw->contact_seen ||
                        !canopen_has_reported(&fw->canopen, fw->drive.signals.error_code);
     canopen_tick_begin(&fw->canopen, &fw->objects, is_active(fw), defer);

@@ -48,8 +48,8 @@ enum {
   FW_RESET_LOW_POWER = 128
 };
 
-/* Registers of the processor at a fault of the processor core. The board keeps these values over
- * the following reset. */
+/* Registers of the processor core at its last fault. The board keeps these values over the
+ * following reset. */
 typedef struct {
   uint32_t pc;
   uint32_t lr;
@@ -80,36 +80,39 @@ enum { FW_BETWEEN_TICKS_MAX = 15 };
  * and has no Modbus unit. */
 enum { FW_NODE_ID_BY_LSS = 255 };
 
-/* Configuration that the port passes to fw_init(). If all fields are 0, the axis is on no bus. */
+/* Configuration of the firmware for fw_init(). If all fields are 0, the axis is on no bus. */
 typedef struct {
-  /* buffer of the recorder, without alignment; the buffer must outlive the firmware; NULL is
+  /* buffer of the recorder, which needs no alignment and must outlive the firmware; NULL is
    * permitted if recorder_bytes is 0 */
   void *recorder_buffer;
   uint32_t recorder_bytes;
-  /* Memory of the black box, without initial value; NULL: no black box. To keep an incident over a
-   * restart, this memory and recorder_buffer must be in memory that a restart does not clear. */
+  /* Memory of the black box, which needs no initial value; NULL if there is no black box. To keep
+   * an incident over a restart, this memory and recorder_buffer must be in memory that a restart
+   * does not clear. */
   blackbox_t *blackbox;
-  const store_memory_t *memory; /* memory of the parameter store; NULL: no parameter is stored */
-  /* memory of the archive; NULL: no incident is kept over a power cut */
+  const store_memory_t *memory; /* memory of the parameter store; NULL if no parameter is stored */
+  /* memory of the archive; NULL if no incident is kept over a power cut */
   const store_memory_t *archive;
-  /* text of hardware_version, which must outlive the firmware; NULL: the text "none" */
+  /* text of hardware_version, which must outlive the firmware; NULL selects the text "none" */
   const char *hardware;
   uint32_t serial_number;
-  /* bit rate of the Modbus line in bit/s, which determines the silence at the end of a frame; 0:
-   * MODBUS_BAUD_DEFAULT */
+  /* bit rate of the Modbus serial line in bit/s, which determines the silence at the end of a
+   * frame; 0 selects MODBUS_BAUD_DEFAULT */
   uint32_t modbus_baud;
   /* CANopen node id and Modbus unit, 1 to 127. 0: the axis uses stored_node_id, or 1 if no id is
    * stored. FW_NODE_ID_BY_LSS: the axis uses stored_node_id, or has no id until an LSS master gives
    * an id. */
   uint8_t node_id;
-  uint8_t buses;       /* 1: the firmware serves CANopen and Modbus; 0: the axis is on no bus */
-  uint8_t reset_cause; /* causes of the last reset, a set of FW_RESET_ bits; 0: not known */
-  /* text of software_version, which must outlive the firmware; NULL: FW_VERSION and the hash of the
-   * object table */
+  uint8_t buses; /* 1 if the firmware serves CANopen and Modbus; 0 if the axis is on no bus */
+  /* causes of the last reset, as a set of FW_RESET_ bits; 0 if no cause is known */
+  uint8_t reset_cause;
+  /* text of software_version, which must outlive the firmware; NULL selects FW_VERSION and the hash
+   * of the object table */
   const char *software;
-  /* set of the CAN bit rates that the board supports (lss.h); 0: all bit rates */
+  /* set of the CAN bit rates that the board supports (lss.h); 0 permits all bit rates */
   uint16_t bit_rates;
-  /* registers at the fault of the processor core that caused the last reset; NULL: no such fault */
+  /* registers at the fault of the processor core that caused the last reset; NULL without such a
+   * fault */
   const fw_core_fault_t *core_fault;
 } fw_config_t;
 
@@ -130,16 +133,16 @@ typedef struct {
   uint32_t ticks_alone;    /* number of ticks since the last call of fw_between() */
   /* tick in which each rate-limited emergency message (FF01h to FF04h) was last sent */
   uint32_t reported_tick[FW_HELD];
-  uint8_t reported[FW_HELD]; /* 1: this rate-limited emergency message was sent since power-up */
-  /* state that reports_contact_seen() returned when reports_contact() last ran */
+  uint8_t reported[FW_HELD]; /* 1 if this rate-limited emergency message was sent since power-up */
+  /* state of contact, force law and calibration at the last call of reports_contact() */
   uint8_t contact_seen;
-  /* 1: the tare measurement is writing force_tare, which does not reset the date 1020h */
+  /* 1 while the tare measurement writes force_tare, which does not reset the date 1020h */
   uint8_t tare_is_written;
-  uint8_t on_serial;    /* 1: the write in progress was received over the serial line */
-  uint8_t owner_on_can; /* 1: the owner reaches the axis over CAN; see ownership.h */
-  /* 1: the black box uses the recorder buffer; 0: the recorder uses the buffer (incident.h) */
+  uint8_t on_serial;    /* 1 while a write from the serial line is executed */
+  uint8_t owner_on_can; /* 1 if the owner reaches the axis over CAN (ownership.h) */
+  /* 1 if the black box uses the recorder buffer; 0 if the recorder uses this buffer (incident.h) */
   uint8_t boxed;
-  uint8_t live; /* 1: fw_tick() computes the drive and the protocols too */
+  uint8_t live; /* 1 if fw_tick() also computes the drive and the protocols */
 } fw_t;
 
 /* Initialises the firmware at power-up: parameters have their stored values or their defaults, the
@@ -209,8 +212,8 @@ void fw_modbus_receive(fw_t *fw, const uint8_t *bytes, uint16_t count);
 uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
 
 /* Reports a late tick (`missed` is 0) or `missed` ticks that did not run. `overruns` counts each of
- * these ticks. The time, which is tick_count and the timers of the CANopen node (canopen_missed()),
- * advances by the missed ticks. Call fw_overrun() after fw_between(), not in the interrupt. */
+ * these ticks. tick_count and the timers of the CANopen node (canopen_missed()) advance by the
+ * missed ticks. Call fw_overrun() after fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
 /* Accepts the errors that the port has detected in its board, a set of FW_BOARD_ bits, and the
@@ -224,9 +227,9 @@ void fw_overrun(fw_t *fw, uint32_t missed);
  * detected errors until the axis has no fault. */
 void fw_board(fw_t *fw, uint16_t state, int16_t tick_deviation);
 
-/* Read and write an object for the port itself, as dictionary_read() and dictionary_write() do. If
- * the firmware is on no bus, a write to an object that belongs neither to the axis nor to the
- * recorder starts the drive. */
+/* The code for the board reads and writes objects with these functions, which return what
+ * dictionary_read() and dictionary_write() return. If the firmware is on no bus, a write to an
+ * object that belongs neither to the axis nor to the recorder starts the drive. */
 int fw_object_read(const fw_t *fw, uint16_t object, int32_t *value);
 int fw_object_write(fw_t *fw, uint8_t source, uint16_t object, int32_t value);
 

@@ -4,7 +4,7 @@
 
 #include "firmware/app/recording.h"
 
-/* Signals that the black box records, because they show what led to an error. */
+/* Signals that the black box records. These signals show what led to an error. */
 static const struct {
   uint16_t object;
   uint32_t address;
@@ -39,8 +39,8 @@ static void start(fw_t *fw) {
   blackbox_start(fw->config.blackbox, channels, recording_channel(fw, AXIS_OBJ_ERROR_CODE));
 }
 
-/* Starts or stops the black box: it records while blackbox_option is `on` and the recorder does not
- * use the buffer. Returns the state of the black box. */
+/* Starts or stops the black box, which records while blackbox_option is `on` and the recorder does
+ * not use the buffer. Returns the state of the black box. */
 static uint8_t keep_recording(fw_t *fw) {
   blackbox_t *blackbox = fw->config.blackbox;
   const bool is_used = fw->recorder.signals.recorder_state != AXIS_RECORDER_STATE_IDLE;

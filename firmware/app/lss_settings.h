@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_APP_LSS_SETTINGS_H_
 #define FIRMWARE_APP_LSS_SETTINGS_H_
 
-/* LSS settings of the axis: the node id and the bit rate. The values come from the configuration of
- * the port, from the parameter store or from an LSS master. */
+/* LSS settings of the axis: the node id and the bit rate. The values come from the configuration
+ * fw_config_t, from the parameter store or from an LSS master. */
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -15,9 +15,9 @@
 int lss_settings_check(const fw_t *fw, uint16_t object, int32_t value);
 
 /* Initialise the LSS settings at power-up. lss_settings_begin() runs before the stored parameters
- * are loaded and sets the node id that the port configures. lss_settings_load() runs after the load
- * and sets the active node id and the bit rate; the function returns false if the stored parameter
- * set is damaged. */
+ * are loaded and sets the node id of the configuration fw_config_t. lss_settings_load() runs after
+ * the load and sets the active node id and the bit rate; the function returns false if the stored
+ * parameter set is damaged. */
 void lss_settings_begin(fw_t *fw);
 bool lss_settings_load(fw_t *fw);
 
@@ -25,9 +25,9 @@ bool lss_settings_load(fw_t *fw);
  * LSS has configured. Returns false if the stored parameter set is damaged. */
 bool lss_settings_reset_communication(fw_t *fw);
 
-/* lss_settings_serve() serves LSS requests and counts `ticks` ticks of the silence around a change
- * of the bit rate. Call lss_settings_serve() in fw_between() if lss_settings_pending() returns
- * true. */
+/* lss_settings_serve() serves LSS requests and counts `ticks` ticks of the silence before and after
+ * a change of the bit rate. Call lss_settings_serve() in fw_between() if lss_settings_pending()
+ * returns true. */
 static inline bool lss_settings_pending(const fw_t *fw) {
   return fw->canopen.lss.silence != 0 || fw->canopen.lss.store == LSS_STORE_REQUESTED;
 }

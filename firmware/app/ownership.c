@@ -29,8 +29,8 @@ static bool is_held(const fw_t *fw) {
   return fw->drive.signals.stopped_by != AXIS_STOPPED_BY_NOBODY;
 }
 
-/* Returns true if the firmware would not detect the loss of the owner after the axis is enabled.
- * The loss of a gateway that is already lost would not be detected again. */
+/* Returns true if the axis must not be enabled, because the loss of the owner would not be
+ * detected. This is also true for an owner behind a gateway that is already lost. */
 static bool is_enabling_unsafe(const fw_t *fw) {
   if (fw->device.command_source == AXIS_COMMAND_SOURCE_CANOPEN) {
     return fw->device.unsupervised_owner == AXIS_UNSUPERVISED_OWNER_REFUSED && !is_watched(fw);
@@ -38,8 +38,8 @@ static bool is_enabling_unsafe(const fw_t *fw) {
   return fw->owner_on_can != 0 && fw->canopen.heartbeats_lost != 0;
 }
 
-/* Checks whether a source may enable the axis with this controlword. The port itself
- * (FW_SOURCE_LOCAL) may always enable the axis. */
+/* Checks whether a source may enable the axis with this controlword. FW_SOURCE_LOCAL may always
+ * enable the axis. */
 static int may_enable(const fw_t *fw, uint8_t source, uint16_t controlword) {
   if (source == FW_SOURCE_LOCAL || !cia402_enables(controlword)) {
     return FW_OK;
@@ -116,7 +116,7 @@ static void warn(fw_t *fw) {
   }
 }
 
-/* Executes a controlword of the owner or of the port. */
+/* Executes a controlword of the owner or of FW_SOURCE_LOCAL. */
 static void obey(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword) {
   const bool is_local = source == FW_SOURCE_LOCAL;
   const bool enables = !is_local && cia402_would_enable(&fw->drive, controlword);
@@ -188,8 +188,8 @@ static void release_to_canopen(fw_t *fw) {
   canopen_owns(&fw->canopen);
 }
 
-/* Checks an axis that is released to canopen. If the CANopen master is lost, or if the loss of this
- * master would never be detected, the drive reacts as to a lost owner. */
+/* Checks an axis that is released to canopen. The drive reacts as after the loss of its owner if
+ * the CANopen master is lost, or if a loss of this master would never be detected. */
 static void check_canopen(fw_t *fw) {
   uint8_t fault = canopen_lost_for(&fw->canopen);
   if (fault == AXIS_FAULT_NONE && !canopen_is_watched(&fw->canopen)) {

@@ -39,10 +39,10 @@ static inline const fw_t *fw_of_const(const dictionary_t *objects) {
  * or FW_ERROR_BUSY while the parameter store is working. */
 int ownership_permit(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Acts on a controlword that replaces the controlword `previous`. A source that does not own the
- * axis can only stop the axis with a controlword (cia402_stop()), and the controlword of the owner
- * stays active. After such a stop, a controlword with which the owner would enable the axis can
- * also only stop the axis. */
+/* Handles a new controlword of a source; `previous` is the old controlword. A source that does not
+ * own the axis can only stop the axis with a controlword (cia402_stop()), and the controlword of
+ * the owner stays active. After such a stop, a controlword with which the owner would enable the
+ * axis can also only stop the axis. */
 void ownership_command(fw_t *fw, uint8_t source, uint16_t previous, uint16_t controlword);
 
 /* Call ownership_disabled() when a source has written the native mode `disabled`, before the axis
@@ -59,16 +59,16 @@ void ownership_written(dictionary_t *objects, uint8_t source, uint16_t object, i
                        int32_t value);
 
 /* Call ownership_check_watch() after a write that may change whether the firmware detects the loss
- * of the owner. If canopen owns an enabled axis and the loss of canopen would not be detected, the
- * axis is disabled with the fault source_lost, or only a warning is shown: unsupervised_owner
- * decides. */
+ * of the owner. If canopen owns an enabled axis and a loss of canopen would not be detected,
+ * unsupervised_owner selects the reaction: only a warning, or the fault source_lost, which disables
+ * the axis. */
 void ownership_check_watch(fw_t *fw);
 
 /* Call ownership_lost() when the owner can no longer reach the axis. `fault` (AXIS_FAULT_) is the
  * reason. */
 void ownership_lost(fw_t *fw, uint8_t fault);
 
-/* Returns true if the owner is on CAN and belongs to the lost sources `lost`, a set of FW_SOURCE_
+/* Returns true if the owner is on CAN and is one of the lost sources `lost`, a set of FW_SOURCE_
  * bits. */
 bool ownership_ends(const fw_t *fw, uint8_t lost);
 

@@ -27,8 +27,9 @@ bool recording_needs_drive(const fw_t *fw);
  * FW_OK or FW_ERROR_RANGE. */
 int recording_command(fw_t *fw, bool arm);
 
-/* Return the size of the completed recording in bytes, and read bytes of the recording. The
- * functions dictionary_domain_size() and dictionary_domain_read() call these two functions. */
+/* recording_size() returns the size of the completed recording in bytes; recording_read() reads
+ * bytes of this recording. dictionary_domain_size() and dictionary_domain_read() call these two
+ * functions. */
 uint32_t recording_size(const dictionary_t *objects);
 uint32_t recording_read(const dictionary_t *objects, uint32_t offset, uint8_t *bytes,
                         uint32_t count);

@@ -6,7 +6,8 @@
 static int calibrate(fw_t *fw) {
   drive_signals_t *signals = &fw->drive.signals;
   if (store_is_busy(&fw->store)) {
-    /* The calibration writes stored parameters, which is refused while the store is working. */
+    /* The calibration writes stored parameters. Such writes are refused while the store is
+     * working. */
     return FW_ERROR_BUSY;
   }
   uint32_t force_scale = 0;

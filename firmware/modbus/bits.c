@@ -5,8 +5,8 @@
 
 enum { CONTROL_SHUTDOWN = 0x0006, CONTROL_ENABLE = 0x000F, CONTROL_HALT = 0x0100 };
 
-/* Steps of a request of coils or discrete inputs; each step waits for the result of one access to
- * an object. */
+/* Steps of a request that reads or writes coils or discrete inputs. Each step waits for the result
+ * of one access to an object. */
 enum {
   COIL,
   DISCRETE,

@@ -3,7 +3,8 @@
 #include "firmware/fx/bytes.h"
 #include "firmware/fx/fx.h"
 
-/* Steps of functions 17 and 43; each step waits for the result of one access. */
+/* Steps of Modbus functions 17 and 43; each step waits for the result of one access to an
+ * object. */
 enum { STATE, NAME, IDENTITY };
 
 enum { TEXT_MAX = 30, HASH_DIGITS = 8, HASH = 0x80 };
@@ -61,7 +62,7 @@ void modbus_report_server(modbus_request_t *r) {
   modbus_ask(r, STATE, MODBUS_READ, AXIS_OBJ_DRIVE_STATE, 0);
 }
 
-/* Requests the next entry of `identities`, with the number r->first, or ends the request. */
+/* Requests the entry number r->first of `identities`, or ends the request after the last entry. */
 static void next_identity(modbus_request_t *r) {
   if (r->first == r->after) {
     modbus_end(r, MODBUS_OK);

@@ -4,7 +4,8 @@
 #include "firmware/fx/fx.h"
 #include "firmware/objects/value.h"
 
-/* Steps of a request of registers; each step waits for the result of one access to an object. */
+/* Steps of a request that reads or writes registers. Each step waits for the result of one access
+ * to an object. */
 enum { ORDER_TO_READ, ORDER_TO_WRITE, VALUE, MASKED, CHECK, PREVIOUS, WRITE, TAKE_BACK };
 
 static uint16_t registers_of(uint16_t object) {
@@ -15,8 +16,8 @@ static uint32_t end_of(const axis_register_t *entry) {
   return (uint32_t)entry->first + registers_of(entry->object);
 }
 
-/* Returns the last of `count` entries whose first register is at or before the register `at`, or
- * the first entry if there is no such entry. */
+/* Returns the last of `count` entries that begins at or before the register `at`. Returns the first
+ * entry if no entry begins there. */
 static const axis_register_t *entry_at(const axis_register_t *entries, uint32_t count,
                                        uint32_t at) {
   while (count > 1) {
@@ -193,7 +194,7 @@ static void next_check(modbus_request_t *r) {
   }
 }
 
-/* Begins the writes of the request. A single write needs no check before. */
+/* Begins the writes of the request. A single write needs no separate check. */
 static void begin_writes(modbus_request_t *r) {
   if (r->end - r->begin == 1) {
     next_write(r);
@@ -252,7 +253,7 @@ static void written(modbus_request_t *r) {
     take_back(r);
     return;
   }
-  /* In the request the previous value of the object replaces the written value, so that the write
+  /* The previous value of the object replaces the written value in the request, so that the write
    * can be undone. */
   for (uint32_t n = 0; n < registers_of(object); n++) {
     fx_store_be16(&r->place[2 * n], word_of(r->previous, registers_of(object), n, r->low_first));

@@ -31,8 +31,8 @@ void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t f
  * is not given back, because only LCM can acquire it again. */
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words);
 
-/* Modbus function 22: writes the value (old value and r->and_mask) or (r->or_mask and not
- * r->and_mask) to an object of 16 bits. */
+/* Modbus function 22: writes (old value AND r->and_mask) OR (r->or_mask AND NOT r->and_mask) to an
+ * object of 16 bits. */
 void modbus_mask_register(modbus_request_t *r, uint16_t first);
 
 void modbus_registers_resume(modbus_request_t *r);

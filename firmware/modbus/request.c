@@ -85,8 +85,8 @@ static void write_coils(modbus_request_t *r, uint16_t first, uint16_t count) {
   }
 }
 
-/* Writes a copy of the value, because the write changes the data that it uses and the response must
- * repeat the request. */
+/* Writes a copy of the value in the request, because a write overwrites its data and the response
+ * must repeat the request. */
 static void write_register(modbus_request_t *r, uint16_t first, uint16_t value) {
   fx_store_be16(r->word, value);
   modbus_write_registers(r, first, 1, r->word);
@@ -209,7 +209,7 @@ void modbus_request_begin(modbus_request_t *r, uint8_t unit, uint8_t *pdu, uint1
 void modbus_request_resume(modbus_request_t *r) {
   const modbus_access_t *access = &r->access;
   const bool reads = access->kind == MODBUS_READ || access->kind == MODBUS_READ_TEXT;
-  /* A write-only object reads as 0. */
+  /* The answer contains 0 as the value of a write-only object. */
   if (reads && access->refusal != FW_OK && access->refusal != FW_ERROR_WRITE_ONLY) {
     modbus_end(r, modbus_exception_of(access->refusal));
     return;

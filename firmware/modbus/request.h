@@ -28,8 +28,8 @@ enum {
   MODBUS_BYTES_MORE = 0xFFFF /* more bytes are needed */
 };
 
-/* Returns the length in bytes of a request PDU whose first `length` bytes are known, or a result
- * MODBUS_BYTES_. */
+/* Returns the length in bytes of a request PDU whose first `length` bytes are known. Returns
+ * MODBUS_BYTES_OPEN or MODBUS_BYTES_MORE if these bytes do not determine the length. */
 uint16_t modbus_request_bytes(const uint8_t *pdu, uint16_t length);
 
 /* Begins a request. The PDU in `pdu` has `length` bytes, at least one, in a buffer of

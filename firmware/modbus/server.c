@@ -18,10 +18,11 @@ static void count(modbus_t *modbus, uint8_t which) {
   modbus->counters[which] = (uint16_t)(modbus->counters[which] + 1);
 }
 
-/* Returns the silence that ends a frame in ticks of 1/1500 s, rounded up: 3.5 characters of 11
- * bits, or 1.75 ms above 19200 bit/s (Modbus over serial line 1.02, 2.5.1.1). */
+/* Returns the length of the silence that ends a frame, in ticks of 1/1500 s, rounded up: 3.5
+ * characters of 11 bits, or 1.75 ms above 19200 bit/s (Modbus over serial line 1.02, 2.5.1.1). */
 static uint32_t ticks_of_silence(uint32_t baud) {
-  /* 3.5 x 11 x 1500 = 57750; 0.00175 x 1500 = 2.6. */
+  /* 3.5 characters of 11 bits are 3.5 x 11 x 1500 = 57750 ticks divided by the bit rate; 1.75 ms
+   * are 0.00175 x 1500 = 2.6 ticks. */
   return (baud > 19200) ? 3 : fx_quotient(57749 + baud, baud);
 }
 
@@ -115,8 +116,8 @@ static bool closes(const modbus_t *modbus) {
 
 /* Returns true if the frame is complete. In a frame to another unit only the CRC decides. If this
  * CRC is 0 too early by chance, the remaining bytes are discarded as an invalid frame. In a frame
- * with an unknown function the CRC does not decide, because a CRC whose high byte is 0 ends one
- * byte too early. */
+ * with an unknown function the CRC does not decide: if its high byte is 0, the CRC over all bytes
+ * is 0 one byte too early. */
 static bool ends(const modbus_t *modbus) {
   if (!closes(modbus)) {
     return false;

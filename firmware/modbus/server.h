@@ -25,13 +25,14 @@ typedef struct {
   uint32_t silence;       /* number of ticks since the last received byte */
   /* length of the frame received so far, in bytes; bytes that exceed the buffer are discarded */
   uint16_t length;
-  uint16_t crc;           /* CRC of the bytes of the frame */
-  uint16_t answer_length; /* length in bytes of the answer that waits to be sent; 0: no answer */
+  uint16_t crc; /* CRC of the bytes of the frame */
+  /* length in bytes of the answer that waits to be sent; 0 without an answer */
+  uint16_t answer_length;
   uint16_t answer_sent;
   uint16_t counters[MODBUS_COUNTERS];
-  uint8_t heard; /* 1: bytes were received since the last tick */
+  uint8_t heard; /* 1 if bytes were received since the last tick */
   uint8_t unit;
-  uint8_t frame[MODBUS_FRAME_BYTES]; /* bytes of the request, later of its answer */
+  uint8_t frame[MODBUS_FRAME_BYTES]; /* bytes of the request, and later of the answer */
 } modbus_t;
 
 /* Initialises the server. With `unit` 1 to 247, requests to other units are ignored, and broadcasts
@@ -39,16 +40,16 @@ typedef struct {
  * the bit rate in bit/s for characters of 11 bits; 0 selects MODBUS_BAUD_DEFAULT. */
 void modbus_init(modbus_t *modbus, uint8_t unit, uint32_t baud);
 
-/* Accepts received bytes in their order, before the next tick. The cost is that of the bytes, of at
- * most one request and of all broadcasts that these bytes complete. */
+/* Accepts received bytes in the order of receipt, before the next tick. One call processes all
+ * these bytes, at most one request and all broadcasts that these bytes complete. */
 void modbus_receive(modbus_t *modbus, dictionary_t *objects, const uint8_t *bytes, uint16_t count);
 
 /* Call modbus_tick() once in each tick. A frame ends after a silence of 3.5 characters, or of
  * 1.75 ms above 19200 bit/s; both times are rounded up to ticks. */
 void modbus_tick(modbus_t *modbus, dictionary_t *objects);
 
-/* Writes at most `room` bytes of the answer into `bytes`. Returns the number of these bytes; 0
- * means that no bytes wait. */
+/* Writes at most `room` bytes of the answer into `bytes`. Returns the number of these bytes, or 0
+ * if no answer waits to be sent. */
 uint16_t modbus_transmit(modbus_t *modbus, uint8_t *bytes, uint16_t room);
 
 #endif

@@ -46,7 +46,7 @@ typedef enum {
   MODBUS_WRITE        /* write on behalf of Modbus */
 } modbus_access_kind_t;
 
-/* Value of `refusal` in an access if the axis did not answer. */
+/* Value of the field `refusal` of an access if the axis did not answer. */
 enum { MODBUS_NO_ANSWER = 1 };
 
 typedef struct {
@@ -64,13 +64,13 @@ typedef enum { MODBUS_ENDED, MODBUS_REGISTERS, MODBUS_BITS, MODBUS_IDENTITY } mo
 
 typedef struct {
   modbus_access_t access;
-  /* part of the code (modbus_part_t) that continues the request; MODBUS_ENDED: the answer is
+  /* part of the code (modbus_part_t) that continues the request; MODBUS_ENDED if the answer is
    * complete */
   uint8_t part;
   uint8_t step; /* step of this part */
   uint8_t unit;
-  uint8_t *pdu;       /* function code and data of the request, later of its answer */
-  uint16_t length;    /* length in bytes of the request, later of its answer */
+  uint8_t *pdu;       /* function code and data of the request, and later of the answer */
+  uint16_t length;    /* length in bytes of the request PDU, and later of the answer PDU */
   uint16_t *counters; /* array of MODBUS_COUNTERS counters */
 
   /* For requests of registers: the entries of axis_holding or axis_input that the request reads or
@@ -84,17 +84,18 @@ typedef struct {
   uint8_t *words; /* words of the first entry to write */
   uint8_t *place; /* words of the entry that is being read or written */
   uint32_t first; /* number of the first register, bit or identification object to read */
-  uint32_t after; /* number after that of the last register, bit or identification object to read */
+  uint32_t after; /* number of the last register, bit or identification object to read, plus 1 */
   uint16_t read_first; /* function 23: first register that is read after the writes */
-  uint16_t read_count; /* number of registers that are read after the writes; 0: none */
-  uint16_t and_mask;   /* function 22 */
+  /* number of registers that are read after the writes; 0 if no register is read */
+  uint16_t read_count;
+  uint16_t and_mask; /* function 22 */
   uint16_t or_mask;
   uint8_t word[2];      /* word that functions 6 and 22 write */
   uint8_t irreversible; /* number of writes in the request that cannot be undone */
-  /* true while the irreversible writes are in progress; all other writes come before */
+  /* true while the irreversible writes are in progress; all other writes come first */
   bool writes_those;
   uint32_t previous; /* previous value of the object that is being written */
-  uint8_t exception; /* exception because of which the request undoes its writes */
+  uint8_t exception; /* exception with which the request ends after its writes are undone */
 
   /* For requests that write coils: one[n] or zero[n] is true if coil n is written with 1 or 0. If
    * both are false, coil n is not part of the request. */
@@ -135,7 +136,7 @@ static inline void modbus_ask(modbus_request_t *r, uint8_t step, modbus_access_k
   r->access.value = value;
 }
 
-/* Ends the request: the answer in the PDU is complete, or the answer is an exception. */
+/* Ends the request with the answer that is already in the PDU, or with an exception. */
 static inline void modbus_end(modbus_request_t *r, uint8_t exception) {
   r->part = MODBUS_ENDED;
   if (exception == MODBUS_OK) {

@@ -1,7 +1,7 @@
 #ifndef FIRMWARE_OBJECTS_ACCESS_H_
 #define FIRMWARE_OBJECTS_ACCESS_H_
 
-/* The object dictionary as the protocols use it: values by object number, and entries by CANopen
+/* Object dictionary for the protocols: values are accessed by object number, entries by CANopen
  * address. dictionary.c implements these functions and depends neither on the protocols nor on the
  * owners of the values. */
 
@@ -17,7 +17,7 @@ typedef enum {
   FW_SOURCE_CANOPEN = AXIS_COMMAND_SOURCE_CANOPEN,
   FW_SOURCE_MODBUS = AXIS_COMMAND_SOURCE_MODBUS,
   FW_SOURCE_LCM = AXIS_COMMAND_SOURCE_LCM,
-  /* the port itself or a test bench; its writes do not depend on the owner of the axis */
+  /* the code for the board or a test bench; its writes do not depend on the owner of the axis */
   FW_SOURCE_LOCAL
 } fw_source_t;
 

@@ -53,8 +53,8 @@ int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value
   return FW_OK;
 }
 
-/* Returns the reason why a write is refused, by the object table, by the owner of the axis or by
- * the state; FW_OK if the write is permitted. */
+/* Returns FW_OK if the write is permitted, otherwise the refusal by the object table, the owner of
+ * the axis or the state. */
 static int refusal_of(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value) {
   if (!exists(object)) {
     return FW_ERROR_NO_OBJECT;

@@ -1,8 +1,8 @@
 #ifndef FIRMWARE_OBJECTS_DICTIONARY_H_
 #define FIRMWARE_OBJECTS_DICTIONARY_H_
 
-/* The object dictionary as the owner of the values uses it. The owner has a table with one row for
- * each block of objects: the position of the values and the functions that the dictionary calls.
+/* Object dictionary for the code that owns the values. This owner has a table with one row for each
+ * block of objects: the position of the values and the functions that the dictionary calls.
  * Protocols use access.h instead. */
 
 #include <stdbool.h>
@@ -13,18 +13,18 @@
 /* One block of objects (AXIS_BLOCK_): a structure with the values of one owner. */
 typedef struct {
   uint16_t offset; /* offset of the structure with the values, in bytes from the dictionary_t */
-  /* Checks whether a value within its range may be written, without a change of any state. NULL:
-   * every value within its range may be written. */
+  /* Returns FW_OK if a value within its range may be written; changes no state. NULL if every value
+   * within its range may be written. */
   int (*check)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* Called after a write has changed the object from `previous` to `value`. NULL: no action follows
-   * a write. */
+  /* Called after a write: the value was `previous` and is now `value`. NULL if no action follows a
+   * write. */
   void (*written)(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                   int32_t value);
 } dictionary_block_t;
 
 typedef struct {
   dictionary_block_t blocks[AXIS_BLOCK_NONE];
-  /* Checks whether this source may write this object now: the owner of the axis and the state
+  /* Returns FW_OK if this source may write this object now; the owner of the axis and the state
    * decide. */
   int (*permit)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
   /* Called after a write has changed the value of a stored parameter. */
@@ -39,14 +39,14 @@ typedef struct {
                           uint32_t count);
 } dictionary_owner_t;
 
-/* The object dictionary must be the first member of its owner's structure. Offsets from the
- * dictionary are then valid in every copy of the structure. */
+/* The object dictionary must be the first member of the structure that contains the values. Offsets
+ * from the dictionary are then valid in every copy of this structure. */
 struct dictionary {
   const dictionary_owner_t *owner;
-  /* bit set of the FW_SOURCE_ from which a write was accepted since the owner of the dictionary
-   * last cleared the set */
+  /* set of the sources (FW_SOURCE_ bits) whose writes were accepted since the owner last cleared
+   * this set */
   uint8_t writers;
-  uint8_t zero; /* always 0; TPDOs without a mapped object send this byte */
+  uint8_t zero; /* byte that is always 0; TPDOs send it where no object is mapped */
 };
 
 void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
@@ -58,8 +58,7 @@ bool dictionary_has_value(uint16_t object);
  * because it executes no further command. Returns FW_ERROR_NO_OBJECT if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
-/* Stores that the dictionary has accepted a write of this source. The watchdog of the owner needs
- * this. */
+/* Stores that a write of this source was accepted, for the watchdog of the owner. */
 void dictionary_written_by(dictionary_t *objects, uint8_t source);
 
 /* Returns true if a stored value may be restored to this object at power-up. */

@@ -18,11 +18,10 @@ int32_t value_load(const void *base, uint32_t offset, uint8_t type);
 /* Stores a value in a structure. The value must be in the range of the type. */
 void value_store(void *base, uint32_t offset, uint8_t type, int32_t value);
 
-/* Sets every object of one AXIS_BLOCK_ structure to its power-up value. */
+/* Sets every object in the structure of one block (AXIS_BLOCK_) to its power-up value. */
 void value_store_defaults(void *structure, uint8_t block);
 
-/* Returns the signed value of the lowest bits of `bits`, in which the recorder packs a value of
- * this type. */
+/* Returns the signed value for the bits in which the recorder packs a value of this type. */
 int32_t value_from_bits(uint32_t bits, uint8_t type);
 
 #endif

@@ -17,7 +17,7 @@
 
 typedef struct {
   char magic[4];    /* "FAXI" */
-  uint32_t size;    /* size of this structure: 60 bytes */
+  uint32_t size;    /* size of this structure in bytes: 60 */
   char version[16]; /* FW_VERSION */
   /* first 12 digits of the commit of the source, and "+" if source files differed from this
    * commit */
@@ -35,8 +35,8 @@ extern const char identity_software[];
 
 #define IDENTITY_SECTION ".forceaxis_identity"
 
-/* Defines the identity of the image as the variable `identity`, which the code for the board can
- * also report itself. `board_text` and `git_text` are string literals of at most 16 characters; a
+/* Defines the variable `identity` with the identity of the image. The code for the board may also
+ * use this variable. `board_text` and `git_text` are string literals of at most 16 characters; a
  * longer literal does not compile with -Werror. */
 #define IDENTITY_DEFINE(board_text, git_text)                                                \
   extern const identity_t identity;                                                          \

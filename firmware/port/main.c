@@ -3,7 +3,8 @@
 
 #include "firmware/port/port.h"
 
-enum { SERIAL_CHUNK_BYTES = 32 }; /* limits the time for which the tick is masked */
+/* bytes in one transfer, which limits the time for which the tick is masked */
+enum { SERIAL_CHUNK_BYTES = 32 };
 
 static fw_t firmware;
 static volatile bool is_ticked; /* fw_between() is pending */
@@ -70,8 +71,8 @@ static void poll_port(void) {
   port_unlock();
 }
 
-/* Passes each received frame separately to the firmware: the longest frame delays a tick by 20 us,
- * which is the largest delay. */
+/* Passes each received frame separately to the firmware. The longest frame takes 20 us, which is
+ * the largest delay of a tick. */
 static void can_in(void) {
   can_frame_t frame;
   for (uint8_t i = 0; i < PORT_CAN_AT_ONCE && port_can_receive(&frame); i++) {
@@ -82,7 +83,8 @@ static void can_in(void) {
 }
 
 static void can_out(void) {
-  static can_frame_t waiting; /* frame that port_can_transmit() refused and that is offered again */
+  /* CAN frame that port_can_transmit() has refused and that is sent again later */
+  static can_frame_t waiting;
   static bool is_waiting;
   /* A frame that waited before bus off is too old when the bus works again. */
   is_waiting = is_waiting && bus != CAN_BUS_OFF;

@@ -1,5 +1,5 @@
-/* Functions that the compiler calls by itself. They are defined here because the image for a board
- * has no C library. */
+/* Functions that the compiler calls by itself. This file defines these functions, because the image
+ * for a board has no C library. */
 
 #include <stddef.h>
 #include <stdint.h>

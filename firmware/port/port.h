@@ -15,15 +15,15 @@
 
 #include "firmware/app/fw.h"
 
-/* Largest number of CAN frames that one cycle of the main loop receives, and largest number that it
- * sends. */
+/* Largest number of CAN frames that are received, and largest number that are sent, in one cycle of
+ * the main loop. */
 enum { PORT_CAN_AT_ONCE = 7 };
 
 /* Sets safe outputs first: the DAC at mid-scale, which is 0 V, then the amplifier off and the brake
  * on. Then starts clocks and peripherals. The tick is started later, by port_start(). */
 void port_init(void);
 
-/* Returns the configuration for fw_init(), which must outlive the firmware. */
+/* Returns the configuration for fw_init(). The configuration must outlive the firmware. */
 const fw_config_t *port_config(void);
 
 /* Starts the tick and the watchdog timer. From then on port_tick() is called in each tick, and the
@@ -72,15 +72,16 @@ bool port_overran(uint32_t *missed);
  * the watchdog timer resets the chip if the tick or the main loop stops. */
 void port_feed_watchdog(void);
 
-/* Called when there is no work until the next interrupt: the processor may sleep. */
+/* The main loop calls port_idle() when there is no work until the next interrupt. The processor may
+ * then sleep. */
 void port_idle(void);
 
 /* The following functions are in firmware/port/main.c, and the code for the board calls them. */
 
-/* Computes one tick; the 1500 Hz interrupt calls port_tick(). While the inputs are converted, it
- * runs fw_prepare(), then fw_control() and fw_report(), and feeds the watchdog. The main loop runs
- * fw_between() and the buses. If the main loop stops for FW_BETWEEN_TICKS_MAX ticks, the axis is
- * disabled; if the main loop stays stopped, the watchdog resets the chip. */
+/* Computes one tick; the 1500 Hz interrupt calls port_tick(). While the inputs are converted,
+ * port_tick() runs fw_prepare(), then fw_control() and fw_report(), and feeds the watchdog. The
+ * main loop runs fw_between() and the buses. If the main loop stops for FW_BETWEEN_TICKS_MAX ticks,
+ * the axis is disabled; if the main loop stays stopped, the watchdog resets the chip. */
 void port_tick(void);
 
 /* Completes the last tick with fw_between() if this call is still pending. Call port_settle()

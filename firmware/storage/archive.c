@@ -25,8 +25,8 @@ static uint32_t end_of(const record_t *record) {
 
 static uint32_t mark_of(const record_t *record) { return end_of(record) - ARCHIVE_CLEARED_BYTES; }
 
-/* Reads the head of a record. Returns true if its values are plausible; the CRC of the record is
- * checked later. */
+/* Reads the head of a record. Returns true if the values in the head are plausible; the CRC of the
+ * record is checked later. */
 static bool read_head(const store_memory_t *memory, uint32_t at, uint32_t end, record_t *record) {
   if (end - at < archive_bytes(0)) {
     return false;
@@ -79,8 +79,8 @@ static bool is_blank(const store_memory_t *memory, uint32_t at, uint32_t end) {
  * sector, which is then erased. */
 static uint32_t find_room(const store_memory_t *memory, const sector_t *home, const sector_t *other,
                           uint8_t other_number, uint32_t bytes) {
-  /* A record that a power cut interrupted begins with its head. So a check of the first bytes is
-   * enough; a check of the whole rest of the sector would take long. */
+  /* If a power cut has interrupted the writing of a record, the first bytes of this record are not
+   * blank. So only the first bytes are checked; a check of the whole sector would take long. */
   if (home->end - home->next >= bytes && is_blank(memory, home->next, home->next + PIECE_BYTES)) {
     return home->next;
   }
@@ -193,7 +193,7 @@ static void pack(uint8_t piece[PIECE_BYTES], uint32_t a, uint32_t b, uint32_t c,
   fx_store_le(piece + 12, d, 4);
 }
 
-/* Writes the 16 bytes of the record at an offset into `piece`. */
+/* Copies 16 bytes of the record, beginning at `offset`, into `piece`. */
 static void piece_of(const archive_t *archive, const blackbox_t *blackbox, uint32_t offset,
                      uint8_t piece[PIECE_BYTES]) {
   const record_t *record = &archive->record;

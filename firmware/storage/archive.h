@@ -25,7 +25,8 @@
 
 enum {
   ARCHIVE_DAY_TICKS = 129600000,
-  ARCHIVE_ABOUT_BYTES = 16, /* four words: tick, CRC, error, fault, count and trigger */
+  /* size in bytes of four words: tick, CRC, error with fault, count with trigger */
+  ARCHIVE_ABOUT_BYTES = 16,
   ARCHIVE_CLEARED_BYTES = 4
 };
 
@@ -37,27 +38,27 @@ static inline uint32_t archive_bytes(uint32_t samples) {
 }
 
 typedef struct {
-  const store_memory_t *memory; /* memory of the archive; NULL: no incident is archived */
-  /* record of the newest complete incident; its magic is RECORD_NONE if there is no incident, or if
-   * the incident was cleared */
+  const store_memory_t *memory; /* memory of the archive; NULL if no incident is archived */
+  /* record of the newest complete incident; the magic is RECORD_NONE if there is no incident, or if
+   * this incident was cleared */
   record_t record;
   record_t before;      /* record of the incident that is used if `record` is damaged */
   uint32_t samples_crc; /* CRC-32 of the samples of `record` */
   uint32_t sequence;    /* highest sequence number of all records */
   uint32_t bytes;       /* size in bytes of the largest incident that can occur */
-  /* address at which the next record is written; ARCHIVE_NOWHERE: there is no room until the next
+  /* address at which the next record is written; ARCHIVE_NOWHERE if there is no room until the next
    * power-up */
   uint32_t begin;
   uint32_t day_tick; /* tick in which the writing of the last incident since power-up began */
   uint32_t at;       /* address of the next bytes to read or program */
   uint32_t crc;      /* CRC of the bytes before the address `at` */
   uint8_t step;      /* kind of the work in progress */
-  uint8_t is_new;    /* 1: the record that is being checked was just written */
-  uint8_t written;   /* 1: day_tick is valid */
-  uint8_t clear;     /* 1: the incident in `record` must still be marked as cleared */
+  uint8_t is_new;    /* 1 if the record that is being checked was just written */
+  uint8_t written;   /* 1 if day_tick is valid */
+  uint8_t clear;     /* 1 if the incident in `record` must still be marked as cleared */
 } archive_t;
 
-/* Value of an address if there is no record. */
+/* Value of the address `begin` if there is no room for a record. */
 #define ARCHIVE_NOWHERE UINT32_MAX
 
 /* Initialises the archive at power-up; this may erase a sector. `samples` is the largest size in
@@ -72,19 +73,19 @@ void archive_init(archive_t *archive, const store_memory_t *memory, uint32_t sam
 void archive_serve(archive_t *archive, blackbox_t *blackbox, bool complete, bool disabled,
                    uint32_t tick);
 
-/* Returns the state of the archive, AXIS_INCIDENT_STORED_. */
+/* Returns the state of the archive as a value AXIS_INCIDENT_STORED_. */
 uint8_t archive_state(const archive_t *archive);
 
 bool archive_is_loading(const archive_t *archive);
 
 /* Starts to load the archived incident into the black box, whose channels must be set before; a
- * recording of the black box ends. When archive_is_loading() becomes false, the black box has the
- * incident, as after a restart. Returns false if there is no incident of this object table, or if
- * the memory is in use. */
+ * recording of the black box ends. When archive_is_loading() becomes false, the black box contains
+ * the incident. Returns false if there is no incident of this object table, or if the archive is
+ * working. */
 bool archive_load(archive_t *archive, blackbox_t *blackbox);
 
-/* Call archive_clear() when the incident in the black box was cleared. If the archived incident is
- * the same incident, it is cleared too. */
+/* Call archive_clear() when the incident in the black box was cleared. If the archive contains the
+ * same incident, the archived incident is cleared too. */
 void archive_clear(archive_t *archive, uint32_t samples_crc);
 
 #endif

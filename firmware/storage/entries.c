@@ -9,8 +9,8 @@
 /* Bit 24 of the first word of an entry: the stored parameter was at its default. */
 #define ENTRY_AT_DEFAULT UINT32_C(0x01000000)
 
-/* Returns the change of the object table since version 0.1.0 at this address, or NULL if the
- * address did not change. */
+/* Returns the change of the object table since version 0.1.0 at this address, or NULL if nothing
+ * changed at this address. */
 static const axis_change_t *change_at(uint32_t address) {
   const axis_change_t *change = axis_changes_0_1_0;
   while (change->address != 0 && change->address != address) {

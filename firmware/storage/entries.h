@@ -12,9 +12,9 @@
 
 enum { ENTRY_BYTES = 12 };
 
-/* Result of the comparison of a stored entry with the present object table. An ENTRY_INERT is a
- * stored PDO mapping whose object can no longer be mapped. The PDO then sends nothing, because the
- * default mapping would shift the following objects in the frame. */
+/* Result of the comparison of a stored entry with the present object table. ENTRY_INERT is the
+ * result for a stored PDO mapping whose object can no longer be mapped. The PDO then has no mapped
+ * object, because the default mapping would shift the following objects in the frame. */
 typedef enum { ENTRY_FITS, ENTRY_OLD_DEFAULT, ENTRY_INERT, ENTRY_DROPPED } verdict_t;
 
 typedef struct {

@@ -11,9 +11,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Memory that the port provides: two sectors, one after the other, whose erased bytes read 0xFF.
- * Addresses and byte counts of program() are multiples of 4, and program() is called only for blank
- * bytes; it returns when the bytes are programmed. A function returns false if the memory reports a
+/* Memory of a board: two sectors, one after the other, whose erased bytes read 0xFF. Addresses and
+ * byte counts of program() are multiples of 4, and program() is called only for blank bytes;
+ * program() returns when the bytes are programmed. A function returns false if the memory reports a
  * failure. The caller finds other failures by reading the bytes back. */
 typedef struct {
   void *context;
@@ -26,11 +26,11 @@ typedef struct {
 
 enum { RECORD_HEAD_BYTES = 16, RECORD_CRC_BYTES = 4 };
 
-/* First word of a record. */
-#define RECORD_SET_0_1_0 UINT32_C(0x31534146) /* "FAS1": parameter set of version 0.1.0 */
-#define RECORD_SET UINT32_C(0x32534146)       /* "FAS2": parameter set */
-#define RECORD_FORGOTTEN UINT32_C(0x31464146) /* "FAF1": no entries, all defaults */
-#define RECORD_INCIDENT UINT32_C(0x31494146)  /* "FAI1": an incident (archive.h) */
+/* First word of a record, which tells the kind of the record. */
+#define RECORD_SET_0_1_0 UINT32_C(0x31534146) /* "FAS1" marks a parameter set of version 0.1.0 */
+#define RECORD_SET UINT32_C(0x32534146)       /* "FAS2" marks a parameter set */
+#define RECORD_FORGOTTEN UINT32_C(0x31464146) /* "FAF1" marks that all defaults are restored */
+#define RECORD_INCIDENT UINT32_C(0x31494146)  /* "FAI1" marks an incident (archive.h) */
 #define RECORD_NONE UINT32_C(0)
 
 typedef struct {

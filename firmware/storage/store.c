@@ -75,8 +75,9 @@ static uint32_t end_of(const store_t *store, const record_t *record) {
   return record->begin - sector * store->memory->sector_bytes + record_bytes(record->entries);
 }
 
-/* Sets home and tail of the store: the next record is programmed after this record, whose CRC may
- * look blank, and after all following bytes that are not blank. */
+/* Sets store->home and store->tail, so that the next record is programmed after this record and
+ * after all following bytes that are not blank. The CRC of this record may look like blank
+ * bytes. */
 static void settle(store_t *store, const record_t *record) {
   const uint32_t end = end_of(store, record);
   store->home = sector_of(store, record->begin);
@@ -274,7 +275,7 @@ static bool step_blank(store_t *store) {
   return blank;
 }
 
-/* Returns the step that follows after the bytes programmed so far. */
+/* Returns the next step of a save, after the bytes programmed so far. */
 static uint8_t step_behind(const store_t *store) {
   return (store->at < entries_end(store)) ? STEP_ENTRIES : STEP_CRC;
 }
@@ -290,7 +291,7 @@ static bool step_head(store_t *store) {
   return done;
 }
 
-/* Returns the value of the next object that is saved. */
+/* Returns the value that the save stores for the next object. */
 static int32_t value_to_save(const store_t *store, const dictionary_t *objects) {
   int32_t value = 0;
   if (store->object < store->first || store->object > store->last) {

@@ -42,38 +42,39 @@
 
 enum {
   STORE_SET_BYTES = RECORD_HEAD_BYTES + RECORD_CRC_BYTES + (int)ENTRY_BYTES * AXIS_STORED_COUNT,
-  STORE_SECTOR_MIN = 8192, /* size in bytes: room for a parameter set and for more parameters */
-  STORE_CHANGES = 8        /* number of store changes that are reported with their address */
+  /* smallest sector in bytes: room for a parameter set and more parameters */
+  STORE_SECTOR_MIN = 8192,
+  STORE_CHANGES = 8 /* number of changes that store_change_1 to _8 report */
 };
 
-/* Kinds of a store_change. STORE_CHANGE_DROPPED: the stored value is not active, because its entry
- * was dropped or because it is a mapping that is no longer permitted. STORE_CHANGE_OLD_DEFAULT: the
- * parameter keeps the default of an earlier object table. */
+/* Kinds of a store_change. STORE_CHANGE_DROPPED: the stored value is not active, because the entry
+ * was dropped or because the object is a mapping that is no longer permitted.
+ * STORE_CHANGE_OLD_DEFAULT: the parameter keeps the default of an earlier object table. */
 #define STORE_CHANGE_DROPPED UINT32_C(0)
 #define STORE_CHANGE_OLD_DEFAULT UINT32_C(0x01000000)
 
 typedef struct {
-  const store_memory_t *memory; /* memory of the store; NULL: no parameter is stored */
-  uint32_t home;     /* number of the sector with the newest parameter set, or STORE_NOWHERE */
-  uint32_t tail;     /* offset in the sector `home` after which all bytes are blank */
+  const store_memory_t *memory; /* memory of the store; NULL if no parameter is stored */
+  uint32_t home;     /* sector of the newest parameter set; STORE_NOWHERE without a set */
+  uint32_t tail;     /* offset in bytes in the sector `home`, after which all bytes are blank */
   uint32_t sequence; /* highest sequence number of all records */
-  uint32_t set;      /* address of the loaded parameter set, or STORE_NOWHERE */
+  uint32_t set;      /* address of the loaded parameter set; STORE_NOWHERE without a set */
   /* changes that the load of the parameter set found: address of the parameter plus
    * STORE_CHANGE_ */
   uint32_t changes[STORE_CHANGES];
   uint16_t change_count; /* number of all changes that the load of the parameter set found */
-  uint8_t dropped;       /* 1: at least one change is a STORE_CHANGE_DROPPED */
+  uint8_t dropped;       /* 1 if at least one change is a STORE_CHANGE_DROPPED */
   /* Work in progress. */
   uint8_t step;
   uint8_t sector;
-  uint8_t forget;  /* 1: the record that is written has no entries */
-  uint8_t again;   /* 1: this is the second attempt to write the record */
+  uint8_t forget;  /* 1 if the record is written without entries */
+  uint8_t again;   /* 1 during the second attempt to write the record */
   uint16_t object; /* next object whose entry is programmed */
-  /* first object whose present value is saved; `last` is the last of these objects */
+  /* first object of the range `first` to `last`, whose present values are saved */
   uint16_t first;
   uint16_t last;
   record_t basis; /* stored record that gives the values of all objects outside `first` to `last` */
-  uint32_t begin; /* address of the record that is written */
+  uint32_t begin; /* address of the record that is being written */
   uint32_t at;    /* address of the next bytes */
   uint32_t crc;   /* CRC of the bytes programmed so far */
   uint32_t check; /* CRC of the bytes read back so far */

@@ -1,6 +1,6 @@
-/* The parts of blank/ that depend on the chip: vectors, start-up, tick, lock and serial line. All
- * parts except the serial line are valid for every Cortex-M. The linker script defines the external
- * symbols. */
+/* The parts of the board `blank` that depend on the chip: vectors, start-up, tick, lock and serial
+ * line. All parts except the serial line are valid for every Cortex-M. The linker script defines
+ * the external symbols. */
 
 #include "firmware/port/port.h"
 
@@ -19,8 +19,8 @@ enum { SYSTICK_RUNS_WITH_INTERRUPT = 7 }; /* clocked by the core */
 #define TICK_CYCLES UINT32_C(112000)
 
 /* The serial line is USART1 of the STM32F405. The code polls the USART and sets neither pins nor
- * bit rate, because QEMU does not model them. The code for a real board has a ring buffer for each
- * direction, which an interrupt fills or empties. */
+ * bit rate, because QEMU models neither of the two. The code for a real board has a ring buffer for
+ * each direction, which an interrupt fills or empties. */
 typedef struct {
   reg_t SR;
   reg_t DR;

@@ -3,8 +3,8 @@
 #include <stdlib.h>
 
 typedef struct {
-  /* first member of axis_host_t, because the caller receives its address as that of the whole
-   * axis */
+  /* The firmware must be the first member, because the caller uses the address of the firmware for
+   * the whole axis. */
   fw_t fw;
   blackbox_t blackbox;
   uint8_t recorder_buffer[FW_RECORDER_BYTES];

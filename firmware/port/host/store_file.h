@@ -14,19 +14,18 @@ extern "C" {
 
 enum {
   STORE_FILE_SECTOR_BYTES = 16384, /* size in bytes of a small sector of an STM32F4 */
-  /* size in bytes: room for one incident from a recorder buffer of FW_RECORDER_BYTES */
+  /* size of a sector in bytes: room for one incident from a recorder buffer of FW_RECORDER_BYTES */
   ARCHIVE_FILE_SECTOR_BYTES = 32768
 };
 
 typedef struct {
-  /* memory that fw_config_t points to, so it must not move while the firmware runs */
+  /* memory for fw_config_t, which must not move while the firmware runs */
   store_memory_t memory;
   int file;
 } store_file_t;
 
 /* Opens the file of a parameter store; a new file is blank. Returns NULL, or a text with the error:
- * the size of the file is wrong, another process has locked the file, or the message of the
- * system. */
+ * the file has a wrong size, another process has locked the file, or a message of the system. */
 const char *store_file_open(store_file_t *store_file, const char *path);
 
 /* Opens the file of an archive of incidents (fw_config_t.archive). Returns the same texts as
