@@ -27,13 +27,13 @@
 /* Version of the firmware. software_version shows this version and the hash of the object table. */
 #define FW_VERSION "0.1.0"
 
-/* Emergency messages that are no fault of the axis: store_failed (at power-up: the stored set is
- * not active or is not the newest set; the first manufacturer byte is store_state), source_lost (if
- * abort_connection_option selects no fault), and the messages FF01h to FF04h. FF01h to FF04h are
+/* Emergency messages that are no fault of the axis. store_failed: at power-up the stored parameter
+ * set is not active or is not the newest set; the first manufacturer byte is store_state.
+ * source_lost: the owner was lost and abort_connection_option selects no fault. FF01h to FF04h are
  * sent immediately and are then inhibited for FW_HOLD_TICKS; contact_losses, force_saturated,
  * limit_cycle and overruns still count. FF07h watchdog_reset, 6000h core_fault and 5110h
  * brownout_reset report the reset before this power-up: the first manufacturer byte is reset_cause,
- * and the next four are core_fault_pc. */
+ * and the next four bytes are core_fault_pc. */
 enum { FW_HELD_FIRST = AXIS_ERROR_CODE_CONTACT_LOST, FW_HELD = 4, FW_HOLD_TICKS = 1500 };
 
 /* Bits for the causes of a reset of the chip. When only the supply was switched on, POWER is set;
@@ -174,19 +174,20 @@ void fw_init(fw_t *fw, const fw_config_t *config);
  * Every owner is on CAN, except a Modbus client that acquired the axis over the serial line. */
 void fw_tick(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 
-/* fw_tick() in four parts, for a port whose tick is an interrupt. In the interrupt, fw_prepare()
- * lets the drive set the targets of this tick; it needs no inputs, so their conversion may still
- * run. fw_control() computes the outputs from the inputs; the port then outputs them immediately.
- * fw_report() then does what most ticks need: status of the drive, recorder, one event-driven TPDO.
- * fw_between() must run after the interrupt, before any other use of fw, and without an
- * interruption by a tick. It does the rare and long work: emergency messages, node timers that
- * expire, the silence of Modbus, resets (longer than a tick), and a step of the store (an erase is
- * also longer than a tick). Cost on a Cortex-M4: docs/chip/instructions.md.
+/* fw_tick() in four parts, for a board whose tick is an interrupt. In the interrupt, fw_prepare()
+ * lets the drive set the targets of this tick. fw_prepare() needs no inputs, so the conversion of
+ * the inputs may still run. fw_control() then computes the outputs from the inputs, and the code
+ * for the board outputs them immediately. fw_report() does what most ticks need: status of the
+ * drive, recorder, one event-driven TPDO. fw_between() must run after the interrupt, before any
+ * other use of fw, and no tick may interrupt it. fw_between() does the rare and long work:
+ * emergency messages, node timers that expire, the silence of Modbus, resets (longer than a tick),
+ * and a step of the store (an erase is also longer than a tick). Cost on a Cortex-M4:
+ * docs/chip/instructions.md.
  *
- * While fw_between() does not run, a lost heartbeat and NMT are not detected. After more than
- * FW_BETWEEN_TICKS_MAX ticks without fw_between(), fw_prepare() disables the axis with the fault
- * main_loop_lost, and fw_report() returns false: the caller must then not reset its watchdog
- * timer. */
+ * While fw_between() does not run, a lost heartbeat and NMT commands are not detected. After more
+ * than FW_BETWEEN_TICKS_MAX ticks without fw_between(), fw_prepare() disables the axis with the
+ * fault main_loop_lost, and fw_report() returns false: the caller must then not restart the
+ * watchdog timer of the board. */
 void fw_prepare(fw_t *fw);
 void fw_control(fw_t *fw, const axis_inputs_t *inputs, axis_outputs_t *outputs);
 bool fw_report(fw_t *fw);
@@ -216,9 +217,9 @@ uint16_t fw_modbus_transmit(fw_t *fw, uint8_t *bytes, uint16_t room);
  * missed ticks. Call fw_overrun() after fw_between(), not in the interrupt. */
 void fw_overrun(fw_t *fw, uint32_t missed);
 
-/* Accepts the errors that the port has detected in its board, a set of FW_BOARD_ bits, and the
- * deviation of the tick length from a second clock in 1/1000. The call is between fw_prepare() and
- * fw_control(), and disables the axis in that tick with
+/* Accepts the errors that the board has detected in its own hardware, as a set of FW_BOARD_ bits,
+ * and the deviation of the tick length from a second clock in 1/1000. Call fw_board() between
+ * fw_prepare() and fw_control(). It disables the axis in that tick with one of the faults
  *   board_unfit   BROWN_OUT_LEVEL, IMAGE, RAM: detected at power-up
  *   supply_wrong  SUPPLY, REFERENCE
  *   clock_wrong   TICK

@@ -1,21 +1,22 @@
 #ifndef FIRMWARE_APP_OWNERSHIP_H_
 #define FIRMWARE_APP_OWNERSHIP_H_
 
-/* Ownership of the axis: which bus owns it, which bus may write, and what happens when the owner
- * falls silent. Canopen owns the axis at power-up. Another bus acquires a disabled axis by writing
- * its own number to command_source, or receives it from its owner. It loses the axis to canopen if
- * none of its own writes is accepted for the time of its watchdog.
+/* Ownership of the axis: which bus owns the axis, which bus may write, and what happens when the
+ * owner no longer writes. Canopen owns the axis at power-up. Another bus acquires a disabled axis
+ * by writing its own number to command_source, or receives the axis from the owner. This bus loses
+ * the axis to canopen if none of its own writes is accepted for the time of its watchdog.
  *
  * An owner on CAN (owner_on_can) also loses the axis when CAN fails: bus off, NMT stop, or a
- * missing heartbeat. Owners on CAN are canopen; a client of the gateway, which is LCM or a Modbus
- * client that acquired or enabled the axis through the SDO server 1201h; and a Modbus client that
- * received the axis from its owner. A Modbus client on the serial line is not on CAN if it wrote
- * its number to command_source while the axis was disabled or belonged to another bus.
+ * missing heartbeat. The following owners are on CAN: canopen; a client of the gateway, which is
+ * LCM or a Modbus client that acquired or enabled the axis through the SDO server 1201h; and a
+ * Modbus client that received the axis from the owner before. A Modbus client on the serial line is
+ * not on CAN if it wrote its number to command_source while the axis was disabled or belonged to
+ * another bus.
  *
  * Every bus may stop the axis. After a stop by a bus that is not the owner, stopped_by names this
  * bus, and no controlword enables the axis until the owner has sent a controlword that does not
- * enable it. So an owner that continues to send 000Fh does not start the axis again. A stop by the
- * port itself does not have this effect. */
+ * enable the axis. So an owner that continues to send 000Fh does not enable the axis again. A stop
+ * by FW_SOURCE_LOCAL does not have this effect. */
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -2,13 +2,14 @@
 #define FIRMWARE_MODBUS_BITS_H_
 
 /* Coils (AXIS_COIL_). enable: writing 1 sends the controlword shutdown and then enable operation
- * (exception 4 in a fault), writing 0 sends shutdown; reads 1 while operation is enabled.
- * fault_reset: writing 1 resets a fault; reads 0. halt: bit 8 of the controlword. store: writing 1
- * is store_parameters; reads 1 while the store works. recorder_trigger: recorder_arm; reads 1 while
- * the recorder is armed or recording. Discrete inputs (AXIS_DISCRETE_): the bits of the statusword,
- * then three signals.
+ * (exception 4 in a fault), writing 0 sends shutdown; the coil reads 1 while operation is enabled.
+ * fault_reset: writing 1 resets a fault; the coil reads 0. halt: bit 8 of the controlword. store:
+ * writing 1 is the command store_parameters; the coil reads 1 while the store is working.
+ * recorder_trigger: recorder_arm; the coil reads 1 while the recorder is armed or recording.
+ * Discrete inputs (AXIS_DISCRETE_): the bits of the statusword, then three signals.
  *
- * The functions below start the work of a request; modbus_bits_resume() continues it to its end. */
+ * The functions below start the work of a request; modbus_bits_resume() continues the request to
+ * its end. */
 
 #include "firmware/modbus/step.h"
 

@@ -4,10 +4,11 @@
 /* Modbus registers of the objects: axis_holding and axis_input of the object table. An object of 8
  * or 16 bits has one register; an object of 32 bits has two, in the order of modbus_word_order.
  * Negative values are two's complement, sign-extended to the register. Access to an address without
- * register is exception 2. Half of a 32-bit object can be read; a write to it is exception 3.
+ * register is exception 2. Half of a 32-bit object can be read; a write to half of a 32-bit object
+ * is exception 3.
  *
- * The functions below start the work of a request; modbus_registers_resume() continues it to its
- * end. */
+ * The functions below start the work of a request; modbus_registers_resume() continues the request
+ * to its end. */
 
 #include "firmware/modbus/step.h"
 
@@ -22,13 +23,14 @@ void modbus_read_registers(modbus_request_t *r, modbus_table_t table, uint16_t f
                            uint16_t count);
 
 /* Writes `count` registers that begin at `first`, all or none; then reads r->read_count registers
- * that begin at r->read_first. `words`, high byte first, are overwritten.
+ * that begin at r->read_first. The function overwrites `words`, in which the high byte of a word is
+ * first.
  *
- * First each value is checked by itself, with the other objects at their values before the request.
+ * First each value is checked alone, with all other objects at their values before the request.
  * Then the values are written in the order of the registers. Irreversible writes (the controlword,
- * a native mode, a command) come last, so that a controlword acts on the targets written with it.
- * If a write is still refused, the earlier writes are restored. An axis that was acquired from LCM
- * is not given back, because only LCM can acquire it again. */
+ * a native mode, a command) come last, so that a controlword acts on the targets in the same
+ * request. If a write is still refused, the earlier writes are undone. An axis that was acquired
+ * from LCM is not returned to LCM, because only LCM can acquire the axis again. */
 void modbus_write_registers(modbus_request_t *r, uint16_t first, uint16_t count, uint8_t *words);
 
 /* Modbus function 22: writes (old value AND r->and_mask) OR (r->or_mask AND NOT r->and_mask) to an

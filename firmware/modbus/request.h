@@ -3,11 +3,11 @@
 
 /* One Modbus request, from its bytes to the bytes of its answer, for every server of the registers:
  * RTU in the firmware and TCP in the gateway. The code is passive: it requests one access to an
- * object at a time, and the caller carries out this access, at once or over a bus.
+ * object at a time, and the caller executes this access, immediately or over a bus.
  *
  *   modbus_request_begin(&request, unit, pdu, length, counters);
  *   while (!modbus_request_ended(&request)) {
- *     ... carry out request.access, fill in its result ...
+ *     ... execute request.access, fill in its result ...
  *     modbus_request_resume(&request);
  *   }
  *   ... pdu holds the answer, request.length bytes ...

@@ -1,14 +1,14 @@
 #ifndef FIRMWARE_MODBUS_SERVER_H_
 #define FIRMWARE_MODBUS_SERVER_H_
 
-/* A Modbus RTU server. It is passive: modbus_receive() accepts bytes, modbus_transmit() returns the
- * bytes of answers.
+/* A Modbus RTU server. The server is passive: modbus_receive() accepts bytes, modbus_transmit()
+ * returns the bytes of answers.
  *
- * A request is served as soon as its last byte is received, because its function determines its
- * length. The silence on the line ends a frame with an unknown function, or without a valid CRC at
- * that length. Frames of other units and damaged frames are thus skipped without an additional
- * timeout; they are counted and not answered. All values that a request reads belong to the same
- * tick, because it is served between two ticks.
+ * A request is served as soon as its last byte is received, because the function of the request
+ * determines its length. The silence on the line ends a frame with an unknown function, or without
+ * a valid CRC at that length. So frames of other units and damaged frames are skipped without an
+ * additional timeout; these frames are counted and not answered. All values that a request reads
+ * belong to the same tick, because a request is served between two ticks.
  *
  * Bytes that are received while an answer waits to be sent are lost and counted. */
 

@@ -43,29 +43,29 @@ typedef enum {
  * Every source may read. Returns FW_OK, FW_ERROR_NO_OBJECT or FW_ERROR_WRITE_ONLY. */
 int dictionary_read(const dictionary_t *objects, uint16_t object, int32_t *value);
 
-/* The only function that writes: it writes a raw value or executes a command on behalf of `source`,
- * between ticks. The write acts in the next tick. No value is limited to its range; a value out of
- * range is refused.
+/* The only function that writes: dictionary_write() writes a raw value or executes a command on
+ * behalf of `source`, between ticks. The write acts in the next tick. No value is limited to its
+ * range; a value out of range is refused.
  *
  * FW_ERROR_LOCKED: another source owns the axis. Exceptions: any bus may write its own number to
  * command_source, and the owner may write the number of canopen.
- * FW_ERROR_RANGE: outside the range of the object; 0 where the table forbids it; position_min above
- * position_max; a recorder channel or trigger that is no readable object; recorder_arm without a
- * channel, or with a pretrigger or length larger than the buffer; a mode of operation or homing
- * method that does not exist.
- * FW_ERROR_STATE: an object that may only be written while the axis is disabled (or the recorder
- * idle or done), in another state; a native mode other than disabled while a fault is latched, or
- * over a bus, which uses controlword and modes_of_operation; the mapping of a PDO while the PDO is
- * valid.
+ * FW_ERROR_RANGE: the value is outside the range of the object; 0 where the table forbids 0;
+ * position_min above position_max; a recorder channel or trigger that is no readable object;
+ * recorder_arm without a channel, or with a pretrigger or length larger than the buffer; a mode of
+ * operation or homing method that does not exist.
+ * FW_ERROR_STATE: the object may only be written while the axis is disabled (or the recorder idle
+ * or done); a native mode other than disabled while a fault is latched, or over a bus, which uses
+ * controlword and modes_of_operation; the mapping of a PDO while the PDO is valid.
  * FW_ERROR_BUSY: a stored parameter, a command to the store, or a write that would enable the axis,
  * while the store is working.
- * FW_ERROR_MAPPING: see above.
- * FW_ERROR_NO_MEMORY: a command to the store of a port that has no memory for it.
+ * FW_ERROR_MAPPING: described at fw_error_t.
+ * FW_ERROR_NO_MEMORY: a command to the store if the board has no memory for the store.
  *
  * Only an accepted write resets the watchdog of the owner; otherwise a client that only reads would
  * keep an axis in motion that nobody commands. A write of the present value is sufficient. The soft
- * limits and position_setpoint are not compared with each other, in either order: a limit can
- * always be reduced, and the axis stops at the limit on its path to a set-point beyond it. */
+ * limits and position_setpoint are not compared with each other, in either order: a soft limit can
+ * always be reduced, and the axis stops at the soft limit on its path to a set-point beyond this
+ * limit. */
 int dictionary_write(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Returns the result that dictionary_write() would return now, without a write. Commands are

@@ -1,15 +1,15 @@
 #ifndef FIRMWARE_PORT_IDENTITY_H_
 #define FIRMWARE_PORT_IDENTITY_H_
 
-/* The identity of an image, stored once in the flash of every port. Programs that have only the
- * image (.elf, .hex or .bin) find it there, for example `forceaxis flash`.
+/* The identity of an image, stored once in the flash memory of every board. Programs that have only
+ * the image (.elf, .hex or .bin) find the identity there, for example `forceaxis flash`.
  *
- * A port writes, in one file,
+ * The code for a board contains, in one file,
  *     IDENTITY_DEFINE("nucleo-f446re", "ab12cd34ef56+");
- * and keeps the section when it links: KEEP(*(.forceaxis_identity)), aligned to 4, in flash. A
+ * and its linker script keeps the section: KEEP(*(.forceaxis_identity)), aligned to 4, in flash. A
  * reader searches magic and size at every address divisible by 4; exactly one address may match.
  * Integers are little-endian; texts are ASCII, filled with zeros, and may use all bytes of their
- * field. New fields are only added at the end; `size` shows them. */
+ * field. New fields are only added at the end; `size` shows that they exist. */
 
 #include <stdint.h>
 

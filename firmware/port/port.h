@@ -1,9 +1,10 @@
 #ifndef FIRMWARE_PORT_PORT_H_
 #define FIRMWARE_PORT_PORT_H_
 
-/* The functions that a board implements. firmware/port/main.c is the program of every board: it
- * calls these functions, and the interrupt of the board calls port_tick() 1500 times a second.
- * README.md beside this file describes how to add a board; blank/ is a board that does nothing.
+/* The functions that the code for one board implements. firmware/port/main.c is the program of
+ * every board: it calls these functions, and the interrupt of the board calls port_tick() 1500
+ * times a second. README.md beside this file describes how to add a board; blank/ is a board that
+ * does nothing.
  *
  * The tick calls port_sample, port_sense, port_act and port_feed_watchdog. The main loop, which the
  * tick wakes, calls port_can_*, port_serial_*, port_lock, port_unlock, port_idle, and under
@@ -42,12 +43,11 @@ void port_sense(axis_inputs_t *inputs);
  * mid-scale again. */
 void port_act(const axis_outputs_t *outputs);
 
-/* CAN. port_can_receive() returns the next received frame. port_can_transmit() sends a frame, or
- * returns false if there is no room now; the caller then repeats the call later. port_can_bus()
- * returns the state of the bus (CAN_BUS_) and is called at least once in a tick. port_can_lost()
- * returns the number of frames lost since the last call. port_can_rate() sets the bit rate, one of
- * those in fw_config_t, before each call of port_can_bus(); a new bit rate aborts the waiting
- * frames, and the node joins the bus again. */
+/* CAN. port_can_receive() returns the next received frame. port_can_transmit() sends a frame; if
+ * the result is false, the caller repeats the call later. port_can_bus() returns the state of the
+ * bus (CAN_BUS_) at least once in a tick. port_can_lost() returns the number of frames lost since
+ * the last call. port_can_rate() sets the bit rate; a new bit rate aborts the waiting frames, and
+ * the node joins the bus again. */
 bool port_can_receive(can_frame_t *frame);
 bool port_can_transmit(const can_frame_t *frame);
 uint8_t port_can_bus(void);

@@ -3,18 +3,18 @@
 
 /* The parameter store keeps parameters over a power cut, in two sectors of a flash-like memory.
  *
- * A set is one record (record.h) with an entry for each stored parameter, including those at their
- * defaults. An entry has three words: the CANopen index times 256 plus sub-index, with bit 24 set
- * for a parameter at its default; the value; and the signature of the object, which is a CRC-32 of
- * its type, unit, scale, range and names of values. A COB-ID that follows the node id is stored
- * without the node id and continues to follow it.
+ * A parameter set is one record (record.h) with an entry for each stored parameter, including the
+ * parameters at their defaults. An entry has three words: the CANopen index times 256 plus
+ * sub-index, with bit 24 set for a parameter at its default; the value; and the signature of the
+ * object, which is a CRC-32 of its type, unit, scale, range and names of values. A COB-ID that
+ * follows the node id is stored without the node id and continues to follow the node id.
  *
  * So a later object table can read the set. An entry is loaded if its object still has the same
  * address and signature; other entries are dropped, and their objects have their defaults. A
  * parameter at its default keeps the value of this default if the later table has another default:
  * an upgrade alone changes no axis. store_change_count and store_change_1 to _8 report both cases:
- * every entry of a set is either loaded as stored or counted there. A parameter that the set does
- * not have is new and has its default.
+ * every entry of a set is either loaded as stored or counted there. A parameter without an entry in
+ * the set is new and has its default.
  *
  * The set has values and not a CRC of the defaults, because an axis can keep an earlier default
  * only if its value is stored. With 12 bytes for each stored parameter a set has 2 KiB, and a
@@ -24,14 +24,14 @@
  * Sets of version 0.1.0 have entries without signature, and only for parameters that were not at
  * their defaults. The object table lists the later changes (axis_changes_0_1_0).
  *
- * A power cut after any byte leaves the old set or the new set, because a record is programmed from
- * its beginning to its CRC and never over other data, and because the sector with the newest set is
- * never erased. A sector is erased completely before it is programmed; only after the newest set
- * may programming continue, after the last byte that is not blank.
+ * A power cut after any byte leaves the old set or the new set. A record is programmed from its
+ * beginning to its CRC and never over other data, and the sector with the newest set is never
+ * erased. A sector is erased completely before it is programmed. Only in the sector with the newest
+ * set may programming continue, after the last byte that is not blank.
  *
- * A record is read back before the save counts as done, and its CRC is checked at each load. If
- * programming fails, the store tries once more in the other sector; if this fails too, the old set
- * remains. */
+ * A record is read back before the save is reported as done, and its CRC is checked at each load.
+ * If programming fails, the store makes a second attempt in the other sector; if the second attempt
+ * fails too, the old set stays stored. */
 
 #include <stdbool.h>
 #include <stdint.h>
