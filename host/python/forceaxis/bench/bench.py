@@ -46,91 +46,94 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 Runner = Callable[[], TimedRun | None]
-Advance = Callable[[], None]  # the progress bar advances by one step
+Advance = Callable[[], None]  # function that advances the progress bar by one step
 
 OWN_TOOLS = ("forceaxis", "forceaxis+firmware")
 TOOLS = (*OWN_TOOLS, "odeint", "mujoco", "scipy")
 TICKS = 3000
 SPAN_S = TICKS / _core.TICKS_PER_SECOND
 SETPOINT_B_N = 100
-TURN_S = 0.01  # CPU time during which one tool repeats its run before the next tool
+TURN_S = 0.01  # CPU time in s for which a tool repeats its run before the next tool takes its turn
 RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MAX_S = "full_axis", 10_000, 0.020
 ADVICE_MODELS, ADVICE_MAX_S = ("laboratory", "full_axis"), 1.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """A case of the benchmark: an experiment and the gain and set-point of its force loop."""
+    """A case of the benchmark: an experiment, and the gain and set-point of its force loop."""
 
     experiment: str
-    signals: tuple[str, str, str]  # contact force, robot's body, workpiece's body
-    gain: int  # DAC codes per ADC code
+    signals: tuple[str, str, str]  # contact force, body of the robot, body of the workpiece
+    gain: int  # gain in DAC codes per ADC code
     setpoint_N: int
 
     def plant(self) -> _core.BenchCase:
-        """The simulated plant of the case, an object of the compiled module."""
+        """Returns the simulated plant of the case, an object of the compiled module."""
         return _core.BenchCase(paths.EXPERIMENTS / self.experiment, *self.signals)
 
 
 @dataclass(frozen=True)
 class CaseSpeed:
-    """Speed and accuracy of one tool in one case."""
+    """Speed and accuracy of one tool in one case of the benchmark."""
 
     case: str
     tool: str
-    real_time_factor: float  # simulated time / CPU time of one thread
-    force_error_N: float | None  # largest difference from the reference; None: no reference
-    codes_differ: int | None  # number of ticks with another ADC code than the reference
-    events: int | None  # number of switching events; None: unknown
-    tick_ns: float  # CPU time of one tick
-    spread: float  # median / smallest CPU time, minus 1
+    real_time_factor: float  # simulated time divided by the CPU time of one thread
+    # largest difference of the force from the reference; None without a reference
+    force_error_N: float | None
+    codes_differ: int | None  # number of ticks in which the ADC code differs from the reference
+    events: int | None  # number of switching events; None if the tool does not count them
+    tick_ns: float  # CPU time of one tick in ns
+    spread: float  # median CPU time divided by the smallest CPU time, minus 1
     runs: int
 
 
 @dataclass(frozen=True)
 class SweepSpeed:
-    """Speed of many runs on one and on two threads."""
+    """Speed of many runs on one thread and on two threads."""
 
     sweep: str
     runs: int
     runs_per_s_core: float  # runs per second of CPU time
     runs_per_s: float
     runs_per_s_two_threads: float
-    two_thread_ratio: float  # elapsed time of one thread / of two threads
-    two_thread_cpu: float  # CPU time of two threads / of one thread
+    two_thread_ratio: float  # elapsed time with one thread divided by elapsed time with two threads
+    two_thread_cpu: float  # CPU time with two threads divided by CPU time with one thread
 
 
 @dataclass(frozen=True)
 class EventCost:
-    """CPU time of a run as a linear function of the number of its events."""
+    """CPU time of a run as a linear function of the number of switching events."""
 
     events_least: int
     events_most: int
-    run_us: float  # CPU time without events
-    event_us: float  # CPU time of one event
+    run_us: float  # CPU time of a run without events in us
+    event_us: float  # additional CPU time for each event in us
     r_squared: float
     worst_deviation: float  # largest relative deviation of a CPU time from the straight line
-    points: list[tuple[int, float]]  # (events, CPU time in us) of each run
+    points: list[tuple[int, float]]  # (number of events, CPU time in us) of each run
 
 
 @dataclass(frozen=True)
 class AnalysisSpeed:
-    """Time of one computation of the linear analysis, with forceaxis and with python-control."""
+    """Time for one computation of the linear analysis, with forceaxis and with python-control."""
 
     work: str
     states: int  # number of states of the system
     seconds: float
-    control_seconds: float | None  # time of python-control; None: it cannot compute this
-    difference: float | None  # relative difference between the results of both programs
+    # time of python-control in s; None if python-control cannot compute this result
+    control_seconds: float | None
+    # relative difference between the results of forceaxis and python-control
+    difference: float | None
 
 
 @dataclass(frozen=True)
 class BenchResult:
-    """The result of the benchmark."""
+    """The result of the whole benchmark."""
 
     results: list[CaseSpeed]
-    missing: dict[str, str]  # tool -> the reason why it was not measured
-    load: float  # average load of the machine in the last minute
+    missing: dict[str, str]  # {tool: reason why the tool was not measured}
+    load: float  # average load of the computer in the last minute
     sweeps: list[SweepSpeed] | None = json_field(omit_none=True)
     scaling: EventCost | None = json_field(omit_none=True)
     linear: list[AnalysisSpeed] | None = json_field(omit_none=True)
@@ -146,11 +149,12 @@ CASES = {
 # Sweeps of 64 x 64 runs: {name: (range of the gain in DAC codes per ADC code, range of the
 # set-point in N)}.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
-SWEEP_SIDE = 64  # number of gains and number of set-points in a sweep
+SWEEP_SIDE = 64  # number of gains of a sweep, and number of set-points
 
 
 class Peers:
-    """The shared library of tests/bench, which exists only if it was built in a checkout."""
+    """The shared library of tests/bench with other simulators. The library exists only if it was
+    built in a checkout."""
 
     def __init__(self) -> None:
         path = paths.SIM.parent / "build" / "release" / "tests" / "bench" / "bench_peers.so"
@@ -169,7 +173,7 @@ class Peers:
             self.missing["scipy"] = "not installed"
 
     def run(self, tool: str, case: Case, full: bool, ticks: int = TICKS) -> TimedRun | None:
-        """Simulates a case once with another simulator; None if this simulator fails.
+        """Simulates a case once with another simulator. Returns None if the simulator fails.
 
         tool: "odeint", "mujoco" or "reference". full: whether the case is "full".
         """
@@ -189,14 +193,14 @@ class Peers:
 
 
 def own_run(plant: _core.BenchCase, gain: int, setpoint_N: int, firmware: bool = False) -> TimedRun:
-    """Simulates a case once with forceaxis. firmware: with the firmware as the control law."""
+    """Simulates a case once with forceaxis. firmware: True if the firmware is the control law."""
     done = plant.run(gain, setpoint_N, firmware)
     return TimedRun(done["force"], done["count"], done["seconds"], done["events"])
 
 
 def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
-    """For each tool, a function that simulates a case once. Models are read and modes are built
-    here, so that only the simulation is timed."""
+    """Returns for each tool a function that simulates a case once. Models are read before the
+    measurement, so that only the simulation is measured."""
     case, full = CASES[name], name == "full"
     own = functools.partial(own_run, case.plant(), case.gain, case.setpoint_N)
     every: dict[str, Runner] = {
@@ -205,13 +209,14 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
         "odeint": lambda: peers.run("odeint", case, full),
         "mujoco": lambda: peers.run("mujoco", case, full),
     }
-    if not full:  # the equations for SciPy exist only for the cases A and B
+    if not full:  # for SciPy, only the cases A and B have equations
         every["scipy"] = lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS)
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 
 
 def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
-    """Repeats the run of a tool for TURN_S: (CPU seconds of each run, the last run)."""
+    """Repeats the run of a tool for TURN_S. Returns the CPU time of each run in s, and the last
+    run."""
     times: list[float] = []
     while True:
         last = once()
@@ -225,7 +230,7 @@ def turn(tool: str, once: Runner) -> tuple[list[float], TimedRun]:
 def cases(
     names: Iterable[str], tools: Sequence[str], repeat: int, advance: Advance
 ) -> tuple[list[CaseSpeed], dict[str, str]]:
-    """The speed of each tool in each case, and {tool: the reason why it is missing}."""
+    """Returns the speed of each tool in each case, and {tool: reason why the tool is missing}."""
     peers = Peers()
     rows = []
     for name in names:
@@ -236,7 +241,7 @@ def cases(
         seconds: dict[str, list[float]] = {tool: [] for tool in tool_runs}
         last: dict[str, TimedRun] = {}
         for _ in range(repeat):
-            # Tools take turns, so that all of them run under the same conditions.
+            # The tools take turns, so that all tools are measured under the same conditions.
             for tool, once in tool_runs.items():
                 times, last[tool] = turn(tool, once)
                 seconds[tool] += times
@@ -249,8 +254,8 @@ def cases(
 def case_speed(
     case: str, tool: str, seconds: Sequence[float], last: TimedRun, reference: TimedRun | None
 ) -> CaseSpeed:
-    """Speed and accuracy of a tool in a case, from the CPU seconds of its runs and from its last
-    run."""
+    """Returns speed and accuracy of a tool in a case, from the CPU times of its runs in s and from
+    its last run."""
     error_N = codes_differ = None
     if reference:
         error_N = float(abs(last.force_N - reference.force_N).max())
@@ -269,7 +274,8 @@ def case_speed(
 
 
 def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
-    """Speed of two sweeps of 4096 runs, and of the runs of the 55 cells of the thesis."""
+    """Returns the speed of two sweeps of 4096 runs, and of the runs of the 55 cells of the
+    thesis."""
     plant = CASES["A"].plant()
     known = tables.load()
     jobs = [known.job(c) for c in known.cells]
@@ -283,7 +289,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         done = plant.sweep(*SWEEPS[name], SWEEP_SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    # name -> (number of runs, function from number of threads to elapsed time and CPU time in s)
+    # {name: (number of runs, function that returns elapsed time and CPU time in s for a number of
+    # threads)}
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }
@@ -311,8 +318,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
 
 
 def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
-    """CPU time of case B as a function of its number of events, seconds = a + b events, from runs
-    with several gains."""
+    """Fits the CPU time of case B to its number of events, seconds = a + b events, from runs with
+    several gains."""
     plant = CASES["B"].plant()
     seconds: dict[int, list[float]] = {gain: [] for gain in gains}
     for _ in range(max(repeat, 3)):
@@ -334,8 +341,8 @@ def event_cost(repeat: int, gains: Sequence[int] = range(2, 26)) -> EventCost:
 
 
 def fastest(repeat: int, once: Callable[[], T]) -> tuple[float, T]:
-    """Calls a function `repeat` times: (elapsed time in s of the fastest call, result of the last
-    call)."""
+    """Calls a function `repeat` times. Returns the elapsed time of the fastest call in s, and the
+    result of the last call."""
     times = []
     for _ in range(repeat):
         start = time.perf_counter()
@@ -345,7 +352,8 @@ def fastest(repeat: int, once: Callable[[], T]) -> tuple[float, T]:
 
 
 def critical_gain_by_bisection(sampled: "control.StateSpace") -> float:
-    """The critical gain of a sampled system with python-control, with a relative error of 1e-9.
+    """Returns the critical gain of a sampled system, computed with python-control to a relative
+    error of 1e-9.
 
     The gain is increased in steps of 5 % from 1e-4 on; then the interval is bisected.
     """
@@ -365,13 +373,14 @@ def critical_gain_by_bisection(sampled: "control.StateSpace") -> float:
 
 
 def fresh_limit(loop: "Loop") -> "Limit":
-    """The limit of a loop, computed without the stored results of earlier computations."""
+    """Returns the critical gain of a loop, computed without stored results of earlier
+    computations."""
     return replace(loop).limit()
 
 
 def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
-    """Times of a frequency response, a critical gain and the advice table, with forceaxis and with
-    python-control.
+    """Returns the times of a frequency response, a critical gain and the advice table, with
+    forceaxis and with python-control.
 
     Both use the same matrices. The time of a frequency response of 10,000 frequencies includes the
     transformation of the matrices to Hessenberg form. The critical gain of forceaxis comes with all
@@ -386,7 +395,7 @@ def linear_analysis(repeat: int, advance: Advance) -> list[AnalysisSpeed]:
     frequency = np.geomspace(0.1, 1000.0, RESPONSE_POINTS)
     system = linear.linearise(RESPONSE_MODEL)
     theirs = system.state_space()
-    # replace() returns a system without the stored results of earlier computations.
+    # replace() returns a system that has no stored results of earlier computations.
     seconds, response = fastest(repeat, lambda: replace(system).response(frequency))
     control_seconds, peer = fastest(few, lambda: theirs(2j * np.pi * frequency))
     rows = [
@@ -423,7 +432,7 @@ def run(
     with_sweeps: bool,
     with_linear: bool = False,
 ) -> BenchResult:
-    """The benchmark of some cases and tools, without the comparison with required figures."""
+    """Runs the benchmark for some cases and tools, without a comparison with required figures."""
     sweep_repeat = min(repeat, 5)
     steps = len(names) * repeat + (with_sweeps and (len(SWEEPS) + 1) * sweep_repeat)
     steps += with_linear and 1 + len(ADVICE_MODELS)
@@ -445,8 +454,8 @@ def run(
 
 
 def check(result: BenchResult) -> list[Requirement]:
-    """The required figures of the benchmark. A requirement is not reached if its figure was not
-    measured."""
+    """Returns the required figures of the benchmark. A figure that was not measured does not meet
+    its requirement."""
     row = {(r.case, r.tool): r for r in result.results}
 
     def speed(case: str, tool: str) -> float | None:

@@ -1,4 +1,4 @@
-"""The benchmark of connections: rate of the lock-step and raw rate of its transport.
+"""The benchmark of connections: the rate of the lock-step and the raw rate of its transport.
 
 The raw rate is that of a message exchange between two plain C programs
 (tests/bench/link_pingpong_*.c) on the same transport. It is measured in the same run, in turns with
@@ -33,13 +33,13 @@ SHARE_OF_RAW_MIN, REAL_TIME_MIN = 0.6, 1.0
 
 @dataclass(frozen=True)
 class LinkRates:
-    """Rates of the lock-step over one transport, and the raw rate of the transport."""
+    """Rates of the lock-step over one transport, and the rate of the transport itself."""
 
-    link: str  # "lcm" or "socketcan"
-    raw_per_s: float  # message exchanges per second of the plain programs
-    ticks_per_s: float  # rate of the lock-step with one axis
-    share: float  # ticks_per_s / raw_per_s
-    real_time: float  # simulated time / elapsed time, one axis
+    link: str  # transport: "lcm" or "socketcan"
+    raw_per_s: float  # message exchanges per second of two programs without firmware and plant
+    ticks_per_s: float  # ticks per second of the lock-step with one axis
+    share: float  # ticks_per_s divided by raw_per_s
+    real_time: float  # simulated time divided by elapsed time, with one axis
     six_axes_ticks_per_s: float
     six_axes_real_time: float
     repeated: int  # number of records that were sent again, in all turns
@@ -52,8 +52,8 @@ def _pin_to_one_cpu() -> None:
 
 @contextlib.contextmanager
 def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
-    """Starts a program on one CPU and waits for its first line. The program is ended at the end of
-    the context."""
+    """Starts a program on one CPU and waits for its first line. The program ends with the
+    context."""
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, preexec_fn=_pin_to_one_cpu
     )
@@ -67,7 +67,7 @@ def _running(*command: str | Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def _output(*command: str | Path) -> str | None:
-    """The output of a program that runs on one CPU; None if the program fails."""
+    """Runs a program on one CPU and returns its output. Returns None if the program fails."""
     done = subprocess.run(
         command,
         stdout=subprocess.PIPE,
@@ -80,7 +80,8 @@ def _output(*command: str | Path) -> str | None:
 
 
 def raw_rate(kind: str, where: str) -> float:
-    """Message exchanges per second between the two plain programs. Raises link.LinkError."""
+    """Returns the message exchanges per second between two programs without firmware and plant.
+    Raises link.LinkError."""
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
     program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
     if not program.is_file():
@@ -111,7 +112,8 @@ def lock_step(kind: str, axes: int) -> PlantReport:
 
 
 def measure(kind: str, turns: int) -> LinkRates:
-    """Measures the raw rate and the lock-step rates of a transport, as medians of some turns."""
+    """Measures the raw rate of a transport and the rates of the lock-step. Each rate is the median
+    of several turns."""
     raw, one, six = [], [], []
     for _ in range(turns):
         where = _core.lcm_url_of(link.new_run_id()) if kind == "lcm" else CAN
@@ -135,7 +137,7 @@ def measure(kind: str, turns: int) -> LinkRates:
 
 
 def run(turns: int = 5) -> list[LinkRates]:
-    """Rates of both transports; those of CAN are measured under tools/vcan. Raises
+    """Returns the rates of both transports. CAN is measured under tools/vcan. Raises
     link.LinkError."""
     lcm = measure("lcm", turns)
     command = [link.program("vcan"), sys.executable, "-m", "forceaxis.bench.link", str(turns)]
@@ -148,7 +150,7 @@ def run(turns: int = 5) -> list[LinkRates]:
 
 
 def check(rates: Sequence[LinkRates]) -> list[Requirement]:
-    """The required rates of each transport."""
+    """Returns the required rates of each transport."""
     return [
         requirement
         for r in rates

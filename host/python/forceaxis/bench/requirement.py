@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Requirement:
-    """A required figure, and whether the benchmark has reached it."""
+    """A required figure of a benchmark, and whether the benchmark has reached the figure."""
 
-    check: str  # quantity, bound and figure as text
+    check: str  # quantity, bound and measured figure as text
     held: bool
 
 
@@ -16,10 +16,12 @@ def _requirement(text: str, figure: float | None, is_reached: bool) -> Requireme
 
 
 def at_least(quantity: str, figure: float | None, least: float) -> Requirement:
-    """The requirement that a figure is at least `least`; a missing figure does not reach it."""
+    """Returns the requirement that a figure is at least `least`. A missing figure does not meet the
+    requirement."""
     return _requirement(f"{quantity} >= {least}", figure, figure is not None and figure >= least)
 
 
 def at_most(quantity: str, figure: float | None, most: float) -> Requirement:
-    """The requirement that a figure is at most `most`; a missing figure does not reach it."""
+    """Returns the requirement that a figure is at most `most`. A missing figure does not meet the
+    requirement."""
     return _requirement(f"{quantity} <= {most}", figure, figure is not None and figure <= most)

@@ -1,5 +1,5 @@
-"""The benchmark with SciPy: solve_ivp in each tick, with terminal events at which the equations
-change.
+"""The benchmark with SciPy: solve_ivp runs for each tick, and its terminal events change the
+equations.
 
 The equations of the cases A and B are written again here, independent of the simulator.
 """
@@ -18,23 +18,24 @@ from forceaxis._core import TICKS_PER_SECOND
 State = NDArray[np.float64]
 
 STEP_S = 1 / TICKS_PER_SECOND
-TOLERANCE = 1e-4  # the tolerance of odeint; RK45 uses the same pair of formulas
-R_M_PER_RAD = 0.004043  # travel per angle of the motor
-K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # force sensor: stiffness and damping
+TOLERANCE = 1e-4  # error tolerance, as for odeint; RK45 uses the same pair of formulas
+R_M_PER_RAD = 0.004043  # travel of the robot per angle of the motor in m/rad
+K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # stiffness and damping of the force sensor
 
 
 class TimedRun(NamedTuple):
     """One timed run of a benchmark case."""
 
-    force_N: NDArray[np.float64]  # contact force at each tick
+    force_N: NDArray[np.float64]  # contact force in N at each tick
     codes: NDArray[np.int32]  # ADC code of the contact force at each tick
-    seconds: float  # CPU time of the run
-    events: int | None  # number of switching events; None: unknown
+    seconds: float  # CPU time of the run in s
+    events: int | None  # number of switching events; None if unknown
 
 
 @dataclass(frozen=True)
 class Guard:
-    """An event of solve_ivp: when the function falls through 0, `element` enters `region`."""
+    """An event for solve_ivp. When the value of the function falls through 0, `element` enters
+    `region`."""
 
     terminal: ClassVar = True
     direction: ClassVar = -1
@@ -86,14 +87,14 @@ class _Plant:
         )
 
     def enter(self, x: State) -> None:
-        """Updates the regions of current feedback and amplifier for the state x, after a step of
-        the command."""
+        """Sets the regions of current feedback and amplifier for the state x after a step of the
+        command."""
         self.feedback = int(x[0] > 30) - int(x[0] < -30)
         e = self.error(x)
         self.amplifier = sum((e > 2, e > 6)) - sum((e < -2, e < -6))
 
     def guards(self) -> list[Guard]:
-        """The events at which the plant leaves its present regions."""
+        """Returns the events at which an element leaves its present region."""
         guards = []
         side = self.amplifier
         if side > -2:
@@ -118,7 +119,7 @@ class _Plant:
         return guards
 
     def cross(self, element: str, into: int | str, x: State) -> None:
-        """Updates the region of an element at an event with the state x."""
+        """Sets the region of an element after an event with the state x."""
         if into == "let go":
             into = "overlap" if x[2] > x[4] else "apart"
         elif into == "met":
@@ -128,8 +129,7 @@ class _Plant:
 
 
 def run(gain: int, setpoint_N: int, ticks: int) -> TimedRun:
-    """Simulates the plant and its force loop from tick 0 to `ticks`. gain: DAC codes per ADC
-    code."""
+    """Simulates plant and force loop from tick 0 to `ticks`. gain: DAC codes per ADC code."""
     from scipy.integrate import solve_ivp
 
     plant, x, crossings = _Plant(), np.array([0, 0, -0.005, 0, 0, 0]), 0

@@ -1,1 +1,1 @@
-"""Pages: HTML files about a folder of experiments, a design and a tuning. Verbs write them."""
+"""HTML pages about a folder of experiments, a design or a tuning, which the command line writes."""

@@ -1,5 +1,5 @@
-"""Models of a folder for the report: description, limits, recommended P gain, and worst figures of
-the designed banks."""
+"""The report's sections on models: description, critical gains, recommended P gain, and worst
+figures of the designed banks."""
 
 import re
 from collections.abc import Sequence
@@ -23,10 +23,12 @@ from forceaxis.pages import pictures
 from forceaxis.pages.folder import Entry
 from forceaxis.words import plain
 
-Picture = tuple[str, Markup]  # caption, image
+Picture = tuple[str, Markup]  # caption and image
 
-SHOWN_EXPERIMENTS_MAX = 6  # number of experiments up to which the page shows all pictures at once
-# The map of an experiment: factors of its gain and of its set-point, and its longest run in ticks.
+# largest number of experiments for which the page shows all pictures at once
+SHOWN_EXPERIMENTS_MAX = 6
+# Map of verdicts of an experiment: factors of the gain, factors of the set-point, and the longest
+# run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000
@@ -43,38 +45,41 @@ class ExperimentBank:
 
 @dataclass(frozen=True)
 class ModelLaws:
-    """The recommended P gain of a model and the banks of its experiments, over a set of plants."""
+    """The recommended P gain of a model and the banks of the experiments with this model, over a
+    set of plants."""
 
-    over: str  # the ranges of the parameters of the set
+    over: str  # ranges of the parameters of the set, as text
     p: reduced.ShortDesign
     banks: list[ExperimentBank]
 
 
 @dataclass(frozen=True)
 class ModelSection:
-    """The section of the page about one model."""
+    """The section of the report about one model."""
 
-    id: str  # name of the anchor
+    id: str  # name of the anchor of the section
     file: str
     title: str
     words: list[str]  # sentences about the model
-    limits: list[str] | None  # of force_gain; None: the model has no force loop
+    limits: list[str] | None  # limits of force_gain; None if the model has no force loop
     laws: ModelLaws | None
-    refused: str  # the reason why `laws` is None
+    refused: str  # reason why `laws` is None
     pictures: list[Picture]
 
 
 def limits(model: Path) -> list[str] | None:
-    """The limit of force_gain for each timing, as text; None if the model has no force loop."""
+    """Returns the limit of force_gain for each timing as text. Returns None if the model has no
+    force loop."""
     try:
         found = [loops.force_loop(model, timing=timing) for timing in loops.TIMINGS]
-    except _core.InputError:  # the model has no force sensor or no response (stuck, no contact)
+    # the model has no force sensor, or the command has no effect (stuck, no contact)
+    except _core.InputError:
         return None
     return [limit_text(loop) for loop in found]
 
 
 def limit_text(loop: stability.Loop) -> str:
-    """The limit of a loop as text, in DAC codes per 8-bit count of force."""
+    """Returns the limit of a loop as text, in DAC codes per 8-bit count of force."""
     limit = loop.limit()
     if limit.gain is not None:
         gain = plain(loop.firmware_gain(limit.gain))
@@ -85,7 +90,7 @@ def limit_text(loop: stability.Loop) -> str:
 
 
 def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
-    """For each model file, the experiments with this model that could be run."""
+    """Returns for each model file the experiments with this model that ran without error."""
     found: dict[Path, list[Entry]] = {}
     for entry in entries:
         if entry.done:
@@ -94,7 +99,7 @@ def by_model(entries: Sequence[Entry]) -> dict[Path, list[Entry]]:
 
 
 def sections(entries: Sequence[Entry]) -> list[ModelSection]:
-    """One section for each model of the experiments."""
+    """Returns one section for each model of the experiments."""
     with_pictures = len(entries) <= SHOWN_EXPERIMENTS_MAX
     return [_section(model, own, with_pictures) for model, own in by_model(entries).items()]
 
@@ -121,8 +126,8 @@ def _section(model: Path, entries: Sequence[Entry], with_pictures: bool) -> Mode
 
 
 def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
-    """Caption and picture of the Nyquist curve at the recommended P gain; empty without such a
-    gain."""
+    """Returns caption and picture of the Nyquist curve at the recommended P gain. The list is empty
+    without a recommended gain."""
     if not recommended.worst:
         return []
     gain = recommended.bank.force_gain
@@ -130,7 +135,7 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
         )
-    except _core.InputError:  # the model has no response in this mode
+    except _core.InputError:  # the command has no effect in this mode of the model
         return []
     margins = found.at.margins
     phase = margins.phase_margin_deg
@@ -143,8 +148,8 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
 
 
 def _map(entries: Sequence[Entry]) -> list[Picture]:
-    """Caption and picture of the verdict over gain and set-point, for the first short experiment
-    with a P law; empty if there is no such experiment."""
+    """Returns caption and picture of the verdict over gain and set-point, for the first short
+    experiment with a P law. The list is empty without such an experiment."""
     for entry in entries:
         given = read_inputs(entry.file).firmware
         gain, setpoint = given.get("force_gain"), given.get("force_setpoint")
@@ -168,7 +173,8 @@ def _map(entries: Sequence[Entry]) -> list[Picture]:
 
 
 def words(model: Path) -> list[str]:
-    """Sentences that describe a model: bodies, drive, contacts, sensor, modes of vibration."""
+    """Returns sentences that describe a model: bodies, drive, contacts, sensor, modes of
+    vibration."""
     facts, text = linear.facts(model), model.read_text(encoding="utf-8")
     masses = ", ".join(f"{name} {kg:.4g} kg" for name, kg in facts.masses_kg.items())
     lines = [f"Bodies: {masses}."]
@@ -196,8 +202,9 @@ def words(model: Path) -> list[str]:
 
 
 def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
-    """The P gain that keeps the usual margins over the set of plants, and the worst figures over
-    this set for each bank of the experiments. Raises InputError, for example without a sensor."""
+    """Returns the P gain that keeps the usual margins over the set of plants, and the worst figures
+    of each bank of the experiments over this set. Raises InputError, for example for a model
+    without a sensor."""
     plants = sets.plant_set(str(model))
     facts = linear.facts(model)
     search = reduced.ShortSearch(plants, Goal(adc_bits=facts.required_reading.bits), random=0)
@@ -206,7 +213,7 @@ def laws(model: Path, entries: Sequence[Entry]) -> ModelLaws:
     for entry in entries:
         try:
             own = settings.of(str(entry.file))
-        except _core.InputError:  # no force law
+        except _core.InputError:  # the experiment has no force law
             continue
         if own.bank and own.law == "bank":
             banks.append(ExperimentBank(entry, own.bank, search.at(own.bank)))

@@ -1,4 +1,4 @@
-"""Writes the page of a design: one HTML file with the tables and figures of a force law."""
+"""Writes the page of a design, an HTML file with the tables and figures of a force law."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -26,18 +26,20 @@ from forceaxis.linear.system import TICK_S
 from forceaxis.pages.template import template
 from forceaxis.words import plain
 
-WIDE_IN = 4.4  # width of a figure; a row has two figures on a screen and one on a telephone
-LOOP_GAIN_DRAWN = 20.0  # |L| above which a curve is outside the figure
+# width of a figure in inches; a row has two figures on a screen and one on a telephone
+WIDE_IN = 4.4
+LOOP_GAIN_DRAWN = 20.0  # largest |L| that a figure shows
 RANDOM_PLANTS = (
-    4  # number of random plants in the figures, in addition to nominal plant and corners
+    4  # number of random plants in the figures, in addition to the nominal plant and the corners
 )
 
-Loops = list[tuple[NDArray[Any], str]]  # (L at the frequencies, key of its style in LOOKS)
+# (loop gain L at the frequencies, key of its line style in LOOKS)
+Loops = list[tuple[NDArray[Any], str]]
 
 
 def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loops:
-    """Frequency responses of the open loops with a bank, over the plants of the set and the
-    latencies."""
+    """Returns the frequency responses of the open loops with a bank, over the plants of the set and
+    the latencies."""
     plants = outcome.plants
     members = [(m, True) for m in plants.nominal()]
     members += [(m, False) for m in plants.corners() + plants.random(RANDOM_PLANTS)]
@@ -52,7 +54,7 @@ def responses(outcome: DesignOutcome, bank: Bank, frequency_hz: Samples) -> Loop
     return found
 
 
-# {key: (style of a curve, its name in the legend)}
+# {key: (line style of a curve, name of the curve in the legend)}
 LOOKS: dict[str, tuple[dict[str, Any], str]] = {
     "nominal": ({"color": INK, "linewidth": 1.3, "zorder": 3}, "nominal"),
     "late": ({"color": INK, "linewidth": 1.3, "zorder": 3, "linestyle": "--"},
@@ -62,21 +64,21 @@ LOOKS: dict[str, tuple[dict[str, Any], str]] = {
 
 
 def keys(loops: Iterable[tuple[Response | None, str]]) -> list[Artist]:
-    """Entries of the legend of a figure, one for each style of curve that `loops` contains."""
+    """Returns the entries of the legend of a figure, one for each line style in `loops`."""
     met = {kind for _, kind in loops}
     return [plt.Line2D([], [], label=name, **look)
             for kind, (look, name) in LOOKS.items() if kind in met]  # fmt: skip
 
 
 def laws(outcome: DesignOutcome) -> list[tuple[str, Bank]]:
-    """[(name, bank)] of the control laws that the figures compare: the design, and P if P keeps the
-    margins at some gain."""
+    """Returns [(name, bank)] of the control laws that the figures compare: the design, and law P if
+    P keeps the margins at some gain."""
     p = [("P", outcome.p_bank)] if outcome.p_bank.force_gain else []
     return [*p, (outcome.chosen, outcome.bank)]
 
 
 def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops: Loops) -> Figure:
-    """The figure with |S| and |T| of one control law over the set of plants, in dB."""
+    """Returns the figure with |S| and |T| in dB of one control law over the set of plants."""
     figure, axes = plt.subplots(2, 1, figsize=(WIDE_IN, 4.6), sharex=True)
     for L, kind in loops:
         for ax, value in zip(axes, (1 / (1 + L), L / (1 + L)), strict=True):
@@ -102,7 +104,7 @@ def sensitivity(outcome: DesignOutcome, name: str, frequency_hz: Samples, loops:
 
 
 def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
-    """The Nyquist diagram near -1 of one control law over the set of plants."""
+    """Returns the Nyquist plot near -1 of one control law over the set of plants."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 4.2))
     turn = np.linspace(0, 2 * np.pi, 200)
     style(ax)
@@ -121,7 +123,8 @@ def nyquist(outcome: DesignOutcome, name: str, loops: Loops) -> Figure:
 
 
 def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> Figure:
-    """The figure with the force over time in a simulated contact, with P and with the design."""
+    """Returns the figure of the force over time in a simulated contact, with law P and with the
+    design."""
     figure, ax = plt.subplots(figsize=(WIDE_IN, 3.0))
     style(ax)
     latency = outcome.order.latencies[0]
@@ -146,12 +149,12 @@ def contact(bench: ContactBench, outcome: DesignOutcome, case: ContactCase) -> F
 
 
 def shown(value: float | str) -> str:
-    """The value of a parameter or the state of an element as text."""
+    """Returns the value of a parameter or the state of an element as text."""
     return plain(value, 4) if isinstance(value, float) else str(value)
 
 
 def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
-    """(figure, value of P, value of the design)."""
+    """Returns (figure, value of law P, value of the design)."""
     names = [*FIGURES, "gain, DAC codes per count of force"]
     p = (*outcome.p.row, outcome.p.force_gain)
     own = (*outcome.worst.row, outcome.bank.force_gain)
@@ -160,8 +163,8 @@ def figure_rows(outcome: DesignOutcome) -> list[tuple[str, str, str]]:
 
 
 def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
-    """Rows of a table with each structure: name, fS, Ms, gain margin, gain and gain at high
-    frequency."""
+    """Returns the rows of a table of the structures: name, fS, Ms, gain margin, gain, and gain at
+    high frequency."""
     rows = []
     for one in outcome.structures:
         figures = (*one.row, one.bank.force_gain, one.bank.hf_gain)
@@ -170,8 +173,8 @@ def structure_rows(outcome: DesignOutcome) -> list[list[str]]:
 
 
 def write(folder: NewFolder, bench: ContactBench, outcome: DesignOutcome, run: str) -> None:
-    """Writes the page index.html of a design into a folder. run: path of the experiment that the
-    page tells the user to run."""
+    """Writes the page index.html of a design to a folder. run: path of the experiment that the page
+    tells the user to run."""
     frequency_hz = np.geomspace(0.3, 0.499 / TICK_S, 2000)
     loops = [responses(outcome, bank, frequency_hz) for _, bank in laws(outcome)]
     html = template("design").render(

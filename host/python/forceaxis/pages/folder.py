@@ -24,41 +24,42 @@ class Entry:
     """An experiment of the page, with its run or with the error that prevented the run."""
 
     file: Path
-    name: str  # path below the folder, without suffix
+    name: str  # path of the file relative to the folder, without suffix
     done: Run | None = None  # the finished run; None after an error
-    differs: tuple[str, ...] = ()  # differences between the run and [expect], one line each
+    # differences between the run and the table [expect], one line each
+    differs: tuple[str, ...] = ()
     error: str = ""
 
     @property
     def run(self) -> Run:
-        """The run of an experiment without error."""
+        """Run of an experiment that ended without error."""
         assert self.done is not None
         return self.done
 
     @property
     def id(self) -> str:
-        """The name of the entry's anchor on the page."""
+        """Name of the anchor of the experiment on the page."""
         return re.sub(r"\W", "_", self.name)
 
     @property
     def verdict(self) -> str:
-        """One of the four verdicts, "none" or "error"."""
+        """One of the four verdicts, "none" for an experiment without a verdict, or "error"."""
         return "error" if self.error else self.run.result.verdict or "none"
 
     @property
     def status(self) -> str:
-        """`error`, `differs` (from [expect]), or the verdict; it selects the colour of the
-        entry."""
+        """Status that selects the colour of the experiment: "error", "differs" (from the table
+        [expect]), or the verdict."""
         return "differs" if self.differs else self.verdict
 
     @property
     def title(self) -> str:
-        """The title of the experiment; its name after an error."""
+        """Title of the experiment. After an error, the name of the experiment."""
         return self.done.title if self.done else self.name
 
     @property
     def held(self) -> str:
-        """Controlled force and its error as text; empty if the experiment has no force
+        """Controlled force and its error as text. Empty if the experiment has no force
         set-point."""
         held = self.done and self.done.result.metrics.held_force
         if not held:
@@ -69,25 +70,25 @@ class Entry:
 
     @cached_property
     def picture(self) -> Markup:
-        """The figure of the traces as a data URI."""
+        """Figure of the traces as a data URI."""
         return pictures.figure(trace.figure(self.run))
 
     @cached_property
     def thumbnail(self) -> Markup:
-        """The small picture of the main signal."""
+        """Thumbnail of the main signal of the run."""
         return pictures.thumbnail(self.run)
 
 
 def figure_order(figure: str) -> tuple[int | str, ...]:
-    """Key that sorts figure numbers: "2.16a, 5.1" gives (2, 16, "a"). A text without a number is
-    sorted last."""
+    """Returns a key that sorts figure numbers: "2.16a, 5.1" gives (2, 16, "a"). A text without a
+    number is sorted last."""
     found = re.match(r"(\d+)\.(\d+)(\w*)", figure)
     return (int(found[1]), int(found[2]), found[3]) if found else (99,)
 
 
 def files(folder: Path) -> list[Path]:
-    """The experiments below a folder, and files that cannot be read. Raises InputError if there are
-    none."""
+    """Returns the experiments below a folder, and the files that cannot be read. Raises InputError
+    if the folder contains no experiment."""
     if not folder.is_dir():
         raise InputError(
             f"{folder}: expected a folder with experiments, there is no such folder; "
@@ -109,17 +110,18 @@ def files(folder: Path) -> list[Path]:
 
 
 def begin(pool: Pool, folder: Path) -> list[AsyncResult[Entry]]:
-    """Starts the run of each experiment of a folder in the processes of `pool`."""
+    """Starts the runs of all experiments of a folder in the processes of `pool`."""
     return [pool.apply_async(_drawn, (path, folder)) for path in files(folder)]
 
 
 def results(jobs: Sequence[AsyncResult[T]], what: str) -> list[T]:
-    """Waits for the results of all jobs. what: plural name of the jobs, for the progress."""
+    """Waits for the results of all jobs and returns them. what: plural name of the jobs, for the
+    progress."""
     return [job.get() for job in progress.each(jobs, what)]
 
 
 def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
-    """Waits for all experiments; the entries are in the order of their figures, then names."""
+    """Waits for all experiments and returns them, sorted by figure and name."""
     return sorted(
         results(jobs, "experiments"),
         key=lambda e: (figure_order(e.done.result.figure if e.done else ""), e.name),
@@ -127,8 +129,8 @@ def entries(jobs: Sequence[AsyncResult[Entry]]) -> list[Entry]:
 
 
 def _drawn(path: Path, folder: Path) -> Entry:
-    """The entry of one experiment with its pictures and without its trace, because the entry is
-    sent to another process."""
+    """Returns an experiment with its pictures and without its trace, because the result is sent to
+    another process."""
     name = path.relative_to(folder).with_suffix("").as_posix()
     try:
         examined = expect.examine(path)

@@ -1,5 +1,5 @@
-"""Sections that only the page of the thesis has: its tables, fit, models by figure, and frequency
-domain. The fields of a section are the names that the templates use."""
+"""Sections that only the page of the thesis has: tables, fit, models by figure, and frequency
+domain. Templates use the names of the fields."""
 
 import os
 import re
@@ -24,22 +24,22 @@ from forceaxis.thesis import figures as thesis_figures
 from forceaxis.thesis import nonlinear, tables
 from forceaxis.thesis.tables import CellResult
 
-WIDE_IN = 6.0  # a wider figure has its own line
+WIDE_IN = 6.0  # width in inches above which a figure has a row of its own
 
 
 @dataclass(frozen=True)
 class ModelRow:
-    """A model with its limits and its experiments."""
+    """A model with its critical gains and its experiments."""
 
     name: str
     title: str
     shows: str
-    limits: list[str] | None  # of force_gain; None: the model has no force loop
+    limits: list[str] | None  # limits of force_gain; None if the model has no force loop
     runs: list[Entry]
 
 
 def models(entries: Sequence[Entry]) -> list[ModelRow]:
-    """Every model of the experiments, in the order of its figure."""
+    """Returns all models of the experiments, in the order of their figures."""
     rows = {}
     for path, runs in axes.by_model(entries).items():
         text = toml.read(path)
@@ -52,7 +52,7 @@ def models(entries: Sequence[Entry]) -> list[ModelRow]:
 
 @dataclass(frozen=True)
 class CellGrid:
-    """A stability table of the thesis: {title of a row: its cells}."""
+    """A stability table of the thesis: {title of a row: cells of the row}."""
 
     title: str
     columns: list[str]
@@ -60,7 +60,7 @@ class CellGrid:
 
 
 def grid_3_15(cells: Sequence[CellResult]) -> CellGrid:
-    """Fig 3.15: rows of gains, columns of set-points."""
+    """Returns Fig 3.15, whose rows are gains and whose columns are set-points."""
     at = {(c.force_gain, c.force_setpoint): c for c in cells if c.figure == "3.15"}
     gains = sorted({gain for gain, _ in at})
     setpoints = sorted({setpoint for _, setpoint in at if setpoint is not None})
@@ -72,7 +72,7 @@ def grid_3_15(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def grid_5_10(cells: Sequence[CellResult]) -> CellGrid:
-    """Fig 5.10, whose first and third columns are Fig 3.16: rows of gains."""
+    """Returns Fig 5.10, whose rows are gains. The first and third columns are Fig 3.16."""
     at = {(c.force_gain, c.test, c.workpiece): c for c in cells if c.figure == "5.10"}
     columns = list(dict.fromkeys((test, workpiece) for _, test, workpiece in at))
     return CellGrid(
@@ -86,7 +86,7 @@ def grid_5_10(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
-    """Figs 5.2, 5.3, 5.8, 5.9: one cell each."""
+    """Returns Figs 5.2, 5.3, 5.8 and 5.9, each of which is one cell."""
     rows = {
         f"Fig {c.figure}, {c.workpiece}, {c.grip.replace('_', ' ')}, "
         f"gain {c.force_gain}, set-point {c.force_setpoint}": [c]
@@ -97,12 +97,13 @@ def grid_rest(cells: Sequence[CellResult]) -> CellGrid:
 
 
 def mode_rows() -> list[tuple[str, str, list[str]]]:
-    """(model, its lowest mode, [other modes with their labels]) of each model with a force path."""
+    """Returns (model, lowest mode of vibration, [other modes with their labels]) of each model in
+    which the drive acts on the force."""
     rows = []
     for path in sorted(paths.MODELS.glob("*.toml"), key=lambda p: p.stem):
         try:
             found = modes.modes(path)
-        except _core.InputError:  # the file has only parameters, or the model has no drive
+        except _core.InputError:  # the file contains only parameters, or the model has no drive
             continue
         if not found.has_path or found.contact == "apart":
             continue
@@ -133,7 +134,7 @@ class DrawnFigure:
 
     figure: str
     see: str
-    wide: bool  # the figure has its own line
+    wide: bool  # True if the figure has a row of its own
     image: Markup
 
 
@@ -146,7 +147,7 @@ class FrequencySection:
     advice: advise.Advice
     advice_image: Markup
     claims: thesis.CheckedClaims
-    value: Callable[[float | str, str], str]  # a value of a claim as text
+    value: Callable[[float | str, str], str]  # function that returns a value of a claim as text
     modes: list[tuple[str, str, list[str]]]
     measurements: list[MeasuredFigure]
     figures: list[DrawnFigure]
@@ -155,7 +156,7 @@ class FrequencySection:
 
 @dataclass(frozen=True)
 class FrequencyJobs:
-    """The computations of the frequency domain in the processes of a pool."""
+    """Running computations of the frequency domain in the processes of a pool."""
 
     designs: list[AsyncResult[plant_designs.PlantDesign]]
     advice: AsyncResult[tuple[advise.Advice, Markup]]
@@ -166,7 +167,7 @@ class FrequencyJobs:
 
     @classmethod
     def start(cls, pool: Pool) -> "FrequencyJobs":
-        """Starts all computations."""
+        """Starts all computations of the frequency domain."""
         measurements = sorted(
             paths.MEASUREMENTS.glob("*.toml"),
             key=lambda p: figure_order(p.stem[3:].replace("_", ".")),
@@ -185,7 +186,7 @@ class FrequencyJobs:
         )
 
     def section(self) -> FrequencySection:
-        """Waits for all results."""
+        """Waits for the results of all computations."""
         rows = folder.results(self.designs, "designs")
         advice, advice_image = self.advice.get()
         errors = beam.Beam(1.0, 1.0, 1.0).approximation_errors()
@@ -204,7 +205,7 @@ class FrequencyJobs:
 
 
 def measured(path: Path) -> MeasuredFigure:
-    """Measures and draws a measurement of the thesis."""
+    """Repeats a measurement of the thesis and draws its figure."""
     done = measure_result.run(path)
     assert done.setup is not None
     image = pictures.figure(measure_result.figure(done))
@@ -212,7 +213,7 @@ def measured(path: Path) -> MeasuredFigure:
 
 
 def thesis_figure(number: int) -> DrawnFigure:
-    """Draws a figure of the thesis."""
+    """Draws one figure of the thesis."""
     found = thesis_figures.thesis_figures()[number]
     drawn = found.draw()
     wide = drawn.get_figwidth() > WIDE_IN
@@ -220,12 +221,12 @@ def thesis_figure(number: int) -> DrawnFigure:
 
 
 def advised() -> tuple[advise.Advice, Markup]:
-    """(advice for the laboratory's axis, its picture)."""
+    """Returns the advice for the laboratory's axis, and its picture."""
     advice = advise.advise(advise.AdviceOrder("laboratory", threads=1))
     return advice, pictures.figure(advice_plot.figure(advice))
 
 
-# The story of one axis: (experiment, heading, reason).
+# Experiments that show the design of one axis step by step: (experiment, heading, reason).
 STORY = (
     ("contact_unstable", "1. Force gain 10: it bounces for ever",
      "The arm bends, the sensor rings, and the contact is lost again and again."),
@@ -241,12 +242,12 @@ class ModelsSection:
     """The sections of the page on one axis and on all models."""
 
     story: list[tuple[Entry, str, str]]  # (experiment, heading, reason)
-    models: list[ModelRow]  # of the machines of the thesis
-    element_models: list[ModelRow]  # of single elements
+    models: list[ModelRow]  # models of the machines of the thesis
+    element_models: list[ModelRow]  # models of single elements
 
 
 def models_section(entries: Sequence[Entry]) -> ModelsSection:
-    """The models of the experiments."""
+    """Returns the sections on the models of the experiments."""
     done = [e for e in entries if e.done]
     elements = [e for e in done if e.run.model.stem.startswith("nl_")]
     by_name = {e.name: e for e in done}
@@ -263,8 +264,8 @@ class FittedConstant:
 
     constant: tables.Constant
     parameter: tables.SourcedParameter
-    found: float  # value of the stored fit
-    plateau: dict[float, int]  # ratio to the fitted value -> score
+    found: float  # value of the constant in the stored fit
+    plateau: dict[float, int]  # {ratio to the fitted value: score}
 
 
 @dataclass(frozen=True)
@@ -273,11 +274,13 @@ class TablesSection:
 
     result: tables.TablesResult
     grids: list[CellGrid]
-    misses: list[tuple[str, CellResult]]  # cells with another verdict than the measured one
+    # cells whose simulated verdict differs from the measured verdict
+    misses: list[tuple[str, CellResult]]
     constants: list[FittedConstant]
     assumed: list[tuple[str, tables.SourcedParameter]]
     found: tables.FitRecord
-    predicted: list[tuple[str, int, int]]  # (figure, number of cells, of cells that agree)
+    # (figure, number of cells, number of cells with the measured verdict)
+    predicted: list[tuple[str, int, int]]
     plateau: Markup
     criterion: Criterion
     sensitivity: list[tables.Sensitivity]
@@ -285,11 +288,11 @@ class TablesSection:
     stability_map: Markup
     maps: list[nonlinear.ContactMap]
     maps_image: Markup
-    friction: list[tuple[float, float]]  # as of nonlinear.friction_limits
+    friction: list[tuple[float, float]]  # result of nonlinear.friction_limits
 
 
 def tables_section(threads: int | None = None) -> TablesSection:
-    """Runs the tables, the maps of contact and the sweep of the laboratory's axis."""
+    """Runs the stability tables, the maps of contact and the sweep of the laboratory's axis."""
     found, known = tables.evidence(), tables.load()
     result = tables.run(threads)
     maps = nonlinear.contact_maps(threads or os.cpu_count() or 1)

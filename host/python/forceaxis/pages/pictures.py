@@ -1,4 +1,4 @@
-"""Pictures inside the page: whole figures as SVG images, thumbnails as inline SVG."""
+"""Pictures inside a page: figures as SVG images, and thumbnails as inline SVG."""
 
 import itertools
 
@@ -10,16 +10,17 @@ from forceaxis import drawing
 from forceaxis.experiments.run import Run
 
 WIDTH, HEIGHT = 160, 56  # of a thumbnail
-STEPS = 80  # steps of the line in a thumbnail; each shows its lowest and highest value
+STEPS = 80  # number of steps of a thumbnail's line; each step shows the lowest and highest value
 
 
 def figure(drawn: Figure) -> Markup:
-    """A matplotlib figure as a data URI, closed."""
+    """Returns a matplotlib figure as a data URI and closes the figure."""
     return Markup(drawing.uri(drawn))
 
 
 def thumbnail(done: Run) -> Markup:
-    """The main signal of a run as inline SVG: a force of the model if there is one."""
+    """Returns the main signal of a run as inline SVG. The main signal is a force of the model, if
+    the model has a force."""
     name = _shown(done)
     values = np.asarray(done.columns[name], float)[done.in_plot]
     held = done.result.metrics.held_force
@@ -49,11 +50,11 @@ def thumbnail(done: Run) -> Markup:
     ).format(name)
 
 
-FORCES = ("force", "spring_force")  # last parts of the names of force signals of a model, in N
+FORCES = ("force", "spring_force")  # endings of the names of signals that are a force in N
 
 
 def _shown(done: Run) -> str:
-    """The column that a thumbnail shows."""
+    """Returns the column of the trace that a thumbnail shows."""
     there = [n for row in done.plot.rows for n in row if n in done.columns]
     forces = [n for n in there if n.rpartition(".")[2] in FORCES]
     return next(iter([*forces, *(n for n in there if n == "adc0"), *there]), "adc0")

@@ -1,4 +1,4 @@
-"""The section of the report on design: P law and designed bank for the plants of the thesis."""
+"""The section of the report on design: law P and the designed bank for the plants of the thesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from forceaxis.design import reduced, sets
 from forceaxis.design.grid import Goal
 from forceaxis.linear.bank import Bank
 
-# Models with a force loop, and the resolution of their ADC in bits.
+# (model with a force loop, resolution of its ADC in bits)
 PLANTS = (
     *(("fig4_15", 12), ("fig4_19", 12), ("fig4_25", 12), ("fig5_2", 12), ("fig5_5", 12)),
     *(("laboratory", 8), ("laboratory", 12), ("full_axis", 12)),
@@ -23,12 +23,12 @@ class PlantDesign:
     """The P gain and a designed bank for one of PLANTS."""
 
     model: str
-    bits: int  # resolution of the ADC
-    over: str  # names of the parameters with a tolerance
-    modes: int  # number of modes of operation in the set of plants
+    bits: int  # resolution of the ADC in bits
+    over: str  # names of the parameters that have a tolerance
+    modes: int  # number of modes of the plant in the set of plants
     p: reduced.ShortDesign
     design: reduced.ShapedDesign
-    limited_by: str  # a sentence about the bound that limits the bandwidth
+    limited_by: str  # sentence about the bound that limits the bandwidth
 
 
 def plant_design(model: str, bits: int) -> PlantDesign:
@@ -48,7 +48,8 @@ def plant_design(model: str, bits: int) -> PlantDesign:
 
 
 def figure(rows: Sequence[PlantDesign]) -> Figure:
-    """Figure of the bandwidth over the set of plants, for P and for the designed bank."""
+    """Returns a figure of the bandwidth over the set of plants, for law P and for the designed
+    bank."""
     drawn, ax = plt.subplots(figsize=(6.4, 0.7 + 0.3 * len(rows)))
     drawing.style(ax)
     for y, row in enumerate(rows):

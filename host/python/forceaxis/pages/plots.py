@@ -14,7 +14,8 @@ from forceaxis.thesis.nonlinear import ContactMap
 def plateau(
     curves: Mapping[str, Sequence[tuple[float, float]]], score_of_fit: float, label: str
 ) -> Figure:
-    """Figure of the score over each constant, as a share of its fitted value.
+    """Returns a figure of the score over each constant, relative to the fitted value of the
+    constant.
 
     curves: {constant: [(ratio to the fitted value, score)]}. label: of the scores.
     """
@@ -38,8 +39,8 @@ def plateau(
 def contact_maps(
     maps: Sequence[ContactMap], gains: Sequence[float], gaps: Sequence[float]
 ) -> Figure:
-    """Figure of the runs with a limit cycle, over the initial gap and the gain as a share of the
-    linear limit."""
+    """Returns a figure of the runs with a limit cycle, over the initial gap and the gain relative
+    to the linear limit."""
     size = (5.6, 0.7 + 2.3 * len(maps))
     figure, axes = plt.subplots(len(maps), 1, sharex=True, figsize=size)
     columns, rows = np.meshgrid(np.arange(len(gaps)), gains)

@@ -1,4 +1,4 @@
-"""The report: one page without further files about every experiment below a folder."""
+"""The report: one page about all experiments below a folder, without further files."""
 
 import multiprocessing
 import os
@@ -16,7 +16,7 @@ from forceaxis.pages.template import template
 from forceaxis.results import json_field
 from forceaxis.thesis import tables
 
-# {status of an experiment: its text on the page}.
+# {status of an experiment: text of the status on the page}
 STATUS_TEXTS = {
     **verdicts.WORDS,
     "none": "no verdict",
@@ -27,32 +27,34 @@ STATUS_TEXTS = {
 
 @dataclass(frozen=True)
 class ReportSummary:
-    """What a page contains."""
+    """Summary of the content of a page."""
 
     report: str  # path of the page
     experiments: int  # number of experiments
-    counts: dict[str, int]  # status of an experiment -> number of experiments
-    errors: list[str]  # of experiments that could not be run, one line each
-    matched: int | None = json_field(omit_none=True)  # cells of the thesis with its verdict
-    total: int | None = json_field(omit_none=True)  # cells of the thesis
+    counts: dict[str, int]  # {status: number of experiments with this status}
+    errors: list[str]  # experiments that could not be run, one line each
+    # number of cells of the thesis whose simulated verdict is the measured verdict
+    matched: int | None = json_field(omit_none=True)
+    total: int | None = json_field(omit_none=True)  # number of cells of the thesis
 
 
 def workers(threads: int | None) -> Pool:
-    """A pool of processes, which are terminated after an error or an interruption."""
+    """Context with a pool of processes, which are terminated after an error or an interruption."""
     return multiprocessing.get_context("fork").Pool(
         threads or os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)
     )
 
 
 def write(source: Path | None, out: Path, threads: int | None = None) -> ReportSummary:
-    """Runs every experiment below `source` and writes out/index.html.
+    """Runs every experiment below `source` and writes the page out/index.html.
 
     source None: the folder of the thesis, whose page also has its tables and its frequency domain.
     An experiment that cannot be run counts as an error and has its own entry. Raises InputError.
     """
     own = source is None or source.resolve() == paths.SIM.resolve()
     experiments = paths.EXPERIMENTS if source is None or own else source
-    # A missing fit, a folder without experiments and an impossible path are reported at once.
+    # These checks report a missing fit, a folder without experiments or an impossible path before
+    # the computation.
     if own:
         tables.evidence()
     else:
@@ -64,7 +66,7 @@ def write(source: Path | None, out: Path, threads: int | None = None) -> ReportS
 
 
 def _made(source: Path, out: Path, threads: int | None, own: bool) -> tuple[str, ReportSummary]:
-    """(page, summary)."""
+    """Returns (page, summary)."""
     tables_section = None
     with workers(threads) as pool:
         if own:

@@ -1,4 +1,5 @@
-"""The templates of this folder. Each page is one HTML file that needs no other file."""
+"""The templates of this folder. The page of a template is one HTML file that needs no other
+file."""
 
 from importlib import resources
 
@@ -8,14 +9,15 @@ from forceaxis import drawing, words
 
 
 def _text(name: str) -> str:
-    """The text of a file of this folder, or of the common style sheet page.css."""
+    """Returns the text of a file in this folder, or of the common style sheet page.css."""
     if name == "page.css":
         return drawing.page_style()
     return resources.files("forceaxis.pages").joinpath(name).read_text(encoding="utf-8")
 
 
 def template(name: str) -> jinja2.Template:
-    """The template `name`.html.jinja, in which each text is escaped for HTML."""
+    """Returns the template `name`.html.jinja, in which the characters of each text are escaped for
+    HTML."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_text),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""Writes the page of a tuning: responses, margins, and contacts as predicted and measured."""
+"""Writes the page of a tuning: responses, margins, and predicted and measured contacts."""
 
 import functools
 from collections.abc import Iterator
@@ -30,17 +30,18 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
-# share of the set-point: the figure ends after the force has settled within this band
+# Share of the set-point. The figure of a contact ends after the force stays within this band.
 SETTLED_SHARE = 0.02
-FIGURE_WIDTH_IN = 4.2  # a row has three figures on a screen and one on a telephone
+# width of a figure in inches; a row has three figures on a screen and one on a telephone
+FIGURE_WIDTH_IN = 4.2
 
 _number = functools.partial(outcome.number, digits=4)
-Rows = list[list[str]]  # of a table; the first row is the head
+Rows = list[list[str]]  # rows of a table; the first row is the header
 
 
 def write(tuning: Tuning, summary: TuningSummary) -> None:
-    """Writes the page index.html to the folder of a tuning, with the results of its finished
-    steps."""
+    """Writes the page index.html to the folder of a tuning, with the results of the steps that are
+    finished."""
     forces, folder = tuning.order.forces, tuning.folder
     fitted = FIT.done(tuning)
     touched = [f for f in forces if (folder / f"{contact.name(f)}.csv").exists()]
@@ -62,8 +63,8 @@ def write(tuning: Tuning, summary: TuningSummary) -> None:
 
 
 def _friction(summary: TuningSummary) -> Rows:
-    """Table of the measured dry friction: where it acts, its force in N, whether the model has
-    it."""
+    """Returns the table of the measured dry friction: place, force in N, and whether the model
+    contains the friction."""
     return [
         ["dry friction between", "N", "in the model"],
         *(
@@ -74,8 +75,8 @@ def _friction(summary: TuningSummary) -> Rows:
 
 
 def _margins(summary: TuningSummary) -> Rows:
-    """A table of the previous law, the P law and the designed law, on the fitted plant and over the
-    set."""
+    """Returns a table of the previous law, law P and the designed law, for the fitted plant and
+    over the set."""
     rows = [["law", "fS, Hz", "fT, Hz", "Ms", "gain margin"]]
     for name, loop in (summary.on_fitted or {}).items():
         label = f"{name}, on the fitted plant"
@@ -92,20 +93,21 @@ def _margins(summary: TuningSummary) -> Rows:
 
 
 def _figures(law: WorstFigures | Figures | None) -> Iterator[str]:
-    """The figures of a law in the table of the margins; "-" for each figure without a law."""
+    """Yields the figures of a law for the table of the margins, or "-" for each figure if there is
+    no law."""
     figures = (law.fS_Hz, law.fT_Hz, law.Ms, law.gain_margin) if law else (None,) * 4
     return map(_number, figures)
 
 
 def _cases(summary: TuningSummary) -> Rows:
-    """Table of the contact cases that were simulated with the designed law."""
+    """Returns the table of the contacts that were simulated with the designed law."""
     rows = [outcome.CASE_HEAD, *outcome.cases(summary.simulated)]
     law = outcome.CASE_HEAD.index("law")
     return [[*row[:law], *row[law + 1 :]] for row in rows]
 
 
 def _verified(summary: TuningSummary) -> Rows:
-    """Table of the measured and predicted Ms at each force set-point."""
+    """Returns the table of the measured and predicted Ms at each force set-point."""
     rows = [["set-point", "Ms", "95 %, ±", "Ms predicted", "at, Hz"]]
     for level in (summary.levels or {}).values():
         Ms, predicted, at = map(_number, (level.Ms, level.Ms_predicted, level.Ms_hz))
@@ -114,7 +116,7 @@ def _verified(summary: TuningSummary) -> Rows:
 
 
 def _parameters(summary: TuningSummary) -> Rows:
-    """Table of the fitted parameters with their confidence intervals."""
+    """Returns the table of the fitted parameters with their confidence intervals."""
     rows = [["parameter", "value", "95 % interval", "unit"]]
     for name, row in (summary.parameters or {}).items():
         ends = " to ".join(_number(end) for end in row.interval)
@@ -123,7 +125,8 @@ def _parameters(summary: TuningSummary) -> Rows:
 
 
 def _touch_down(folder: Path, force_N: float) -> str:
-    """Data URI of a figure: measured and predicted force of a first contact over time."""
+    """Returns the data URI of a figure: measured and predicted force over time after a first
+    contact."""
     touch = read_touch_down(folder / f"{contact.name(force_N)}.csv")
     time_s, expected, measured = touch.time_s, touch.predicted_N, touch.force_N
     figure, ax = plt.subplots(figsize=(FIGURE_WIDTH_IN, 2.8))
@@ -142,9 +145,9 @@ def _touch_down(folder: Path, force_N: float) -> str:
 
 
 def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
-    """Data URI of a figure: a response with its confidence band, the response of the fitted model,
-    and the coherence."""
-    # with dampers in the place of dry friction, if the axis has dry friction
+    """Returns the data URI of a figure: a response with its confidence band, the response of the
+    fitted model, and the coherence."""
+    # This model has dampers in place of the dry friction, if the axis has dry friction.
     damped = tuning.folder / RESPONSES_MODEL
     model = damped if damped.exists() else tuning.given
     states = known.states_of(model, tuning.states)
@@ -172,7 +175,8 @@ def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
         style(axis)
         axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
         axis.set_ylabel(text)
-    size.set_ylim(bottom=magnitude.min() / 2)  # the confidence band may reach almost to zero
+    # the lower end of the confidence band may be near zero
+    size.set_ylim(bottom=magnitude.min() / 2)
     plain_ticks(coherence.xaxis)
     plain_ticks(size.yaxis)
     legend(size)

@@ -1,4 +1,5 @@
-"""The numbers that the thesis quotes, beside those of its models, for `forceaxis check-thesis`."""
+"""The numbers that the thesis quotes and the numbers that its models give, for `forceaxis
+check-thesis`."""
 
 import functools
 import math
@@ -18,25 +19,26 @@ Response = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class CheckedClaim:
-    """A number or statement of the thesis beside the value of its model."""
+    """A number or statement of the thesis, together with the value that its model gives."""
 
     where: str
     what: str
     thesis: float | str
     ours: float | str
     unit: str
-    within: float | None  # tolerance as a fraction of the number of the thesis; None: a statement
+    # largest relative difference from the number of the thesis; None for a statement
+    within: float | None
     agrees: bool
-    why: str  # the reason for a difference
+    why: str  # the reason why the two values differ
 
 
 @dataclass(frozen=True)
 class CheckedClaims:
-    """All claims of the thesis beside the values of its models."""
+    """All numbers and statements of the thesis, together with the values that the models give."""
 
     claims: list[CheckedClaim]
-    agree: int  # number of claims that agree
-    differ: int  # number of claims that differ
+    agree: int  # number of claims with which the models agree
+    differ: int  # number of claims with which the models do not agree
     unexplained: int  # number of claims that differ without a known reason
 
 
@@ -59,7 +61,7 @@ class Claim:
     at_least: bool = False
 
     def checked(self) -> CheckedClaim:
-        """The claim beside the value of its model."""
+        """Returns the claim together with the value that its model gives."""
         ours = self.ours()
         if isinstance(self.thesis, str) or isinstance(ours, str):
             agrees = ours == self.thesis
@@ -80,30 +82,32 @@ class Claim:
 
 @functools.cache
 def limit(model: str, **overrides: float) -> Limit:
-    """The largest stable gain of a model's force loop in continuous time."""
+    """Returns the largest stable gain of a model's force loop in continuous time."""
     return loops.force_loop(model, timing="continuous", overrides=overrides).limit()
 
 
 def stability(model: str, **overrides: float) -> str:
-    """Stability of the linear model in continuous time at high gains, as a text."""
+    """Returns the stability of the linear model in continuous time at high gains, as a text."""
     return STABLE if limit(model, **overrides).gain is None else UNSTABLE
 
 
 def critical_gain(model: str, **overrides: float) -> float:
-    """The critical gain of a model's force loop in continuous time; inf if there is none."""
+    """Returns the critical gain of a model's force loop in continuous time, or infinity without a
+    critical gain."""
     gain = limit(model, **overrides).gain
     return math.inf if gain is None else gain
 
 
 def crossing_hz(model: str) -> float:
-    """Frequency in Hz at which the model's force loop becomes unstable in continuous time; inf if
-    it is stable at every gain."""
+    """Returns the frequency in Hz at which the model's force loop becomes unstable in continuous
+    time. Returns infinity if the loop is stable at every gain."""
     frequency_hz = limit(model).frequency_hz
     return math.inf if frequency_hz is None else frequency_hz
 
 
 def gain_ratio(model: str, experiment: str, without: str) -> float:
-    """Critical gain with the workpiece of an experiment, divided by that with a rigid workpiece."""
+    """Returns the critical gain with the workpiece of an experiment, divided by the critical gain
+    with a rigid workpiece."""
     settings = toml.read(paths.EXPERIMENTS / f"{experiment}.toml")["set"]
     return critical_gain(model, **settings) / critical_gain(without)
 
@@ -115,7 +119,7 @@ def pole(
     free: bool = False,
     drive: bool = True,
 ) -> tuple[float, float]:
-    """(natural frequency in Hz, damping ratio) of the pole nearest to a frequency."""
+    """Returns (natural frequency in Hz, damping ratio) of the pole nearest to a frequency."""
     poles = linear.linearise(model, outputs=(), overrides=overrides, free=free, drive=drive).poles()
     poles = poles[poles.imag > 0]
     found = poles[np.argmin(abs(abs(poles) / (2 * math.pi) - near_hz))]
@@ -129,41 +133,43 @@ def response(
     overrides: linear.Overrides | None = None,
     free: bool = False,
 ) -> Response:
-    """Frequency response of one output to the drive's command."""
+    """Returns the frequency response from the drive's command to one output."""
     system = linear.linearise(model, outputs=(output,), overrides=overrides, free=free)
     return system.response(frequency_hz)
 
 
 def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, float]:
-    """(gain at 0.01 Hz, frequency in Hz at which the gain is smaller by 3 dB)."""
+    """Returns (gain at 0.01 Hz, frequency in Hz at which the gain is 3 dB lower)."""
     f = np.geomspace(0.01, 1e4, 60001)
     size = abs(response(model, output, f, overrides=overrides))
     return size[0], f[np.argmax(size < size[0] / math.sqrt(2))]
 
 
 def loop_rolloff_hz(k_amp: float) -> float:
-    """Frequency in Hz at which the gain of the current loop with the shaft locked,
-    k_amp k_current / (L s + R + k_amp k_current), is smaller by 3 dB."""
+    """Returns the frequency in Hz at which the gain of the current loop is 3 dB lower. The shaft is
+    locked, and the gain is k_amp k_current / (L s + R + k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     inductance = parameter("laboratory", "L")
     return (parameter("laboratory", "R") + feedback) / inductance / (2 * math.pi)
 
 
 def current_loop_gain(k_amp: float) -> float:
-    """Current feedback divided by command at DC, k_amp k_current / (R + k_amp k_current)."""
+    """Returns the current feedback divided by the command at frequency 0, k_amp k_current / (R +
+    k_amp k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     return feedback / (parameter("laboratory", "R") + feedback)
 
 
 def flatness(output: str, frequency_hz: float) -> float:
-    """Gain from the command to an output of the laboratory's drive, divided by that at 0.01 Hz."""
+    """Returns the gain from the command to an output of the laboratory's drive, divided by the same
+    gain at 0.01 Hz."""
     low, high = abs(response("laboratory", output, [0.01, frequency_hz]))
     return float(high / low)
 
 
 def phase_crossing_hz(output: str) -> float | str:
-    """Frequency in Hz at which the phase of an acceleration per command falls through 0 degrees,
-    out of contact; "none" if it does not."""
+    """Returns the frequency in Hz at which the phase from command to an acceleration falls through
+    0 degrees, without contact. Returns "none" if there is no such frequency."""
     f = np.linspace(5.0, 200.0, 39001)
     H = response("fig4_14", output, f, free=True)
     falls = (H.imag[:-1] > 0) & (H.imag[1:] <= 0) & (H.real[:-1] > 0)
@@ -171,8 +177,8 @@ def phase_crossing_hz(output: str) -> float | str:
 
 
 def base_dip() -> tuple[float, float]:
-    """Frequency in Hz and phase in degrees at the first minimum of the phase of the tip
-    acceleration, out of contact."""
+    """Returns frequency in Hz and phase in degrees at the first minimum of the phase of the tip
+    acceleration, without contact."""
     f = np.linspace(5.0, 25.0, 8001)
     phase = np.degrees(np.unwrap(np.angle(response("fig4_14", "tip.acceleration", f, free=True))))
     least = np.flatnonzero((phase[1:-1] < phase[:-2]) & (phase[1:-1] <= phase[2:]))[0] + 1
@@ -180,8 +186,8 @@ def base_dip() -> tuple[float, float]:
 
 
 def phase_dip_deg(**overrides: float) -> float:
-    """Largest phase lag in degrees that a moving base adds to the force response of the rigid
-    robot."""
+    """Returns the largest additional phase lag in degrees that a moving base causes in the force
+    response of the rigid robot."""
     f = np.linspace(5.0, 60.0, 20001)
     with_base = np.unwrap(np.angle(response("fig4_17", "reading", f, overrides=overrides)))
     without = np.unwrap(np.angle(response("fig4_11", "reading", f)))
@@ -189,23 +195,23 @@ def phase_dip_deg(**overrides: float) -> float:
 
 
 def parameter(model: str, name: str) -> float:
-    """The value of a parameter of a model."""
+    """Returns the value of a parameter of a model."""
     return linear.facts(model).parameters[name].value
 
 
 def workpiece_damping(b_w: float) -> float:
-    """Damping ratio of the workpiece alone, with a damping of b_w in N s/m."""
+    """Returns the damping ratio of the workpiece alone, with a damping of b_w in N s/m."""
     return pole("fig4_19", 39.8, overrides={"b_w": b_w}, free=True)[1]
 
 
 @functools.cache
 def cells() -> list[tables.CellResult]:
-    """The cells of the stability tables with their simulated verdicts."""
+    """Returns the cells of the stability tables with their simulated verdicts."""
     return tables.run().cells
 
 
 def highest_stable(test: str, workpiece: str) -> float:
-    """Highest gain of a column of Fig 5.10 whose simulated run is stable."""
+    """Returns the highest gain in a column of Fig 5.10 for which the simulated run is stable."""
     return float(
         max(
             c.force_gain
@@ -217,12 +223,12 @@ def highest_stable(test: str, workpiece: str) -> float:
 
 
 def higher_gains_percent(test: str) -> float:
-    """Increase of the highest stable gain with the damped workpiece, in percent."""
+    """Returns the increase of the highest stable gain by the damped workpiece, in per cent."""
     return 100 * (highest_stable(test, "damped") / highest_stable(test, "original") - 1)
 
 
 def cell(figure: str) -> str:
-    """The simulated verdict of a figure that is one cell."""
+    """Returns the simulated verdict of a figure that consists of one cell."""
     return next(c.ours for c in cells() if c.figure == figure)
 
 
@@ -456,15 +462,16 @@ CLAIMS = [
 
 
 def resonances_below(highest_hz: float) -> int:
-    """Number of pole pairs of the free axis of Fig 4.14 below a frequency with a damping ratio
-    below 0.3."""
+    """Returns the number of pole pairs of the free axis of Fig 4.14 below a frequency that have a
+    damping ratio below 0.3."""
     poles = linear.linearise("fig4_14", outputs=(), free=True).poles()
     light = (poles.imag > 0) & (-poles.real < 0.3 * abs(poles))
     return int(np.sum(light & (abs(poles) < 2 * math.pi * highest_hz)))
 
 
 def check() -> CheckedClaims:
-    """All claims of the thesis beside the values of its models."""
+    """Returns all numbers and statements of the thesis, together with the values that the models
+    give."""
     claims = [claim.checked() for claim in CLAIMS]
     return CheckedClaims(
         claims=claims,
@@ -475,8 +482,8 @@ def check() -> CheckedClaims:
 
 
 def value(number: float | str, unit: str) -> str:
-    """A number as text with its unit, with 3 digits or, from 1000 on, without decimals. A text
-    remains as it is."""
+    """Returns a number with its unit as text. Numbers below 1000 have 3 digits, larger numbers have
+    no decimals. A text is returned unchanged."""
     if not isinstance(number, str):
         number = f"{number:.3g}" if number < 1e3 else f"{number:.0f}"
     return f"{number} {unit}".strip()

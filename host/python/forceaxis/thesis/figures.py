@@ -1,4 +1,5 @@
-"""List of the Bode plots, root loci and pole-zero arrays of the thesis, and how they are drawn."""
+"""The Bode plots, root loci and pole-zero arrays of the thesis, and how they are drawn from
+models."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,19 +16,19 @@ from forceaxis.linear import beam, curves, locus, loops, plots
 from forceaxis.linear.system import System
 
 Response = NDArray[np.complex128]
-Settings = dict[str, float]  # model parameter -> value
-Run = tuple[str, str, Settings | None]  # model, label, settings
+Settings = dict[str, float]  # {model parameter: value}
+Run = tuple[str, str, Settings | None]  # (model, label of the curve, parameter values)
 Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
-Options = Mapping[str, str | float | tuple[float, float]]  # keyword of a drawing -> its value
+Options = Mapping[str, str | float | tuple[float, float]]  # {argument of a drawing function: value}
 
-# Responses from the command voltage to the measured force, from the force of a perfect actuator to
-# the measured force, and from the command voltage to the tachometer voltage.
+# Channels of a response: from the command voltage to the measured force, from the force of a
+# perfect actuator to the measured force, and from the command voltage to the tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")
 
-# {kind of a figure: function that draws its data}.
+# {kind of a figure: function that draws the data of the figure}
 DRAWINGS: dict[str, Callable[..., Figure]] = {
     "bode": plots.bode,
     "rlocus": plots.rlocus,
@@ -37,17 +38,18 @@ DRAWINGS: dict[str, Callable[..., Figure]] = {
 
 @dataclass(frozen=True)
 class ThesisFigure:
-    """A Bode plot, root locus or pole-zero array of the thesis, drawn from its models."""
+    """A Bode plot, root locus or pole-zero array of the thesis, drawn from models."""
 
     figure: str  # number of the figure
     kind: str  # a key of DRAWINGS
     title: str
-    see: str  # what a reader sees in the figure
-    data: Source  # computes what draw() draws
-    options: Options = field(default_factory=dict)  # further arguments of the drawing function
+    see: str  # text about what a reader sees in the figure
+    data: Source  # function that computes the data of the figure
+    # further arguments of the function that draws the figure
+    options: Options = field(default_factory=dict)
 
     def draw(self, data: Data | None = None) -> Figure:
-        """Draws the figure. data: the result of data(), if it was already computed."""
+        """Draws the figure. data: the result of data(), if already computed."""
         title = f"Fig {self.figure}: {self.title}"
         return DRAWINGS[self.kind](self.data() if data is None else data, title, **self.options)
 
@@ -65,7 +67,7 @@ def responses(
 
 
 def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[curves.Curve]:
-    """The frequency responses of one model to several outputs, {output: label}."""
+    """Returns the frequency responses of one model to several outputs, {output: label}."""
     return [
         curves.model_curve(model, label, replace(channel, output=output), (0.5, 200.0))
         for output, label in names.items()
@@ -73,26 +75,28 @@ def outputs(model: str, names: dict[str, str], channel: curves.Channel) -> list[
 
 
 def loci(*runs: Run, span_hz: float | None = None) -> list[locus.Locus]:
-    """The root loci of force loops in continuous time, one for each run."""
+    """Returns the root loci of force loops in continuous time, one for each run."""
     found = [loops.force_loop(m, timing="continuous", overrides=s) for m, _, s in runs]
     return locus.loci(found, [label for _, label, _ in runs], span_hz)
 
 
 def damped(model: str, parameter: str, values: Sequence[float], unit: str) -> list[Run]:
-    """Runs of one model, one for each value of a parameter in `unit`."""
+    """Returns runs of one model, one for each value of a parameter in `unit`."""
     return [(model, f"{parameter} = {value:g} {unit}", {parameter: value}) for value in values]
 
 
-BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # sample parameters: 17.9 kg, first mode at 103 Hz
+BEAM = beam.Beam(3.0e4, 35.8, 0.5)  # beam with example values: 17.9 kg, first mode at 103 Hz
 LUMPED = beam.LumpedBeam.figure_2_24(3.0e4, 0.4, 9.0, 8.9, 0.05, 0.1)
 ARM = beam.TwoLinkArm()
 
 
 def beam_curves() -> list[curves.Curve]:
-    """Fig 2.22: the exact velocity responses of a distributed beam, at its actuator and its tip."""
+    """Fig 2.22: the exact velocity responses of a distributed-parameter beam, at its actuator and
+    its tip."""
     natural = BEAM.natural_frequencies(4)
     roots = np.concatenate([BEAM.poles(4), BEAM.actuator_zeros(4)])
-    roots = roots - 1e-3 * np.abs(roots)  # damping ratio .001: the beam itself has none
+    # adds the damping ratio 0.001, because the beam itself has no damping
+    roots = roots - 1e-3 * np.abs(roots)
     frequency = curves.grid_hz(
         0.05 * natural[0] / (2 * np.pi), 1.35 * natural[3] / (2 * np.pi), roots, 800
     )
@@ -104,8 +108,8 @@ def beam_curves() -> list[curves.Curve]:
 
 
 def beam_arrays() -> list[locus.Array]:
-    """Fig 2.23: the pole-zero arrays of a distributed beam up to its fourth mode, at its actuator
-    and its tip."""
+    """Fig 2.23: the pole-zero arrays of a distributed-parameter beam up to the fourth mode, at its
+    actuator and its tip."""
     poles = BEAM.poles(4)
     return [
         locus.Array("actuator (colocated)", poles, BEAM.actuator_zeros(4)),
@@ -114,13 +118,13 @@ def beam_arrays() -> list[locus.Array]:
 
 
 def arrays(system: System, names: dict[str, str], input: str | None = None) -> list[locus.Array]:
-    """The pole-zero arrays of one system to several outputs, {output: label}."""
+    """Returns the pole-zero arrays of one system to several outputs, {output: label}."""
     inputs = (input,) if input else None
     return [locus.array(system.select(inputs, (o,)), label) for o, label in names.items()]
 
 
 def measured(*runs: Run) -> list[curves.Curve]:
-    """The frequency responses of section 3.2 as the models predict them.
+    """Returns the frequency responses of section 3.2 that the models predict.
 
     runs: (stem of a file in sim/measurements, label, model parameters or None).
     """
@@ -140,8 +144,8 @@ def measured(*runs: Run) -> list[curves.Curve]:
 
 
 def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonance.Fit]:
-    """(frequencies in Hz, tip acceleration of Fig 4.14 out of contact, system of the rigid body,
-    fit of the resonances of section 4.2)."""
+    """Returns data of Fig 4.14 without contact: frequencies in Hz, tip acceleration, system of the
+    rigid body, and the fit of the resonances of section 4.2."""
     frequency = np.geomspace(1, 200, 1500)
     tip = linear.linearise("fig4_14", outputs=("tip.acceleration",), free=True)
     rigid = linear.linearise("fig4_11", outputs=("robot.acceleration",), free=True)
@@ -150,7 +154,8 @@ def fitted_resonances() -> tuple[NDArray[np.float64], Response, System, resonanc
 
 
 def resonance_curves() -> list[curves.Curve]:
-    """Fig 4.8: the response of the lumped model, and the polynomial model that is fitted to it."""
+    """Fig 4.8: the response of the lumped-parameter model, and the polynomial model that is fitted
+    to this response."""
     frequency, data, rigid, fit = fitted_resonances()
     unit = curves.unit_of("fig4_14", "drive.command", "tip.acceleration")
     model = fit.response(frequency, rigid.response(frequency))
@@ -169,7 +174,7 @@ def resonance_array() -> list[locus.Array]:
 
 
 def three_problems() -> list[curves.Curve]:
-    """Fig 6.1: force responses on a rigid workpiece, with base and arm and of the rigid axis."""
+    """Fig 6.1: force responses on a rigid workpiece, with base and arm, and of the rigid axis."""
     hard = {"k_g": 1e8, "k_w": 4e8, "b_b": 1500.0, "b_rf": 200.0}
     return [
         curves.model_curve(
@@ -180,7 +185,8 @@ def three_problems() -> list[curves.Curve]:
 
 
 def thesis_figures() -> list[ThesisFigure]:
-    """All Bode plots, root loci and pole-zero arrays that the text of the thesis defines."""
+    """Returns all Bode plots, root loci and pole-zero arrays that the text of the thesis
+    defines."""
     both = {"robot.position": "actuator x_r1", "tip.position": "endpoint x_r2"}
     base = (2000.0, 9500.0, 38000.0)
     work = (("fig2_26", "b_w = 8.25", None), ("fig2_26", "b_w = 363", {"b_w": 363.0}),

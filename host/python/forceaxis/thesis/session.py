@@ -1,4 +1,4 @@
-"""A complete session of the thesis through the gateway.
+"""A complete laboratory session of the thesis, operated through the gateway.
 
 The session sets the gains of an axis, moves 36,000 counts (thesis section 3.13), makes contact at
 k_f = 5 and f_d = 30 (3.14), records an impact on the workpiece (3.16) and draws a plot.
@@ -33,40 +33,42 @@ from forceaxis.experiments.run_result import JournalFacts
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Report = Callable[[str], None]  # called with the name of each step
+Report = Callable[[str], None]  # function that is called with the name of each step
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL_COUNTS = 36_000  # travel of the move in encoder counts
-SETPOINT = 30.0  # 8-bit counts of force; the force of the thesis's P law settles some counts below
+# force set-point in 8-bit counts; with the P law of the thesis the force settles some counts lower
+SETPOINT = 30.0
 RECORDED = ["force", "dac_code"]
 GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # 0 switches the bumpless transfer off, because the controller of the thesis has none.
+    # The value 0 switches bumpless transfer off, because the controller of the thesis has no
+    # bumpless transfer.
     "bump_decay_shift": 0,
 }
 
 
 @dataclass(frozen=True)
 class ObservedSession:
-    """What a client of the gateway observes in a session. Forces are in 8-bit counts."""
+    """Values that a client of the gateway observes in a session. Forces are in 8-bit counts."""
 
     software: int  # value of the object object_table_hash
-    position_after_move_cnt: int  # encoder counts
+    position_after_move_cnt: int  # position after the move in encoder counts
     force_held_cnt: float
-    position_in_contact_cnt: int  # encoder counts
-    force_after_cnt: float  # force after the impact
+    position_in_contact_cnt: int  # position in contact in encoder counts
+    force_after_cnt: float  # force after the impact in 8-bit counts
     samples: int  # number of samples of the recorder
     samples_missing: int
-    peak_force_cnt: float  # largest force in the recording
-    states: int  # number of received messages of the state
+    peak_force_cnt: float  # largest force in the recording in 8-bit counts
+    states: int  # number of state messages that were received
     messages_lost: int
 
 
 @dataclass(frozen=True)
 class NodeHashes:
-    """The trace hash that each program of a session has computed."""
+    """The trace hashes that the two programs of a session have computed."""
 
     plant_node: str
     axis_node: str
@@ -74,20 +76,21 @@ class NodeHashes:
 
 @dataclass(frozen=True)
 class SessionResult(ObservedSession):
-    """The result of a session with its programs, and of the replay of its journal."""
+    """Result of a session: observed values, results of its programs, and result of the replay of
+    its journal."""
 
     gateway_status: int  # exit status of the gateway
     trace_hash: NodeHashes
     replayed_hash: str
     journal: JournalFacts
-    plant_overruns: int  # ticks that the plant computed too late for real time
+    plant_overruns: int  # number of ticks that the plant computed too late for real time
     fault: str
-    folder: str  # folder of the written files
+    folder: str  # folder to which the files were written
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Physical quantities per count and per code in the model of the session."""
+    """Sizes of a count and of a code in physical units, for the model of the session."""
 
     mm_per_count: float  # travel per encoder count
     N_per_count: float  # measured force per 8-bit count
@@ -100,8 +103,8 @@ def run(
     strike_within_s: float = 20.0,
     report: Report = lambda step: None,
 ) -> tuple[ObservedSession, list[axis_state_t], Assembly]:
-    """Runs the session and returns (observed values, states, recording). report: called with the
-    name of each step as it begins."""
+    """Runs the session and returns (observed values, states, recording). report: function that is
+    called with the name of each step when the step begins."""
     report("connecting")
     with Session(axis, url, wait_s=20) as session:
         software = int(session.read("object_table_hash"))
@@ -117,7 +120,8 @@ def run(
         force_held = float(session.read("force"))
         position_in_contact = int(session.read("position_actual"))
         report("waiting for the strike")
-        # The time of the impact is unknown, therefore the recorder waits for its trigger.
+        # The time of the impact is not known in advance, therefore the recorder waits for its
+        # trigger.
         recording = session.capture(
             RECORDED,
             samples=1800,
@@ -145,7 +149,7 @@ def run(
 
 @functools.cache
 def scales() -> Scales:
-    """Reads the scales from the model of the session."""
+    """Reads the sizes of counts and codes from the model of the session."""
     converters = read_inputs(EXPERIMENT).converters
     return Scales(
         mm_per_count=converters["encoder"].per_code * 1e3,
@@ -155,8 +159,8 @@ def scales() -> Scales:
 
 
 def figure(states: Sequence[axis_state_t], recording: Assembly) -> "Figure":
-    """Figure of position and force in the received states, and of force and command in the
-    recording of the impact."""
+    """Returns a figure of position and force in the received states, and of force and command in
+    the recording of the impact."""
     import matplotlib.pyplot as plt
     import numpy as np
 
@@ -199,7 +203,8 @@ def machine(
     journal: Path | None = None,
     endless: bool = False,
 ) -> Iterator[dict[str, subprocess.Popen[str]]]:
-    """Context of plant, firmware and gateway on vcan0 and vcan1 in real time: {name: process}.
+    """Context in which plant, firmware and gateway run in real time on vcan0 and vcan1. Yields
+    {name: process}.
 
     journal: file of the journal, by default folder/axis.journal. endless: the programs run until
     they are ended. Raises link.LinkError with the output of the programs after an error.
@@ -218,7 +223,7 @@ def machine(
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # The long time-out tolerates that a guest kernel on a busy machine sometimes pauses.
+        # A guest kernel on a busy machine sometimes pauses, therefore the time-out is long.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}
@@ -246,12 +251,14 @@ def machine(
 
 
 def _end_with_us() -> None:
-    """Called in a new process: the kernel sends it SIGTERM when its parent process ends."""
+    """Called in a new process, so that the kernel sends SIGTERM to this process when its parent
+    process ends."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # 1 is PR_SET_PDEATHSIG
 
 
 def _output(name: str, process: subprocess.Popen[str]) -> str:
-    """The output of a finished program. Raises link.LinkError unless its run succeeded."""
+    """Returns the output of a finished program. Raises link.LinkError unless the program
+    succeeded."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
         raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")

@@ -1,5 +1,5 @@
-"""The 55 measured cells of the thesis: simulated verdicts beside the measured verdicts, the fit of
-the free constants, and the sensitivity of the result.
+"""The 55 measured cells of the stability tables of the thesis: simulated and measured verdicts, the
+fit of the free constants, and the sensitivity of the result.
 
 A cell is a run of one experiment file with a gain, a set-point and a workpiece. The constants that
 the thesis does not state are fitted; sim/models/thesis.toml contains them like every other
@@ -27,12 +27,12 @@ from forceaxis.results import from_json, json_field, to_json
 FILE = paths.EXPERIMENTS / "tables.toml"
 EVIDENCE = paths.EXPERIMENTS / "tables_fit.json"
 
-Job = tuple[str, list[str]]  # a run as (experiment file, overrides)
-Point = tuple[int, ...]  # a point of the grid: for each constant, the index of its value
+Job = tuple[str, list[str]]  # one run: (experiment file, overrides)
+Point = tuple[int, ...]  # a point of the search grid: for each constant, the index of its value
 
 
 class StaleFit(Exception):
-    """The stored fit was made with other models, other experiments or another grid."""
+    """Error: the stored fit was made with other models, other experiments or another grid."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +40,18 @@ class Cell:
     """A cell of a stability table of the thesis: the settings of a run and the measured verdict."""
 
     figure: str
-    test: str  # "contact" or "disturbance"
-    workpiece: str  # "original" or "damped"
-    grip: str  # "none", "hard_pad" or "soft_pad"
+    test: str  # test of the cell: "contact" or "disturbance"
+    workpiece: str  # workpiece of the cell: "original" or "damped"
+    grip: str  # grip of the workpiece: "none", "hard_pad" or "soft_pad"
     force_gain: int  # DAC codes per 8-bit count of force
-    force_setpoint: int | None  # 8-bit counts of force; None: the thesis does not state it
+    # force set-point in 8-bit counts; None if the thesis does not state it
+    force_setpoint: int | None
     thesis: str  # the measured verdict: "stable" or "unstable"
 
 
 @dataclass(frozen=True)
 class CellRun:
-    """The simulated run of a cell."""
+    """The simulated run of one cell."""
 
     verdict: str
     metrics: Metrics
@@ -62,24 +63,25 @@ class CellRun:
 
 @dataclass(frozen=True)
 class CellResult(Cell):
-    """A cell with the verdict of its simulated run, and how the run gave this verdict."""
+    """A cell with the verdict of its simulated run, and the reason for this verdict."""
 
     ours: str  # the simulated verdict: "stable" or "unstable"
     metrics: Metrics
     criterion: Criterion
     fault: str
     trace_hash: str
-    reason: str | None = json_field(omit_none=True)  # why the two verdicts differ; None: they agree
+    # reason why simulated and measured verdict differ; None if they agree
+    reason: str | None = json_field(omit_none=True)
 
     @property
     def agrees(self) -> bool:
-        """Whether the simulated verdict is the measured verdict."""
+        """True if the simulated verdict is equal to the measured verdict."""
         return self.ours == self.thesis
 
     @property
     def ripple_limit_count(self) -> float:
-        """Largest force ripple of a stable run, in 8-bit counts. Raises InputError if the
-        experiment does not limit the ripple."""
+        """Returns the largest force ripple of a stable run in 8-bit counts. Raises InputError if
+        the experiment does not limit the ripple."""
         limit_count = self.criterion.force_ripple_max_count
         if limit_count is None:
             raise InputError(f"Fig {key_of(self)}: expected force_ripple_max_count in [verdict]")
@@ -88,48 +90,50 @@ class CellResult(Cell):
 
 @dataclass(frozen=True)
 class TablesResult:
-    """The cells of all stability tables with their simulated verdicts."""
+    """All cells of the stability tables with their simulated verdicts."""
 
     cells: list[CellResult]
     matched: int  # number of cells whose simulated verdict is the measured verdict
     total: int
-    fitted: dict[str, float]  # fitted constant -> its value
+    fitted: dict[str, float]  # {fitted constant: value}
     overridden: list[str]  # printed parameters that a run changed
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Effect of another value of a threshold of the verdict on the result of the tables."""
+    """Effect of a changed threshold of the verdict on the result of the tables."""
 
     threshold: str
     factor: float
     value: float
     score: int  # number of cells whose simulated verdict is the measured verdict
-    changed: list[str]  # key_of the cells whose simulated verdict changes
+    changed: list[str]  # keys (key_of) of the cells whose simulated verdict changes
 
 
 @dataclass(frozen=True)
 class Constant:
-    """A fitted constant: its parameter, the cells that depend on it, and the grid of the search."""
+    """A constant that is fitted: its parameter, the cells that depend on the constant, and the grid
+    of the search."""
 
     name: str
-    how: str  # the measurement that determines the constant
+    how: str  # the measurement from which the constant is known
     grid: tuple[float, ...]
-    groups: tuple[str, ...] = ()  # the groups of cells that depend on the constant; empty: all
+    # groups of cells that depend on the constant; empty if all groups depend on it
+    groups: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another interpretation of a sentence of the thesis, as changes of parameters."""
+    """Another interpretation of a sentence of the thesis, described by changed parameters."""
 
     what: str
-    set: list[str]  # overrides "parameter=value"
+    set: list[str]  # texts "parameter=value" that change parameters
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A choice that the thesis leaves open, with its reason and with the alternatives, whose scores
-    the report shows."""
+    """A choice that the thesis leaves open: the interpretation that is used, its reason, and other
+    interpretations, whose scores the report shows."""
 
     name: str
     taken: str
@@ -139,7 +143,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class SourcedParameter:
-    """A parameter of sim/models/thesis.toml, and where its value comes from."""
+    """A parameter of sim/models/thesis.toml with the source of its value."""
 
     value: int | float
     unit: str
@@ -148,30 +152,32 @@ class SourcedParameter:
 
 @dataclass(frozen=True)
 class OmittedFigure:
-    """A fit to all figures but one, and how well it predicts the cells of this figure."""
+    """Result of a fit to all figures except one, and of the prediction of the cells of this
+    figure."""
 
     figure: str
-    cells: int  # number of cells of the figure
-    fitted: dict[str, float]  # fitted constant -> its value
-    predicted_right: int  # number of cells of the figure with the measured verdict
-    score_on_all: int  # number of all cells with the measured verdict
+    cells: int  # number of cells of the omitted figure
+    fitted: dict[str, float]  # {fitted constant: value}
+    predicted_right: int  # number of cells of the omitted figure with the measured verdict
+    score_on_all: int  # number of cells of all figures with the measured verdict
 
 
 @dataclass(frozen=True)
 class FitRecord:
     """The stored result of the fit of the constants."""
 
-    inputs_hash: str  # evidence_hash() of the files of the fit
-    grid: dict[str, list[float]]  # constant -> its searched values
+    inputs_hash: str  # evidence_hash() of the files from which the fit was made
+    grid: dict[str, list[float]]  # {constant: searched values}
     points: int  # number of points of the grid
-    points_with_strikes: int  # points at which the cells of test "disturbance" were run too
-    fitted: dict[str, float]  # constant -> its fitted value
-    score: int  # number of cells of the fit with the measured verdict
-    cells: int  # number of cells of the fit
-    points_at_best: int  # number of points with this score
+    # number of points at which the cells of test "disturbance" were also run
+    points_with_strikes: int
+    fitted: dict[str, float]  # {constant: fitted value}
+    score: int  # number of fitted cells with the measured verdict
+    cells: int  # number of cells to which the constants are fitted
+    points_at_best: int  # number of points with the highest score
     left_out: list[OmittedFigure]
-    plateau: dict[str, list[tuple[float, int]]]  # constant -> [(ratio to its value, score)]
-    readings: list[tuple[str, str, int]]  # (reading, alternative, score)
+    plateau: dict[str, list[tuple[float, int]]]  # {constant: [(ratio to the fitted value, score)]}
+    readings: list[tuple[str, str, int]]  # (open choice, alternative interpretation, score)
 
 
 @dataclass(frozen=True)
@@ -179,19 +185,21 @@ class Tables:
     """The content of tables.toml and of the file with the measured cells."""
 
     cells: list[Cell]
-    experiments: dict[str, str]  # "test/grip" -> file
-    workpieces: dict[str, dict[str, float]]  # name -> {parameter: value}
-    unstated_setpoint: str  # the parameter that replaces a set-point of None
-    fit_on: tuple[str, ...]  # the groups of cells of the fit; all other cells are predictions
+    experiments: dict[str, str]  # {"test/grip": experiment file}
+    workpieces: dict[str, dict[str, float]]  # {workpiece: {parameter: value}}
+    # name of the parameter with the set-point for cells without a stated set-point
+    unstated_setpoint: str
+    # groups of cells to which the constants are fitted; all other cells are predicted
+    fit_on: tuple[str, ...]
     matched_at_least: int
     constants: list[Constant] = json_field(key="constant")
     readings: list[Reading] = json_field(key="reading", default_factory=list)
-    # key_of(cell) -> the reason why the simulated verdict differs
+    # {key_of(cell): reason why the simulated verdict differs}
     reasons: dict[str, str] = field(default_factory=dict)
 
     def group(self, cell: Cell) -> str:
-        """The name of the group of cells that are omitted together: a figure, with contact and
-        disturbance separately.
+        """Returns the name of the group of a cell. A group is a figure, with the tests contact and
+        disturbance separate. The fit omits whole groups.
 
         The original half of Fig 5.10 is Fig 3.16 and has this name.
         """
@@ -201,11 +209,12 @@ class Tables:
         return f"{figure} {cell.test}"
 
     def groups(self) -> list[str]:
-        """The names of all groups of cells, in the order of the cells."""
+        """Returns the names of all groups of cells, in the order of the cells."""
         return list(dict.fromkeys(self.group(c) for c in self.cells))
 
     def job(self, cell: Cell, constants: Mapping[str, float] | None = None) -> Job:
-        """The (experiment, overrides) pair of a cell; constants: {parameter: value} to try."""
+        """Returns (experiment, overrides) for the run of a cell. constants: {parameter: value} to
+        try."""
         setpoint = self.unstated_setpoint if cell.force_setpoint is None else cell.force_setpoint
         sets = [
             f"firmware.force_gain={cell.force_gain}",
@@ -225,14 +234,14 @@ def load() -> Tables:
 
 
 def parameters() -> dict[str, SourcedParameter]:
-    """The parameters of sim/models/thesis.toml by name."""
+    """Returns the parameters of sim/models/thesis.toml by name."""
     file = paths.MODELS / "thesis.toml"
     table = toml.read(file)["parameters"]
     return {name: from_json(SourcedParameter, p, f"{file}: {name}") for name, p in table.items()}
 
 
 def fitted() -> dict[str, float]:
-    """The present values of the fitted constants in sim/models/thesis.toml."""
+    """Returns the present values of the fitted constants in sim/models/thesis.toml."""
     values = parameters()
     return {c.name: values[c.name].value for c in load().constants}
 
@@ -240,7 +249,7 @@ def fitted() -> dict[str, float]:
 def run_jobs(
     jobs: Sequence[Job], threads: int | None, title: str, over: link.LinkOptions | None = None
 ) -> list[CellRun]:
-    """Runs (experiment, overrides) pairs and shows a progress bar on a terminal.
+    """Runs pairs (experiment, overrides) and shows a progress bar on a terminal.
 
     over: options of a run with the firmware in another process; the runs then follow each other.
     """
@@ -263,8 +272,8 @@ def run_jobs(
 
 
 def key_of(cell: Cell) -> str:
-    """A cell as text: figure, test, workpiece, grip, gain and set-point. The text is also the key
-    of the cell in tables.toml."""
+    """Returns a cell as text: figure, test, workpiece, grip, gain and set-point. The text is also
+    the key of the cell in tables.toml."""
     words = [cell.figure, cell.test, cell.workpiece, cell.grip.replace("_", " ")]
     setpoint = cell.force_setpoint or "not stated"
     return f"{', '.join(words)}, gain {cell.force_gain}, set-point {setpoint}"
@@ -276,7 +285,8 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
     runs = run_jobs([tables.job(c) for c in tables.cells], threads, "tables", over)
     cells = []
     for cell, done in zip(tables.cells, runs, strict=True):
-        ours = stability(done.verdict)  # the thesis has two verdicts only
+        # the verdicts of the thesis are only "stable" and "unstable"
+        ours = stability(done.verdict)
         reason = tables.reasons.get(key_of(cell), "not explained") if ours != cell.thesis else None
         cells.append(
             CellResult(
@@ -289,7 +299,7 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
                 reason=reason,
             )
         )
-    # The damper and the pad of a cell are no printed parameters.
+    # Damper and pad of a cell are not among the printed parameters.
     named = {"b_w", "k_g"}
     return TablesResult(
         cells=cells,
@@ -301,14 +311,14 @@ def run(threads: int | None = None, over: link.LinkOptions | None = None) -> Tab
 
 
 def matches(cells: Sequence[Cell], runs: Sequence[CellRun]) -> NDArray[np.bool_]:
-    """For each cell, whether the verdict of its run is the measured verdict."""
+    """Returns for each cell True if the verdict of its run is the measured verdict."""
     pairs = zip(cells, runs, strict=True)
     return np.array([stability(r.verdict) == c.thesis for c, r in pairs])
 
 
 def score_with(variants: Sequence[Sequence[str]], threads: int | None, title: str) -> list[int]:
-    """For each list of further overrides, the number of cells with the measured verdict. All runs
-    share one pool of threads."""
+    """Returns for each list of further overrides the number of cells with the measured verdict. All
+    runs share one pool of threads."""
     tables = load()
     jobs = [
         (path, latest([*sets, *extra]))
@@ -327,33 +337,37 @@ def plateau(
     threads: int | None = None,
     steps: Sequence[float] = (0.9, 0.95, 0.975, 1.0, 1.025, 1.05, 1.1),
 ) -> dict[str, list[tuple[float, int]]]:
-    """The score with one constant changed at a time: {constant: [(ratio to its value, score)]}."""
+    """Returns the scores when one constant at a time is changed: {constant: [(ratio to its value,
+    score)]}."""
     variants = [sets_of({**values, n: value * r}) for n, value in values.items() for r in steps]
     scores = iter(score_with(variants, threads, "plateau"))
     return {name: [(ratio, next(scores)) for ratio in steps] for name in values}
 
 
 def readings(values: Mapping[str, float], threads: int | None = None) -> list[tuple[str, str, int]]:
-    """The score of each alternative of a declared reading alone: (reading, alternative, score)."""
+    """Returns the score of each alternative interpretation when only this alternative is used:
+    (open choice, alternative, score)."""
     rows = [(r.name, a) for r in load().readings for a in r.alternatives]
     scores = score_with([sets_of(values) + a.set for _, a in rows], threads, "readings")
     return [(name, a.what, score) for (name, a), score in zip(rows, scores, strict=True)]
 
 
 def latest(sets: Sequence[str]) -> list[str]:
-    """Overrides without those whose name occurs again later in the list."""
+    """Returns the overrides. If a name occurs several times, only the last override of this name is
+    kept."""
     return list({text.partition("=")[0]: text for text in sets}.values())
 
 
 def sets_of(values: Mapping[str, float]) -> list[str]:
-    """Parameter values as overrides "parameter=value"."""
+    """Returns parameter values as overrides "parameter=value"."""
     return [f"{k}={v!r}" for k, v in values.items()]
 
 
 def criterion_sensitivity(
     cells: Sequence[CellResult], threads: int | None = None
 ) -> list[Sensitivity]:
-    """The effect of +-20 % on each threshold of the verdict. cells: those of run().
+    """Returns the effect of a change of +-20 % on each threshold of the verdict. cells: results of
+    run().
 
     For another window the cells are run again; for another limit of the ripple, verdicts follow
     from the metrics of the runs.
@@ -386,7 +400,8 @@ def criterion_sensitivity(
 
 
 def evidence_hash() -> str:
-    """Hash of the inputs of the fit: grid, cells, models and experiments, without fitted values."""
+    """Returns a hash of the inputs of the fit: grid, cells, models and experiments, without fitted
+    values."""
     tables = load()
     free = {c.name for c in tables.constants}
     fixed = {name: p.value for name, p in parameters().items() if name not in free}
@@ -398,7 +413,7 @@ def evidence_hash() -> str:
     for name in sorted(set(tables.experiments.values())):
         experiment = toml.read(paths.EXPERIMENTS / name)
         model = toml.read(paths.EXPERIMENTS / experiment["model"])
-        for table in (experiment, model):  # descriptions have no effect on a run
+        for table in (experiment, model):  # descriptions do not affect a run
             texts = ("title", "figure", "shows", "plot", "expect")
             digest.update(repr({k: v for k, v in table.items() if k not in texts}).encode())
     return digest.hexdigest()
@@ -406,7 +421,7 @@ def evidence_hash() -> str:
 
 def fit(threads: int | None = None) -> FitRecord:
     """Searches the grid of tables.toml for the constants with which most cells of `fit_on` have the
-    measured verdict, and writes tables_fit.json beside tables.toml.
+    measured verdict. Writes the result to tables_fit.json beside tables.toml.
 
     Cells of test "contact" are run on every grid point on which they depend. Cells of test
     "disturbance" are run only at the points at which the contact cells have their best score, all
@@ -416,14 +431,15 @@ def fit(threads: int | None = None) -> FitRecord:
     tables = load()
     grids = [c.grid for c in tables.constants]
     members = {g: [c for c in tables.cells if tables.group(c) == g] for g in tables.groups()}
-    # For each group, the indices of the constants on which its cells depend.
+    # For each group, the indices of the constants on which the cells of the group depend.
     needed = {
         group: [i for i, c in enumerate(tables.constants) if not c.groups or group in c.groups]
         for group in tables.fit_on
     }
 
     def evaluate(group: str, points: Iterable[Point]) -> dict[Point, int]:
-        """The score of the cells of a group at some points, by the coordinates that they need."""
+        """Returns {point: score} for the cells of a group. A point has only the coordinates of the
+        constants on which the group depends."""
         wanted = sorted({tuple(p[i] for i in needed[group]) for p in points})
         own = [tables.constants[i] for i in needed[group]]
         jobs = [
@@ -460,8 +476,8 @@ def fit(threads: int | None = None) -> FitRecord:
         scores[group] = evaluate(group, points)
 
     def choose(groups: Sequence[str]) -> Point:
-        """The point with the highest score; among several, the one with the highest mean score of
-        its neighbours."""
+        """Returns the point with the highest score. Of several such points, returns the point whose
+        neighbours have the highest mean score."""
         score = {p: total(p, groups) for p in points}
         best = max(score.values())
 
@@ -509,8 +525,8 @@ def fit(threads: int | None = None) -> FitRecord:
 
 
 def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
-    """The points at most one step away from a point in each constant; some may be outside the
-    grid."""
+    """Returns the points that are at most one step away from a point in each constant. Some of them
+    may be outside the grid."""
     steps = [(-1, 0, 1) if len(g) > 1 else (0,) for g in grids]
     return [
         tuple(a + b for a, b in zip(point, step, strict=True)) for step in itertools.product(*steps)
@@ -518,7 +534,8 @@ def neighbours(point: Point, grids: Sequence[Sequence[float]]) -> list[Point]:
 
 
 def evidence() -> FitRecord:
-    """The stored fit. Raises StaleFit if there is none, or if it was made with other files."""
+    """Returns the stored fit. Raises StaleFit if there is no stored fit, or if the fit was made
+    with other files."""
     again = "repeat the fit of `forceaxis tables`, which takes some minutes, and commit the file"
     if not EVIDENCE.exists():
         raise StaleFit(f"{paths.display(EVIDENCE)}: expected the record of a fit; {again}")
