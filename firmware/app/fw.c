@@ -292,7 +292,8 @@ static void count_up(uint16_t *counter, uint16_t by) {
   *counter = (by > UINT16_MAX - *counter) ? UINT16_MAX : (uint16_t)(*counter + by);
 }
 
-/* Executes the requests that the last called function of the CANopen node has left. */
+/* Executes the requests that the CANopen node has stored for the firmware: a fault, lost frames,
+ * the loss of the owner, or a stop. */
 static void take_requests(fw_t *fw) {
   if (!canopen_has_requests(&fw->canopen)) {
     return;

@@ -85,8 +85,8 @@ static void write_coils(modbus_request_t *r, uint16_t first, uint16_t count) {
   }
 }
 
-/* Writes a copy of the value in the request, because a write overwrites its data and the response
- * must repeat the request. */
+/* Writes a copy of the value in the request, because a write overwrites the words that it gets and
+ * the response must repeat the request. */
 static void write_register(modbus_request_t *r, uint16_t first, uint16_t value) {
   fx_store_be16(r->word, value);
   modbus_write_registers(r, first, 1, r->word);

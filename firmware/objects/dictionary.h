@@ -13,11 +13,11 @@
 /* One block of objects (AXIS_BLOCK_): a structure with the values of one owner. */
 typedef struct {
   uint16_t offset; /* offset of the structure with the values, in bytes from the dictionary_t */
-  /* Returns FW_OK if a value within its range may be written; changes no state. NULL if every value
-   * within its range may be written. */
+  /* Returns FW_OK if a value within its range may be written; changes no state. The pointer is NULL
+   * if every value within its range may be written. */
   int (*check)(const dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
-  /* Called after a write: the value was `previous` and is now `value`. NULL if no action follows a
-   * write. */
+  /* Called after a write: the value was `previous` and is now `value`. The pointer is NULL if no
+   * action follows a write. */
   void (*written)(dictionary_t *objects, uint8_t source, uint16_t object, int32_t previous,
                   int32_t value);
 } dictionary_block_t;
@@ -46,7 +46,7 @@ struct dictionary {
   /* set of the sources (FW_SOURCE_ bits) whose writes were accepted since the owner last cleared
    * this set */
   uint8_t writers;
-  uint8_t zero; /* byte that is always 0; TPDOs send it where no object is mapped */
+  uint8_t zero; /* byte that is always 0; TPDOs send this byte where no object is mapped */
 };
 
 void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
@@ -54,8 +54,9 @@ void dictionary_init(dictionary_t *objects, const dictionary_owner_t *owner);
 /* Returns true if the object exists and has a value, which can be read in any tick. */
 bool dictionary_has_value(uint16_t object);
 
-/* Writes an object that has a value, as dictionary_write() does. A command may call this function,
- * because it executes no further command. Returns FW_ERROR_NO_OBJECT if the object is a command. */
+/* Writes an object that has a value, as dictionary_write() does. A command may call
+ * dictionary_write_value(), because this function executes no command. Returns FW_ERROR_NO_OBJECT
+ * if the object is a command. */
 int dictionary_write_value(dictionary_t *objects, uint8_t source, uint16_t object, int32_t value);
 
 /* Stores that a write of this source was accepted, for the watchdog of the owner. */

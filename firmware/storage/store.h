@@ -84,22 +84,22 @@ typedef struct {
 
 void store_init(store_t *store, const store_memory_t *memory);
 
-/* Reads the newest complete set into the parameters of `objects`, which have their defaults; work
- * in progress is abandoned as by a power cut. A set of this object table is damaged if one of its
- * entries does not match the table: the previous set is then used instead. Returns
- * AXIS_STORE_STATE_
+/* Reads the newest complete parameter set into the parameters of `objects`, which must have their
+ * defaults. Work of the store in progress is abandoned as by a power cut. A set of this object
+ * table is damaged if one of its entries does not match the table: the previous set is then used
+ * instead. Returns AXIS_STORE_STATE_
  *   LOADED               every value is as stored;
  *   EMPTY                there is no set, or restore_defaults was commanded;
  *   LOADED_PARTLY        a set of another table, of which some entries are not active;
  *   LOADED_OLD_DEFAULTS  every value is as stored, but some are defaults of an earlier table;
  *   LOADED_OLDER         as one of these, but the memory also has parts of a newer set (a save that
  *                        was interrupted, a damaged sector);
- *   OTHER_TABLE          the newest set does not describe itself and is not of version 0.1.0; it is
- *                        ignored;
- *   FAILED               the memory is not blank, but has no valid set.
- * Cost: it reads both sectors once and their blank parts twice; it reads each entry of the set
+ *   OTHER_TABLE          the newest set has no signatures and is not of version 0.1.0, so this set
+ * is ignored; FAILED               the memory is not blank, but has no valid set. Cost: the
+ * function reads both sectors once and their blank parts twice; it reads each entry of the set
  * twice and finds the object by bisection. On a Cortex-M4, two full sectors of 16 KiB need some
- * 300,000 instructions more than blank ones, and the complete power-up needs 1.2 million. */
+ * 300,000 instructions more than blank sectors, and the complete power-up needs 1.2 million
+ * instructions. */
 uint8_t store_load(store_t *store, dictionary_t *objects);
 
 /* Restores the stored values of one block of objects (AXIS_BLOCK_) from the parameter set that was
