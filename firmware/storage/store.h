@@ -94,11 +94,12 @@ void store_init(store_t *store, const store_memory_t *memory);
  *   LOADED_OLD_DEFAULTS  every value is as stored, but some are defaults of an earlier table;
  *   LOADED_OLDER         as one of these, but the memory also has parts of a newer set (a save that
  *                        was interrupted, a damaged sector);
- *   OTHER_TABLE          the newest set has no signatures and is not of version 0.1.0, so this set
- * is ignored; FAILED               the memory is not blank, but has no valid set. Cost: the
- * function reads both sectors once and their blank parts twice; it reads each entry of the set
- * twice and finds the object by bisection. On a Cortex-M4, two full sectors of 16 KiB need some
- * 300,000 instructions more than blank sectors, and the complete power-up needs 1.2 million
+ *   OTHER_TABLE          the newest set has no signatures and is not of version 0.1.0: it is
+ *                        ignored;
+ *   FAILED               the memory is not blank, but has no valid set.
+ * Cost: the function reads both sectors once and their blank parts twice; it reads each entry of
+ * the set twice and finds the object by bisection. On a Cortex-M4, two full sectors of 16 KiB need
+ * some 300,000 instructions more than blank sectors, and the complete power-up needs 1.2 million
  * instructions. */
 uint8_t store_load(store_t *store, dictionary_t *objects);
 
