@@ -112,7 +112,9 @@ static const char *open_sectors(store_file_t *store_file, const char *path, uint
   if (file < 0) {
     return strerror(errno);
   }
-  const char *wrong = (flock(file, LOCK_EX | LOCK_NB) == 0) ? NULL : "another process has it";
+  const char *wrong = (flock(file, LOCK_EX | LOCK_NB) == 0)
+                          ? NULL
+                          : "expected a file that no other axis uses; stop the other axis";
   store_file->file = file;
   store_file->memory = (store_memory_t){
       .context = store_file,
@@ -132,12 +134,12 @@ static const char *open_sectors(store_file_t *store_file, const char *path, uint
 
 const char *store_file_open(store_file_t *store_file, const char *path) {
   return open_sectors(store_file, path, STORE_FILE_SECTOR_BYTES,
-                      "expected a parameter store of 32768 bytes");
+                      "expected a parameter store of 32768 bytes; name such a file or a new file");
 }
 
 const char *archive_file_open(store_file_t *store_file, const char *path) {
   return open_sectors(store_file, path, ARCHIVE_FILE_SECTOR_BYTES,
-                      "expected an archive of incidents of 65536 bytes");
+                      "expected an archive of incidents of 65536 bytes; rename this file");
 }
 
 void store_file_close(store_file_t *store_file) { close(store_file->file); }

@@ -48,7 +48,8 @@ TEST_F(StoreFile, KeepsASet) {
   ASSERT_EQ(store_file_open(&file, path_.c_str()), nullptr);
   EXPECT_EQ(Axis(&file.memory).Stored(), saved);
   store_file_t second;
-  EXPECT_STREQ(store_file_open(&second, path_.c_str()), "another process has it");
+  EXPECT_STREQ(store_file_open(&second, path_.c_str()),
+               "expected a file that no other axis uses; stop the other axis");
   store_file_close(&file);
 }
 
