@@ -19,7 +19,7 @@ std::uint16_t to_gain(double value) {
   return static_cast<std::uint16_t>(std::lround(value * kGainsPerUnit));
 }
 
-// Reads five coefficients: b0, b1, b2, a1, a2.
+// Reads the five coefficients b0, b1, b2, a1, a2 of a second-order section.
 void read_section(const sim::Section &section, const toml::node &node, std::int32_t *coefficients) {
   const toml::array *row = node.as_array();
   if (row == nullptr || row->size() != FORCE_LAW_COEFFICIENTS)

@@ -17,7 +17,7 @@
 
 namespace forceaxis::host {
 
-// Returns the number (0..3) of a key bank_1 to bank_4, or nothing for any other key.
+// Returns the bank number 0 to 3 for a key bank_1 to bank_4, or nothing for any other key.
 std::optional<std::uint8_t> bank_of_key(std::string_view key);
 
 struct BankValues {
@@ -27,12 +27,12 @@ struct BankValues {
   std::vector<ObjectWrite> writes;
 };
 
-// Returns the writes of all values of the bank except its certificate. They include the CRC of the
-// rounded values. Throws sim::InputError.
+// Returns the writes of all values of the bank, including the CRC of the rounded values, but
+// without the certificate. Throws sim::InputError.
 BankValues read_bank(sim::Section &section, std::uint8_t bank);
 
-// Returns the writes of the bank's certificate for a firmware whose force ADC has `adc_bits` bits
-// and whose object force_scale has the given value in uN.
+// Returns the writes of the bank's certificate. `adc_bits` is the number of bits of the force ADC
+// of the firmware. `force_scale` is the value of the object force_scale in uN.
 std::vector<ObjectWrite> certificate_of_bank(const BankValues &bank, std::int32_t adc_bits,
                                              std::int32_t force_scale);
 

@@ -29,7 +29,7 @@ bool has_body(const sim::Model &model, std::string_view name) {
                      [name](const sim::Body &b) { return b.name == name; });
 }
 
-// Returns a text that must not be empty.
+// Returns the text of a key. The text must not be empty.
 std::string words(Section &section, std::string_view key) {
   std::string text = section.text(key, "a text");
   if (text.empty()) section.fail(key, "expected a text, got an empty one; write it");
@@ -256,7 +256,8 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
   }
 }
 
-// Returns the overrides of [set]. Adds the parameters that their values refer to to `named`.
+// Returns the overrides of the table [set]. Parameters whose names are values in [set] are added to
+// `named`.
 std::vector<sim::Override> read_set(Section &section, std::set<std::string> &named) {
   std::vector<sim::Override> overrides;
   for (const auto &[key, entry] : section.table()) {
@@ -301,7 +302,7 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
                         std::span<const std::string> overrides,
                         const std::optional<std::string> &text) {
   std::set<std::string> files{model.file};
-  // The hash uses the contents of the files, so it does not depend on their paths.
+  // The hash is computed from the contents of the files and does not depend on their paths.
   std::set<std::string> contents;
   if (text)
     contents.insert(*text);
@@ -320,13 +321,13 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 }  // namespace
 
-// A model with the overrides of [set], and its modes.
+// A model with the overrides of the table [set], and the cache of the modes of this model.
 struct ExperimentFile::Variant {
   std::string key;
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;
   std::shared_ptr<sim::ModeCache> modes;
-  std::set<std::string> named;  // model parameters to which values of [set] refer by name
+  std::set<std::string> named;  // model parameters whose names are values in the table [set]
 };
 
 struct ExperimentFile::Contents {
@@ -334,7 +335,8 @@ struct ExperimentFile::Contents {
   std::string name;
   toml::table table;
   std::mutex mutex;
-  // Variants of the experiment in the order of their last use, beginning with the latest.
+  // Variants of the experiment, sorted by the time of their last use. The first variant is the last
+  // one used.
   std::list<std::shared_ptr<Variant>> variants;
 };
 
@@ -382,7 +384,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   experiment.figure = optional_words(root, "figure");
   experiment.shows = optional_words(root, "shows");
   const double duration_s = root.number("duration_s");
-  if (duration_s > kLongestRun_s)  // This limit bounds the memory for the trace.
+  if (duration_s > kLongestRun_s)  // a longer run would need too much memory for the trace
     root.fail("duration_s", "expected at most " + sim::number_text(kLongestRun_s) + " s, got " +
                                 sim::number_text(duration_s) +
                                 "; `axis_node` and `plant_node` with --endless run for longer");
@@ -406,7 +408,7 @@ Experiment ExperimentFile::with(std::span<const std::string> overrides) {
   });
   experiment.model = plant->model;
   experiment.modes = plant->modes;
-  // From here on, `used` marks the parameters to which the experiment refers.
+  // From here on, Parameter::used is true for a parameter whose name is a value in the experiment.
   source.parameters = experiment.model->parameters;
   for (sim::Parameter &p : source.parameters) p.used = plant->named.contains(p.name);
   root.one("firmware", [&](Section &section) {

@@ -1,7 +1,7 @@
 #pragma once
-// An experiment: its plant, the objects of the firmware, timed actions and the criterion of the
-// verdict. It is read from TOML. Every error is an InputError that names the file, the key and the
-// expected value.
+// An experiment: the plant, the objects of the firmware, timed actions and the criterion of the
+// verdict. Experiments are read from TOML files. Every error is an InputError that names the file,
+// the key and the expected value.
 //
 // experiment_format.cpp declares the tables and keys; docs/guide/reference/experiment.md is
 // generated from it. object_values.hpp describes the objects of the firmware. An override is a text
@@ -28,39 +28,42 @@ struct Impulse {
   double impulse_N_s;
 };
 
-// The signal that ADC 0 converts: the signal of the plant ("live"), the code of the previous tick
-// ("held"), an end of the range of the ADC ("high", "low"), or the code of no force in the model
-// ("zero"), as with a disconnected sensor.
+// The code of ADC 0: the converted signal of the plant ("live"), the code of the previous tick
+// ("held"), the highest or lowest code ("high", "low"), or the code for the force 0 ("zero"), as
+// with a disconnected sensor.
 enum class ForceSensor : std::uint8_t { live, held, high, low, zero };
 
 // The actions of one table [[at]].
 struct Action {
-  std::int64_t tick;  // The actions apply before this tick.
+  std::int64_t tick;  // The actions are applied before this tick.
   std::vector<ObjectWrite> writes;
   std::vector<Impulse> impulses;
   std::optional<ForceSensor> force_sensor;
 };
 
-// The limits of the verdict, see verdict.hpp. They refer to the window, the last `window_s` of the
-// run, unless a comment states otherwise. A limit without a value is not checked.
+// The limits of the verdict, which verdict.hpp explains. A limit applies to the window, which is
+// the last `window_s` of the run, unless a comment states otherwise. A limit without a value is not
+// checked.
 struct Criterion {
-  double window_s = 1.0;  // length of the window at the end of the run in s, > 0
+  // Length in s, > 0, of the window at the end of the run.
+  double window_s = 1.0;
   // Largest peak-to-peak ripple of the measured force, in 8-bit counts.
   std::optional<double> force_ripple_max_count;
   // Largest peak-to-peak ripple of the encoder, in counts.
   std::optional<double> position_ripple_max_count;
-  // Contacts that must stay closed throughout the window. `contacts` has the names from
-  // contact_held = "tip" or ["tip", "grip"]. With `contact_held = true` it is empty and every
-  // contact of the model must stay closed.
+  // true: contacts must stay closed throughout the window. `contacts` has the names of these
+  // contacts, from contact_held = "tip" or ["tip", "grip"]. With `contact_held = true`, `contacts`
+  // is empty and every contact of the model must stay closed.
   bool contact_held = false;
   std::vector<std::string> contacts = {};
-  // Limits of an experiment that controls force, see HeldForce. Errors are magnitudes.
+  // Limits for an experiment that controls force; the quantities are those of HeldForce. Errors are
+  // magnitudes.
   std::optional<double> held_force_error_max_N;
   std::optional<double> held_force_error_max_percent;
   std::optional<double> overshoot_max_percent;
   std::optional<double> settle_max_s;
   std::optional<double> peak_force_max_percent;
-  // Limits over the complete run, see Metrics.
+  // Limits that apply to the complete run; the quantities are those of Metrics.
   std::optional<double> peak_force_max_N;
   std::optional<double> contact_losses_max;
   std::optional<double> saturated_max_s;
@@ -77,38 +80,42 @@ struct Plot {
   // Names of the columns of the trace in each diagram; empty for the default diagrams.
   std::vector<std::vector<std::string>> rows;
   std::optional<double> from_s;
-  std::optional<double> to_s;  // end of the time axis in s, greater than from_s
+  std::optional<double> to_s;  // end of the time axis in s, > from_s; empty: end of the run
 };
 
 struct Experiment {
   std::filesystem::path file;
-  // SHA-256 over the experiment file, its model files and the overrides; empty after with().
+  // SHA-256 over the experiment file, its model files and the overrides. Empty in an experiment
+  // from with().
   std::string hash;
   std::string title;
   std::string figure;
   std::string shows;
   std::shared_ptr<const sim::Model> model;
-  std::shared_ptr<sim::ModeCache> modes;  // cache of the modes of the model, for all its plants
+  std::shared_ptr<sim::ModeCache> modes;  // cache of modes that all plants of the model share
   std::uint64_t seed = 0;
-  // Number of steps of the plant. The firmware computes ticks + 1 ticks.
+  // Number of ticks that the plant simulates. The firmware computes ticks + 1 ticks.
   std::int64_t ticks = 0;
   std::vector<ObjectWrite> initial;
-  std::vector<Action> actions;  // actions in the order of their ticks
+  std::vector<Action> actions;  // actions, sorted by tick
   std::optional<Criterion> criterion;
   Plot plot;
-  std::vector<std::uint16_t> traced;          // objects of the table [trace] (AXIS_OBJ_)
-  std::shared_ptr<const toml::table> expect;  // table [expect] of the file, or nullptr
+  // Objects (AXIS_OBJ_) in the table [trace] of the file.
+  std::vector<std::uint16_t> traced;
+  // Table [expect] of the file, or nullptr if the file has no such table.
+  std::shared_ptr<const toml::table> expect;
   // Parameters in [set] that neither the model nor the experiment uses.
   std::vector<std::string> unused;
 };
 
-// An experiment file that is read once for many variants. It keeps and shares the model and the
-// modes of the last kKeptModels different sets of model parameters. So a variant that changes only
-// objects of the firmware needs little more time than its run. Any number of threads may call
-// with().
+// An experiment file that is read once for many variants. The models and modes of the last
+// kKeptModels sets of model parameters are kept, and the variants share them. So a variant that
+// changes only objects of the firmware needs little more time than its run. Any number of threads
+// may call with().
 class ExperimentFile {
  public:
-  static constexpr std::size_t kKeptModels = 64;  // number of kept models, of about 1 MB each
+  // Largest number of models that are kept, each of about 1 MB.
+  static constexpr std::size_t kKeptModels = 64;
 
   // Reads the file. If `text` is given, this text is read in place of the file, which need not
   // exist; messages name the file, and the path of the model is relative to its folder. Throws
@@ -117,7 +124,8 @@ class ExperimentFile {
                           const std::optional<std::string> &text = std::nullopt);
   ~ExperimentFile();
 
-  // Returns the experiment with these overrides, without its hash. Throws sim::InputError.
+  // Returns the experiment with these overrides. The member `hash` is empty. Throws
+  // sim::InputError.
   Experiment with(std::span<const std::string> overrides);
 
  private:
@@ -128,25 +136,25 @@ class ExperimentFile {
   std::unique_ptr<Contents> contents_;
 };
 
-// Returns one experiment of a file, or of a text in place of the file, with its hash. Throws
-// sim::InputError.
+// Reads an experiment from a file, or from `text` in place of the file, and sets the member `hash`.
+// Throws sim::InputError.
 Experiment load_experiment(const std::filesystem::path &file,
                            std::span<const std::string> overrides = {},
                            const std::optional<std::string> &text = std::nullopt);
 
 // Returns the names of the columns of a trace: codes and states, followed by the signals of the
-// model. Columns of the table [trace] are not included.
+// model. Columns for objects in the table [trace] are not included.
 std::vector<std::string> trace_columns(const sim::Model &model);
 
-// Removes duration and verdict from an experiment, so that its run lasts until somebody ends it.
-// Its actions remain. The tick in the trace hash has 32 bits and wraps after 33 days; no other
-// number wraps.
+// Removes duration and verdict, but not the actions, from an experiment. Its run then lasts until
+// the user ends the run. The tick number in the trace hash has 32 bits and wraps after 33 days; no
+// other number wraps.
 inline constexpr std::int64_t kEndlessTicks = 1'000'000'000'000'000;
 void make_endless(Experiment &experiment);
 
-// Refuses a [verdict] that limits the force if the experiment does not control force. Only runs
-// make this check, not the reader, because an axis of make_endless() has no verdict. Throws
-// sim::InputError.
+// Refuses a [verdict] that limits the force if the experiment does not control force. This check is
+// made before a run and not when the file is read, because make_endless() removes the verdict.
+// Throws sim::InputError.
 void expect_evaluable(const Experiment &experiment);
 
 // Refuses parameters in [set] that have no effect. Throws sim::InputError.

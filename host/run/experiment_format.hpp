@@ -1,6 +1,6 @@
 #pragma once
-// The format of an experiment file. The Python module forceaxis.experiments.expect declares the
-// table [expect], because it reads it.
+// The format of an experiment file. The table [expect] is declared in the Python module
+// forceaxis.experiments.expect, which reads this table.
 #include "sim/model/format.hpp"
 
 namespace forceaxis::host {

@@ -1,6 +1,6 @@
 #pragma once
-// The writes of an experiment to a firmware in any process: the initial writes at power-up, and the
-// writes of each table [[at]] before its tick.
+// Writes the objects of an experiment to the firmware, which may run in another process: the
+// initial writes at power-up, and the writes of each table [[at]] before the tick of this table.
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -10,8 +10,8 @@
 
 namespace forceaxis::host {
 
-// A write of a table [[at]] that the firmware has refused. In some states of the drive, the
-// firmware must refuse a write.
+// A write of a table [[at]] that the firmware has refused, for example because of the state of the
+// drive.
 struct Refusal {
   std::int64_t tick;
   std::string object;
@@ -27,8 +27,9 @@ class ExperimentWrites {
   explicit ExperimentWrites(const Experiment &experiment)
       : experiment_(&experiment), action_(experiment.actions.begin()) {}
 
-  // Makes the initial writes. Objects can limit each other, so refused writes are tried again until
-  // all are accepted. Throws sim::InputError if the firmware still refuses a write.
+  // Makes the initial writes. One object can limit the value of another object, so refused writes
+  // are repeated until the firmware has accepted all writes. Throws sim::InputError if the firmware
+  // finally refuses a write.
   void write_initial(const Write &write) const;
 
   bool due(std::int64_t tick) const {

@@ -12,8 +12,8 @@ FirmwareSide::FirmwareSide(const Experiment &experiment, const FirmwareOptions &
       writes_(experiment) {
   if (!axis_) throw std::bad_alloc();
   signals_ = &axis_->axis.signals;
-  // Some traced values of the drive exist only while the drive function runs. The write of an
-  // unchanged value starts it. The outputs do not change.
+  // Some traced values of the drive exist only while the drive function runs. This write of an
+  // unchanged value starts the drive function and does not change the outputs.
   if (!experiment.traced.empty())
     fw_object_write(axis_.get(), FW_SOURCE_LOCAL, AXIS_OBJ_VELOCITY_THRESHOLD,
                     read(AXIS_OBJ_VELOCITY_THRESHOLD));

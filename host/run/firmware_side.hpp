@@ -1,7 +1,7 @@
 #pragma once
-// The firmware's side of a run: one axis, the writes of its experiment at their ticks, and its own
-// trace hash. It depends on the plant only through the records. Functions that run in every tick
-// are inline, so that a run in one process need not store the records in memory.
+// The firmware's side of a run: the firmware of one axis, the writes of the experiment, and a trace
+// hash. The firmware's side and the plant's side exchange only records. Functions that run in every
+// tick are inline, so that a run in one process need not store the records in memory.
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -16,10 +16,12 @@
 namespace forceaxis::host {
 
 struct FirmwareOptions {
-  bool hash = false;                    // The trace hash for hash() is computed.
-  const fw_config_t *config = nullptr;  // configuration of the firmware; NULL: the axis has no bus
-  // Called with every write of the experiment before the firmware receives it. The tick of initial
-  // writes is 0.
+  // true: the trace hash for hash() is computed.
+  bool hash = false;
+  // Configuration of the firmware. If the pointer is NULL, the axis has no bus.
+  const fw_config_t *config = nullptr;
+  // Called with every write of the experiment before the firmware receives the write. The tick of
+  // initial writes is 0.
   std::function<void(std::int64_t, const ObjectWrite &)> writing = {};
 };
 
@@ -47,9 +49,9 @@ class FirmwareSide {
     return out;
   }
 
-  // Computes one tick after the plant has become silent: sensor_valid is 0, and the inputs are
-  // those of the last tick. The tick is not part of the trace. The firmware outputs DAC code 0,
-  // disables the drive and latches the fault sensor_invalid.
+  // Computes one tick after the plant has become silent. sensor_valid is 0, and the other inputs
+  // are those of the last tick. This tick is not part of the trace. The firmware outputs DAC code
+  // 0, disables the drive and latches the fault sensor_invalid.
   LinkOutputs lose_sensors(std::uint8_t axis) {
     axis_inputs_t inputs = last_;
     inputs.sensor_valid = 0;
@@ -61,14 +63,15 @@ class FirmwareSide {
     for (const std::uint16_t object : experiment_->traced) objects.push_back(read(object));
   }
 
-  // Discards all messages that the firmware has to send on its buses.
+  // Discards all messages that the firmware has queued for its buses.
   void discard_output();
 
   // Returns the trace hash of 64 hexadecimal digits. No tick may follow this call.
   std::string hash() { return hash_.hex(); }
 
   std::int64_t next_tick() const { return next_tick_; }
-  // Returns the raw value of an object (AXIS_OBJ_); for an unsigned object, its bits.
+  // Returns the raw value of an object (AXIS_OBJ_). For an unsigned object, the result has the same
+  // 32 bits.
   std::int32_t read(std::uint16_t object) const;
   const std::vector<Refusal> &refused() const { return writes_.refused(); }
   fw_t *axis() { return axis_.get(); }

@@ -17,10 +17,10 @@ extern "C" {
 namespace forceaxis::host {
 namespace {
 
-constexpr int kEnabling = 0x0F;  // bits of the controlword that must be set to enable the drive
+constexpr int kEnabling = 0x0F;  // all bits of the controlword that enable the drive
 constexpr int kHalt = 0x100;
 
-// The values of the firmware's objects after the writes so far.
+// The values of the firmware's objects after all writes passed to add().
 class Written {
  public:
   void add(const ObjectWrite &w) { values_[w.object] = w.raw; }
@@ -45,7 +45,7 @@ double newton_per_count(const sim::Model &model, std::int64_t force_sign) {
   return 0.0;
 }
 
-// Returns the quantity that the firmware controls in a mode of operation, CIA402_HOLDS_.
+// Returns the quantity (CIA402_HOLDS_) that the firmware controls in a mode of operation.
 int holds(std::int64_t mode) {
   if (!cia402_mode_exists(static_cast<int32_t>(mode))) return CIA402_HOLDS_NONE;
   return cia402_modes[mode + CIA402_MODE_OFFSET].holds;
@@ -61,8 +61,8 @@ double setpoint_of(const Written &written, double newton_per_count) {
            object_meta(AXIS_OBJ_FORCE_SETPOINT).scale * newton_per_count;
   if (drive != CIA402_HOLDS_TARGET) return 0.0;
   const std::int64_t target = written[AXIS_OBJ_TARGET_FORCE] + written[AXIS_OBJ_FORCE_OFFSET];
-  // The target is in per mille of the rated force in mN. Its sign in the model is the sign of the
-  // sensor.
+  // The target force is in per mille of the rated force, and the rated force is in mN. The sign of
+  // the force in the model is the sign of the sensor.
   return std::copysign(1e-6, newton_per_count) * static_cast<double>(target) *
          static_cast<double>(written[AXIS_OBJ_RATED_FORCE]);
 }
@@ -114,7 +114,7 @@ HeldForce held_force(const ForceTask &task, const std::vector<double> &values,
   if (begin == values.end()) return held;
   const auto from = begin - values.begin();
   held.from_s = static_cast<double>(from) / sim::kTickRateHz;
-  double ratio = 1.0;  // largest quotient of force and set-point in the run so far
+  double ratio = 1.0;  // largest quotient of force and set-point
   for (auto force = begin; force != values.end(); ++force)
     ratio = std::max(ratio, *force / held.setpoint_N);
   held.overshoot_percent = 100.0 * (ratio - 1.0);

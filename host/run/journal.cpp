@@ -30,7 +30,7 @@ std::string hex_of(std::span<const std::uint8_t> bytes) {
   return text;
 }
 
-// One line of a journal that is parsed from left to right. An invalid field throws InputError.
+// One line of a journal, which is parsed from left to right. An invalid field throws InputError.
 class Line {
  public:
   Line(const std::filesystem::path &file, std::size_t number, std::string_view text)
@@ -82,7 +82,7 @@ class Line {
   std::string_view rest_;
 };
 
-// Returns an entry for the firmware, or nothing if `kind` is not a kind of entry.
+// Returns an entry with an input of the firmware. Returns nothing if `kind` is not a kind of input.
 std::optional<Journal::Entry> entry_of(const std::string &kind, Line &line) {
   if (kind == "write") {
     const std::int64_t tick = line.tick();
@@ -135,7 +135,7 @@ sim::InputError not_writable(const std::filesystem::path &file, const char *opti
           std::string("expected a file that can be written, ") + std::strerror(error)};
 }
 
-// Locks the open file. On failure closes it and throws sim::InputError.
+// Locks the open file. If this fails, closes the file and throws sim::InputError.
 int lock_journal(int opened, const std::filesystem::path &file) {
   const auto fail = [opened, &file](const char *what) {
     close(opened);
@@ -197,7 +197,7 @@ JournalWriter::~JournalWriter() { close(lock_); }
 
 void JournalWriter::flush() { entry().flush(); }
 
-// Returns the output stream after a pending entry of ticks without sensors has been written.
+// Writes a pending entry `sensorless`, then returns the output stream for the next entry.
 std::ostream &JournalWriter::entry() {
   if (sensorless_ > 0) out_ << "sensorless " << sensorless_tick_ << ' ' << sensorless_ << '\n';
   sensorless_ = 0;
@@ -214,7 +214,7 @@ void JournalWriter::power_up(const fw_config_t &config) {
        << ' ' << config.serial_number << '\n';
   if (config.memory != nullptr) write_memory("store", *config.memory);
   if (config.archive != nullptr) write_memory("archive", *config.archive);
-  flush();  // A journal is valid even if its process is killed at once.
+  flush();  // a replay needs this state even if the process is killed in the first tick
 }
 
 void JournalWriter::write_memory(const char *kind, const store_memory_t &memory) {
@@ -282,7 +282,7 @@ Journal read_journal(const std::filesystem::path &file) {
                           std::string("expected a readable journal, \"") + kJournalTitle + "\"");
   }
   for (std::size_t number = 2; std::getline(in, text); ++number) {
-    if (in.eof()) break;  // A truncated last line is ignored.
+    if (in.eof()) break;  // a truncated last line of the journal is ignored
     Line line(file, number, text);
     const std::string kind = line.word("an entry");
     if (auto entry = entry_of(kind, line)) {

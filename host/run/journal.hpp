@@ -1,8 +1,8 @@
 #pragma once
-// A journal records all inputs of a firmware on buses, in order, each with the tick before which
-// the firmware received it: the stored parameters at power-up, frames, bytes, and the writes of the
-// experiment. Buses work in wall time. A replay of the journal repeats the run in one process and
-// gives the same outputs to the last bit.
+// A journal records all inputs of a firmware with buses: the stored parameters at power-up, frames,
+// bytes, and the writes of the experiment. Each entry has the tick before which the firmware
+// received the input. The times of bus messages are not repeatable, but a replay of the journal
+// repeats the run in one process and gives the same outputs to the last bit.
 //
 // A journal belongs to one axis. It is a text file with one entry in each line:
 //   forceaxis-journal 1             name and version of the format
@@ -39,7 +39,7 @@
 
 namespace forceaxis::host {
 
-// First line of a journal. The number is the version of the format.
+// First line of a journal. The number 1 is the version of the format.
 inline constexpr char kJournalTitle[] = "forceaxis-journal 1";
 
 class JournalWriter {
@@ -52,8 +52,8 @@ class JournalWriter {
   JournalWriter(const JournalWriter &) = delete;
   JournalWriter &operator=(const JournalWriter &) = delete;
 
-  // Returns whether the file has all flushed entries. If the disk is full, the run continues and
-  // the journal ends.
+  // Returns true if all flushed entries were written to the file. If the disk is full, the run
+  // continues without the journal.
   bool good() const { return out_.good(); }
   // Writes and flushes the state of the firmware at power-up, with its stored parameters.
   void power_up(const fw_config_t &config);
@@ -63,11 +63,13 @@ class JournalWriter {
   void bus(std::int64_t tick, std::uint8_t state);
   void modbus(std::int64_t tick, std::span<const std::uint8_t> bytes);
   void overrun(std::int64_t tick);
-  // Records one tick of the firmware without sensor values, before `tick`. Consecutive ticks of
-  // this kind with no input between them share one entry, so a long silence needs little space.
+  // Records one tick of the firmware without sensor values, before `tick`. Consecutive ticks
+  // without sensor values share one entry if there is no input between them, so a long silence
+  // needs little space.
   void sensorless(std::int64_t tick);
   void end(std::int64_t ticks, const std::string &hash);
-  // Must be called at intervals, because a killed process loses all entries that are not flushed.
+  // Must be called at intervals, because all entries that are not flushed are lost if the process
+  // is killed.
   void flush();
 
  private:
@@ -77,17 +79,20 @@ class JournalWriter {
   int lock_;
   std::ofstream out_;
   std::int64_t sensorless_tick_ = 0;
-  std::int64_t sensorless_ = 0;  // number of ticks of the sensorless entry not yet written
+  // Number of ticks without sensor values that have no entry in the file yet.
+  std::int64_t sensorless_ = 0;
 };
 
-// Throws the exceptions of the constructor of JournalWriter for this file, and changes nothing.
+// Checks the file like the constructor of JournalWriter and throws the same exceptions, but does
+// not change the file.
 void expect_journal(const std::filesystem::path &file);
 
-// Throws sim::InputError unless this file, or a new file in its folder, can be written.
+// Checks that an existing file, or a new file in an existing folder, can be written. Throws
+// sim::InputError.
 void expect_writable(const std::filesystem::path &file, const char *option);
 
 struct Journal {
-  // The inputs of the firmware that an entry records, other than writes and frames.
+  // The types of inputs, other than writes and frames, that an entry records.
   struct FramesLost {
     std::uint16_t count;
   };
@@ -116,19 +121,22 @@ struct Journal {
   std::uint32_t serial_number = 0;
   std::uint8_t buses = 0;
   std::uint32_t modbus_baud = 0;
-  std::vector<std::uint8_t> store;  // stored parameters; empty if the axis had no store
+  // Content of the store at power-up; empty if the axis had no store.
+  std::vector<std::uint8_t> store;
   bool has_store = false;
-  std::vector<std::uint8_t> archive;  // archive of incidents of the black box
+  // Content of the incident archive of the black box at power-up.
+  std::vector<std::uint8_t> archive;
   bool has_archive = false;
   std::vector<Entry> entries;
-  std::int64_t ticks = -1;  // number of ticks; -1: the journal has no entry `end`
+  std::int64_t ticks = -1;  // number of ticks of the run; -1: the journal has no entry `end`
   std::string trace_hash;
 
-  // Returns the number of ticks of the journal; without `end`, the ticks up to the last entry.
+  // Returns the number of ticks of the recorded run. If the journal has no entry `end`, returns the
+  // number of ticks up to the last entry.
   std::int64_t known_ticks() const;
 
-  // Returns the experiment of the journal with the duration of the recorded run. Throws
-  // sim::InputError. The hash of the inputs is not compared.
+  // Returns the experiment of the journal with the duration of the recorded run. This function does
+  // not compare the hash of the inputs. Throws sim::InputError.
   Experiment load() const;
 };
 

@@ -18,14 +18,14 @@ namespace {
 
 using sim::Dimension;
 
-// The relation of an object to a physical quantity: value in the object's unit = quantity in SI
+// The scale from a physical quantity to an object: value in the unit of the object = quantity in SI
 // units * per_unit.
 struct Scale {
   Dimension dimension;
   double per_unit;
 };
 
-// The reason for which an object has no physical quantity, as a text for a message.
+// Text for a message that states why a quantity cannot be converted for an object.
 using Obstacle = std::string;
 
 class Scales {
@@ -61,7 +61,7 @@ class Scales {
     return found;
   }
 
-  /// Sets the rated force, to which forces in per mille refer.
+  /// Sets the rated force in mN. Forces in per mille are relative to the rated force.
   void set_rated_force(double rated_force_mN) { rated_force_mN_ = rated_force_mN; }
 
  private:
@@ -113,11 +113,11 @@ class Scales {
   double counts_per_reading_ = 0.0;
 };
 
-// A number in the unit of the object, and its source.
+// A value for an object, and the text in the file from which the value was converted.
 struct Value {
   double number;
-  bool converted;      // A converted quantity is rounded to the nearest raw value.
-  std::string origin;  // text of the source for messages, " (\"75 N\")", or empty
+  bool converted;      // true: converted from a quantity, so it is rounded to a raw value
+  std::string origin;  // Text in the file for messages, such as " (\"75 N\")", or empty.
 };
 
 // Refuses a text that is neither a quantity nor a parameter.
@@ -199,8 +199,8 @@ ObjectWrite read_object(sim::Section &section, const std::string &name, const to
 
 bool is_table_of_objects(std::string_view key) { return bank_of_key(key) || shaper_of_key(key); }
 
-// Returns the keys of the table that are names of objects. All keys must be, except those of banks
-// and shapers.
+// Returns the keys of the table, without the keys of banks and shapers. Each returned key must be
+// the name of an object.
 std::vector<std::string> object_names(const sim::Section &section) {
   std::vector<std::string> names;
   std::vector<std::string> unknown;
@@ -228,15 +228,16 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const auto written = [&](std::string_view name) -> double {
     const std::uint16_t object = *find_object(name);
     if (const toml::node *node = section.table().get(name); node != nullptr)
-      return node->value<double>().value_or(1.0);  // The value of a quantity is assumed not to be
-                                                   // 0.
+      // A text (a quantity or the name of a parameter) is assumed not to have the value 0.
+      return node->value<double>().value_or(1.0);
     for (const ObjectWrite &w : before)
       if (w.object == object) return w.raw;
     return static_cast<double>(object_meta(object).initial);
   };
   Scales scales(model, written("force_sign") < 0 ? -1 : 1,
                 written("polarity") != 0.0 || written("home_offset") != 0.0);
-  const std::string rated = "rated_force";  // The table may give rated_force as a quantity.
+  // The value of rated_force in the table can be a quantity.
+  const std::string rated = "rated_force";
   const toml::node *own = section.table().get(rated);
   scales.set_rated_force(own == nullptr ? written(rated)
                                         : read_object(section, rated, *own, scales).raw);

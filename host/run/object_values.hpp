@@ -12,10 +12,10 @@
 // * DAC codes use the scale of the DAC without its offset. Gains and impedances use both scales.
 // * A force in per mille uses the object rated_force, from this table or from an earlier write.
 // * Objects in ticks, ms, us, mN, uN or Hz need no scale of the model.
-// An object without a physical quantity of the model, such as increments of the motor's encoder, is
-// refused with its name. So are positions and velocities of the drive if `polarity` or
-// `home_offset` is not 0. A table bank_1 to bank_4 is a bank of the force law (bank_values.hpp). A
-// table shaper_force or shaper_motion is an input shaper (shaper_values.hpp).
+// A quantity is refused for an object whose unit has no scale in the model, such as increments of
+// the motor's encoder. Quantities are also refused for positions and velocities of the drive if
+// `polarity` or `home_offset` is not 0. A table bank_1 to bank_4 is a bank of the force law
+// (bank_values.hpp). A table shaper_force or shaper_motion is an input shaper (shaper_values.hpp).
 #include <cstdint>
 #include <vector>
 
@@ -26,12 +26,12 @@ namespace forceaxis::host {
 // One write to an object of the firmware.
 struct ObjectWrite {
   std::uint16_t object;
-  std::int32_t raw;  // raw value; for an unsigned object, its 32 bits
+  std::int32_t raw;  // raw value; for an unsigned object, the same 32 bits
 };
 
-// Returns the writes of the table in the order of the firmware: parameters, commands, then `mode`.
-// Parameters that a value refers to are marked as used. `before` has the initial writes; it is
-// empty when the initial writes are read. Throws sim::InputError.
+// Returns the writes of the table in the order that the firmware requires: parameters, commands,
+// then `mode`. Marks every model parameter as used whose name is a value in the table. `before` has
+// the initial writes, or is empty for the table of the initial writes. Throws sim::InputError.
 std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &model,
                                       const std::vector<ObjectWrite> &before);
 

@@ -1,6 +1,6 @@
 #pragma once
-// The plant's side of a run: plant, impulses, trace, metrics and verdict. It depends on the
-// firmware only through the records. Functions that run in every tick are inline, as in
+// The plant's side of a run: plant, impulses, trace, metrics and verdict. The plant's side and the
+// firmware's side exchange only records. Functions that run in every tick are inline, as in
 // firmware_side.hpp.
 //
 //   PlantSide plant(experiment, options);
@@ -24,14 +24,14 @@ class PlantSide {
   // The experiment must exist as long as this object.
   PlantSide(const Experiment &experiment, const RunOptions &options);
 
-  // Returns whether a tick remains. The firmware computes a tick at the start and at the end of the
-  // run, so it computes ticks + 1 ticks.
+  // Returns true if the run has a further tick. The firmware computes a tick at the start and at
+  // the end of the run, so the total is Experiment::ticks + 1.
   bool running() const { return tick_ <= experiment_->ticks; }
   std::int64_t tick() const { return tick_; }
   const sim::Plant &plant() const { return plant_; }
 
-  // Applies the actions of the next tick, then returns its sensor codes. Must be called once in
-  // each tick. The result is valid until the next call.
+  // Applies the actions of the next tick, then returns the sensor codes for this tick. Must be
+  // called once in each tick. The result is valid until the next call.
   const LinkInputs &sense() {
     if (due()) act_due();
     const sim::SensorCodes codes = plant_.codes();
@@ -79,7 +79,7 @@ class PlantSide {
     ++tick_;
   }
 
-  // Returns the result after the last tick. Its list `refused` is empty.
+  // Returns the result of the run after the last tick. The list RunResult::refused is empty.
   RunResult finish();
 
  private:
@@ -99,26 +99,25 @@ class PlantSide {
     T low_{}, high_{};
   };
 
-  static constexpr std::int64_t kTicksBetweenAsking = 1024;  // interval in ticks between calls of
-                                                             // options.stop
-  static constexpr std::uint8_t kEnabled = 1;                // AXIS_DIN_ENABLE
-  static constexpr std::uint8_t kNoFault = 0;                // AXIS_FAULT_NONE
+  // Number of ticks between two calls of the function options.stop.
+  static constexpr std::int64_t kTicksBetweenAsking = 1024;
+  static constexpr std::uint8_t kEnabled = 1;  // AXIS_DIN_ENABLE
+  static constexpr std::uint8_t kNoFault = 0;  // AXIS_FAULT_NONE
 
   bool due() const { return action_ != experiment_->actions.end() && action_->tick <= tick_; }
   void act_due();
-  // Returns the code that replaces `code` while the force sensor has failed.
+  // Returns the ADC code that replaces `code` while the force sensor has failed.
   std::uint16_t failed_reading(std::uint16_t code) const;
   void keep(const TickRecord &record, const LinkOutputs &out);
   void look_for_contact();
   void begin_window();
   bool all_pressed() const;
-  // Returns the time at which the last of the criterion's contacts closed for the first time. If
-  // the criterion names no contact, returns the time at which the first contact of the model
-  // closed.
+  // Returns the time at which each contact of the criterion had been closed at least once. If the
+  // criterion names no contact, returns the time at which any contact of the model closed first.
   std::optional<double> first_contact_s() const;
   void check_setpoint();
-  // Returns how often the criterion's contacts have been lost so far. The two sides of a backlash
-  // or a stop do not count as contacts.
+  // Returns the number of contact losses of the criterion's contacts since the start. Backlashes
+  // and stops are not counted.
   std::int64_t contact_losses() const;
 
   const Experiment *experiment_;
@@ -126,19 +125,21 @@ class PlantSide {
   sim::Plant plant_;
   RunResult result_;
   std::vector<Action>::const_iterator action_;
-  std::vector<std::size_t> contact_forces_;  // indices of the force signals of all contacts
-  std::vector<std::string> held_;            // names of the contacts of the criterion
-  std::vector<std::size_t> held_forces_;     // indices of the force signals of the criterion's
-                                             // contacts
+  // Signal indices of the forces of all contacts.
+  std::vector<std::size_t> contact_forces_;
+  // Names of the criterion's contacts.
+  std::vector<std::string> held_;
+  // Signal indices of the forces of the criterion's contacts.
+  std::vector<std::size_t> held_forces_;
   std::size_t width_;
-  // First tick at which each contact of `held_` was closed, or -1. `untouched_` is the number of
-  // contacts with -1.
+  // First tick at which each contact in `held_` was closed, or -1 before this tick. `untouched_` is
+  // the number of contacts that have not been closed yet.
   std::vector<std::int64_t> first_pressed_;
   std::size_t untouched_ = 0;
   int adc_top_ = -1;   // highest code of ADC 0
   int adc_zero_ = -1;  // code of ADC 0 at force 0
   std::int64_t window_start_;
-  std::int64_t second_half_;  // first tick of the second half of the window
+  std::int64_t second_half_;  // first tick of the second half of the criterion's window
   std::int64_t losses_before_window_ = 0;
   std::int64_t tick_ = 0;
   LinkInputs in_{};
@@ -146,8 +147,8 @@ class PlantSide {
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
-  std::size_t task_place_ = 0;      // index of the force signal of the task
-  std::vector<double> task_force_;  // force of the task's signal at each tick
+  std::size_t task_place_ = 0;      // signal index of the force ForceTask::signal
+  std::vector<double> task_force_;  // force ForceTask::signal in N at each tick
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

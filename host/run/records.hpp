@@ -6,31 +6,33 @@
 
 namespace forceaxis::host {
 
-inline constexpr int kMostAxes = 6;  // largest number of axes of one machine, numbered from 1
+// Largest number of axes of one machine. Axes are numbered from 1.
+inline constexpr int kMostAxes = 6;
 
-// Record from the plant to the firmware. Its tick identifies the record, so the receiver recognises
-// a repeated record.
+// Record from the plant to the firmware. The field `tick` identifies the record, so the receiver
+// recognises a repeated record.
 struct LinkInputs {
   std::int64_t tick;
   std::int32_t encoder_cnt;
   std::uint16_t adc0_code;
   std::uint16_t adc1_code;
-  std::uint8_t din;           // digital inputs of the axis, one bit for each
-  std::uint8_t sensor_valid;  // 0: the encoder and ADC codes of this record are not valid
+  std::uint8_t din;           // digital inputs of the axis, one bit for each input
+  std::uint8_t sensor_valid;  // 0: encoder and ADC codes of this record are not valid
   std::uint8_t axis;          // numbered from 1
 };
 
-// Record from the firmware to the plant: the answer to the inputs of the same tick and axis.
+// Record from the firmware to the plant, which answers the record LinkInputs of the same tick and
+// axis.
 struct LinkOutputs {
   std::int64_t tick;
   std::int16_t dac_code;      // -2048 to 2047
-  std::uint8_t out;           // outputs of the firmware: bit 0 amp_enable, bit 1 brake_release
+  std::uint8_t out;           // digital outputs: bit 0 amp_enable, bit 1 brake_release
   std::uint8_t fault;         // AXIS_FAULT_
   std::uint8_t limit_reason;  // AXIS_LIMIT_REASON_
   std::uint8_t axis;          // numbered from 1
 };
 
-// One tick of the trace. The trace hash is the SHA-256 over these fields of all ticks, in this
+// One tick of the trace. The trace hash is the SHA-256 over the fields below of all ticks, in this
 // order, little-endian and without padding.
 struct TickRecord {
   std::uint32_t tick;

@@ -11,7 +11,8 @@
 namespace forceaxis::host {
 namespace {
 
-// The store or the archive of a replay, in memory, with the content at the start of the journal.
+// The store or the incident archive of a replay, in memory. The content is that at the start of the
+// journal.
 class RamStore {
  public:
   RamStore(std::span<const std::uint8_t> image, std::uint32_t sector_bytes)
@@ -25,7 +26,7 @@ class RamStore {
     };
     memory_.program = [](void *context, std::uint32_t address, const std::uint8_t *bytes,
                          std::uint32_t count) {
-      // As in flash memory, a write changes bits only from 1 to 0.
+      // A write changes bits only from 1 to 0, as in flash memory.
       std::uint8_t *to = &static_cast<RamStore *>(context)->bytes_[address];
       for (std::uint32_t i = 0; i < count; ++i) to[i] &= bytes[i];
       return true;
@@ -76,7 +77,7 @@ void apply(const Journal::Entry &entry, FirmwareSide &firmware) {
 }
 
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
-  Experiment silent = experiment;  // The writes of the experiment come from the journal.
+  Experiment silent = experiment;  // without writes, because the journal contains them
   silent.initial.clear();
   for (Action &action : silent.actions) action.writes.clear();
   RamStore store(journal.store, STORE_FILE_SECTOR_BYTES);

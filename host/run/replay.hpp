@@ -7,13 +7,13 @@
 
 namespace forceaxis::host {
 
-// Passes one entry to the firmware. Must be called before the tick of the entry. If the entry
-// has ticks without sensors, the function computes these ticks.
+// Passes one journal entry to the firmware. Must be called before the tick of the entry. For an
+// entry `sensorless`, computes the ticks without sensor values.
 void apply(const Journal::Entry &entry, FirmwareSide &firmware);
 
 // Repeats the run of the journal in one process, up to the last recorded tick. `experiment` must be
-// the experiment of the journal; it gives the plant, the impulses and the failures of its sensor.
-// Throws the exceptions of run().
+// the experiment of the journal, from which the plant, the impulses and the failures of the force
+// sensor are taken. Throws the exceptions of run().
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options);
 
 }  // namespace forceaxis::host

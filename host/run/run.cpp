@@ -5,7 +5,7 @@
 
 namespace forceaxis::host {
 
-// The attribute makes the compiler inline both sides into one loop.
+// The attribute makes the compiler inline plant and firmware into one loop.
 [[gnu::flatten]] RunResult run(const Experiment &experiment, const RunOptions &options) {
   PlantSide plant(experiment, options);
   FirmwareSide firmware(experiment, {.hash = options.firmware_hash});

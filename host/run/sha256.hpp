@@ -24,7 +24,7 @@ class Sha256 {
     update(text.data(), text.size());
   }
 
-  // Ends the hash and returns it as 64 lower-case hexadecimal digits.
+  // Returns the hash as 64 lower-case hexadecimal digits. No data may be added after this call.
   std::string hex() {
     unsigned char digest[32];
     EVP_DigestFinal_ex(context_.get(), digest, nullptr);

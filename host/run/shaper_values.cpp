@@ -31,8 +31,8 @@ std::vector<ObjectWrite> read_shaper(sim::Section &section, std::uint16_t first)
                                      half_ticks * last / (kDelayMax * root), half_ticks / root);
   const double half = half_ticks / (mode * root);
   const double ratio = std::exp(-damping * std::numbers::pi / root);
-  // The weights are binomial coefficients times powers of the decay in half a period, divided by
-  // their sum.
+  // Each weight is a binomial coefficient times a power of the decay in half a period. The weights
+  // are then divided by their sum.
   double sum = 0.0;
   double weight[SHAPER_IMPULSES] = {};
   for (int i = 0; i <= last; ++i) {

@@ -7,8 +7,8 @@
 //   kind = "zvd"                # or "zv": two impulses, half the delay, for a mode that is
 //                               # known exactly
 //
-// The distance of the impulses is half a period of the damped mode, rounded to ticks. The ratio of
-// an impulse to the previous one is the decay of the mode in this time (Singer and Seering).
+// The time between two impulses is half a period of the damped mode, rounded to ticks. Each impulse
+// is the previous impulse multiplied by the decay of the mode in this time (Singer and Seering).
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -19,8 +19,8 @@
 
 namespace forceaxis::host {
 
-// Returns the first object (AXIS_OBJ_) of the shaper that a key names, or nothing for any other
-// key.
+// Returns the first object (AXIS_OBJ_) of the shaper with this key. Returns nothing if the key is
+// not that of a shaper.
 std::optional<std::uint16_t> shaper_of_key(std::string_view key);
 
 // Returns the writes of all values of the shaper. Throws sim::InputError.

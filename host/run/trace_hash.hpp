@@ -1,6 +1,6 @@
 #pragma once
-// The trace hash. Records are collected in a buffer, little-endian and without padding, and hashed
-// in blocks.
+// Computes the trace hash. The records of the ticks are collected in a buffer, little-endian and
+// without padding, and hashed in blocks.
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -25,7 +25,7 @@ class TraceHash {
     size_ += kTickRecordBytes;
   }
 
-  // Ends the hash and returns it as 64 hexadecimal digits.
+  // Returns the hash as 64 hexadecimal digits. No record may be added after this call.
   std::string hex() {
     flush();
     return hash_.hex();

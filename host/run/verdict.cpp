@@ -23,7 +23,7 @@ class Findings {
     if (bound && value > *bound) add(limit, verdict, value, *bound, unit);
   }
 
-  // Returns the most serious verdict that any missed limit gives.
+  // Returns the most serious verdict of all missed limits.
   Evaluation evaluation() && {
     const char *verdict = missed_.empty() ? kStable : kNotMet;
     for (const char *word : {kUnstable, kNeverInContact}) {
@@ -40,8 +40,8 @@ class Findings {
 
 bool reads_force(const Criterion &c) { return c.force_ripple_max_count || c.limits_force(); }
 
-// Checks the contact. Returns true if the axis approached the contact during the window. Ripple and
-// contact losses then do not count as instability.
+// Checks the contact. Returns true if the axis still approached the contact during the window. In
+// this case, ripple and contact losses are not signs of instability.
 bool check_contact(const Criterion &c, const Metrics &m, Findings &found) {
   const bool asked = c.contact_held || (m.held_force && reads_force(c) && m.contacts > 0);
   if (!asked) return false;

@@ -1,5 +1,6 @@
 #pragma once
-// The verdict of a run about the limits of its table [verdict], and every limit that it missed.
+// The verdict of a run by the limits in the table [verdict], and all limits that the run has
+// missed.
 //
 //   stable            no limit is missed
 //   unstable          a fault, a ripple that does not decay, or contact loss in the window
@@ -7,8 +8,8 @@
 //                     measured force or the output is at an end of its range in the window
 //   never_in_contact  the criterion needs a contact, and this contact was never made
 //
-// The criterion needs a contact if it has `contact_held`, or if the experiment controls force and
-// the criterion limits the measured force or its ripple.
+// The criterion needs a contact in two cases: the table has `contact_held`, or the experiment
+// controls force and the table limits the measured force or the force ripple.
 #include <string>
 #include <vector>
 
@@ -22,21 +23,21 @@ inline constexpr const char *kUnstable = "unstable";
 inline constexpr const char *kNotMet = "not_met";
 inline constexpr const char *kNeverInContact = "never_in_contact";
 
-// A ripple decays if its value in the second half of the window is at most this part of its value
-// in the complete window.
+// A ripple decays if its value in the second half of the window is at most kDyingPart times its
+// value in the complete window.
 inline constexpr double kDyingPart = 0.6;
 
-// One limit that a run missed. `key` is a key of [verdict] or one of: "fault"; "contact_made_s"
+// One limit that a run missed. `limit` is a key of [verdict] or one of: "fault"; "contact_made_s"
 // (value: first time of contact in s, bound: start of the window); "contact_losses" (in the
 // window); "setpoint" (the experiment has no force set-point); "setpoint_range" (set-point in N,
 // bound: end of the measuring range); "reading_range" and "output_range" (ticks of the window at an
 // end of the range).
 struct Missed {
   std::string limit;
-  std::string verdict;  // verdict of the run if this were the only missed limit
-  double value = 0.0;   // missed value; infinite if the force never settles
+  std::string verdict;  // verdict of the run if no other limit were missed
+  double value = 0.0;   // value that missed the limit; infinite if the force never settles
   double bound = 0.0;
-  std::string unit;  // "N", "%", "s", "count", "tick", or "" for a number without unit
+  std::string unit;  // unit of value and bound: "N", "%", "s", "count", "tick", or "" for no unit
 };
 
 struct Evaluation {
