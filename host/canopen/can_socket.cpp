@@ -119,7 +119,7 @@ int CanSocket::receive(std::span<can_frame> frames) {
 }
 
 void CanSocket::set_wait(std::chrono::milliseconds wait) {
-  if (wait == wait_) return;  // The unchanged wait time needs no system call.
+  if (wait == wait_) return;  // saves a system call
   const timeval time{wait.count() / 1000, wait.count() % 1000 * 1000};
   ::setsockopt(fd_, SOL_SOCKET, SO_RCVTIMEO, &time, sizeof time);
   wait_ = wait;

@@ -1,5 +1,5 @@
 #pragma once
-// A raw SocketCAN socket, which gateway, axis_node and the link in lock-step use.
+// A raw SocketCAN socket for the gateway, axis_node and the link in lock-step.
 #include <linux/can.h>
 
 #include <chrono>
@@ -19,15 +19,17 @@ struct CanError : std::runtime_error {
 class CanSocket {
  public:
   struct Options {
-    can_filter filter;  // filter of the frames that the kernel passes to the socket
+    // Filter for the frames that the kernel passes to the socket.
+    can_filter filter;
     // Classes of error frames that the socket receives, independent of the filter.
     can_err_mask_t errors = 0;
-    // receive() waits for a frame for at most the time of set_wait().
+    // true: receive() waits for a frame, at most for the time of set_wait().
     bool blocking = false;
-    // The socket has a large receive buffer, and take_lost() counts lost frames.
+    // true: the socket has a large receive buffer, and take_lost() returns the number of lost
+    // frames.
     bool deep = false;
   };
-  // Highest number of frames that one call passes with one system call.
+  // Largest number of frames that one call of send() or receive() passes.
   static constexpr std::size_t kBatch = 16;
 
   // Opens a socket on the interface. Throws CanError.
@@ -40,17 +42,18 @@ class CanSocket {
   int fd() const { return fd_; }
   bool is_up() const;
 
-  // Puts the first frames, at most kBatch, into the queue of the interface. Returns the number of
+  // Writes the first frames, at most kBatch, to the queue of the interface. Returns the number of
   // accepted frames, which is at least 1, or -errno. If the queue is full, the result is -ENOBUFS
   // or -EAGAIN.
   int send(std::span<const can_frame> frames);
 
-  // Receives pending frames, at most kBatch. Returns their number or -errno. The result is -EAGAIN
-  // if no frame is pending; in a blocking socket, if no frame arrives within the wait time.
+  // Receives pending frames, at most kBatch. Returns the number of frames or -errno. The result is
+  // -EAGAIN if no frame is pending, or, for a blocking socket, if no frame arrives within the wait
+  // time.
   int receive(std::span<can_frame> frames);
 
-  // Sets the time for which receive() of a blocking socket waits for its first frame. The default
-  // is no limit.
+  // Sets the time for which receive() of a blocking socket waits for a frame. By default, this time
+  // is not limited.
   void set_wait(std::chrono::milliseconds wait);
 
   // Returns the number of frames that the kernel has dropped since the last call. The kernel
@@ -62,8 +65,8 @@ class CanSocket {
   int fd_;
   bool deep_;
   std::chrono::milliseconds wait_{-1};
-  std::uint32_t dropped_ = 0;  // number of dropped frames as counted by the kernel; it wraps
-  std::uint32_t lost_ = 0;     // number of dropped frames that take_lost() has not yet returned
+  std::uint32_t dropped_ = 0;  // number of dropped frames by the counter of the kernel, which wraps
+  std::uint32_t lost_ = 0;     // number of dropped frames since the last call of take_lost()
 };
 
 }  // namespace forceaxis::canopen

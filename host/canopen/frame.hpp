@@ -4,7 +4,7 @@
 
 namespace forceaxis::canopen {
 
-// A data frame with an 11-bit identifier.
+// A CAN data frame with an 11-bit identifier.
 struct Frame {
   std::uint32_t id = 0;
   std::uint8_t length = 0;

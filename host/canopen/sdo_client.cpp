@@ -161,7 +161,7 @@ std::optional<Frame> SdoClient::upload_segment(const Frame &answer) {
     toggle_ = !toggle_;
     return request(static_cast<std::uint8_t>(kUploadSegment << 5 | (toggle_ ? kToggle : 0)));
   }
-  // A difference from the announced length means that segments were lost.
+  // If the length of the data differs from the announced length, segments were lost.
   if (size_ && *size_ != data_.size()) return abort(kAbortLength);
   result_.data = std::move(data_);
   data_.clear();

@@ -1,7 +1,8 @@
 #pragma once
-// The client of the SDO channel of one node: expedited and segmented transfers, one at a time (CiA
-// 301, 7.2.4). The client does not access the bus or a clock: the caller passes responses to it,
-// sends the requests that it returns, and calls time_out() if the server does not respond in time.
+// The client of the SDO channel of one node (CiA 301, 7.2.4). It makes expedited and segmented
+// transfers, one at a time. The client does not access the bus or a clock. The caller must send the
+// requests that the functions return, pass the responses to receive(), and call time_out() if the
+// server does not respond in time.
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -16,34 +17,37 @@ namespace forceaxis::canopen {
 // Abort codes that this client sends. All other abort codes come from the server.
 constexpr std::uint32_t kAbortToggle = 0x05030000, kAbortTimeout = 0x05040000,
                         kAbortCommand = 0x05040001, kAbortLength = 0x06070010;
-// Abort codes of servers that callers distinguish.
+// Abort codes of SDO servers for which callers have a special reaction.
 constexpr std::uint32_t kAbortLocked = 0x08000021, kAbortState = 0x08000022;
 
 // Returns the meaning of an abort code, such as "value too high".
 std::string abort_text(std::uint32_t abort);
 
 struct SdoResult {
-  std::uint32_t abort = 0;         // SDO abort code of the transfer; 0: success
-  bool silent = false;             // no response arrived; `abort` is then kAbortTimeout
-  std::vector<std::uint8_t> data;  // data of an upload
+  std::uint32_t abort = 0;         // SDO abort code of the transfer; 0: no error
+  bool silent = false;             // true: no response arrived, and `abort` is kAbortTimeout
+  std::vector<std::uint8_t> data;  // uploaded data
 
   bool ok() const { return abort == 0; }
 };
 
 class SdoClient {
  public:
-  // `request_id` is the identifier of the requests: 600h + node id for the default channel.
+  // `request_id` is the CAN identifier of the requests. For the default channel, it is 600h + node
+  // id.
   explicit SdoClient(std::uint32_t request_id) : request_id_(request_id) {}
 
-  // Start a transfer and return its first request. busy() must be false. `data` is little-endian.
+  // Start a transfer and return the first request. busy() must be false. `data` is little-endian.
   Frame upload(std::uint16_t index, std::uint8_t sub);
   Frame download(std::uint16_t index, std::uint8_t sub, std::span<const std::uint8_t> data);
 
-  // Processes a response of the server. Returns the next frame to send, or nothing. A response that
-  // does not belong to the transfer, such as a late response, has no effect.
+  // Processes a response of the server. Returns the next frame that the caller must send, or
+  // nothing. A response that does not belong to the transfer, such as a late response, has no
+  // effect.
   std::optional<Frame> receive(const Frame &answer);
 
-  // Ends a transfer without response. Returns the abort frame to send.
+  // Ends a transfer because no response has arrived. Returns the abort frame that the caller must
+  // send.
   Frame time_out();
 
   bool busy() const { return state_ != State::idle; }
@@ -65,8 +69,9 @@ class SdoClient {
   std::uint16_t index_ = 0;
   std::uint8_t sub_ = 0;
   bool toggle_ = false;
-  std::optional<std::uint32_t> size_;  // length of an upload that the server has announced
-  std::vector<std::uint8_t> data_;     // data of an upload so far, or of a download
+  // Length of the upload in bytes, if the server has announced it.
+  std::optional<std::uint32_t> size_;
+  std::vector<std::uint8_t> data_;  // data received so far in an upload, or all data of a download
   std::size_t sent_ = 0;
   SdoResult result_;
 };

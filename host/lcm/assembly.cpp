@@ -17,8 +17,8 @@ std::uint32_t number_at(Bytes bytes, std::size_t at, int size = 4) {
   return number;
 }
 
-// Returns the channel name at the start of `bytes`, up to its final zero, or nothing if the zero is
-// missing.
+// Returns the channel name at the start of `bytes`. Returns nothing if the final zero of the name
+// is missing.
 std::optional<std::string_view> leading_channel(Bytes bytes) {
   const Bytes searched = bytes.first(std::min(bytes.size(), kLongestChannel + 1));
   const auto zero = std::ranges::find(searched, 0);
@@ -72,7 +72,7 @@ std::optional<Message> Assembly::add(Sender sender, const Fragment &fragment) {
   const auto partial = std::ranges::find(partials_, sender, &Partial::sender);
   const bool known = partial != partials_.end() && partial->number == fragment.message;
   if (fragment.number != 0) {
-    // The message is unknown if its channel is not wanted or its first fragment was lost.
+    // A message is unknown if its channel is not wanted or if its first fragment was lost.
     return known ? extend(partial, fragment) : std::nullopt;
   }
   const auto channel = leading_channel(fragment.data);
@@ -99,8 +99,8 @@ void Assembly::begin(Sender sender, const Fragment &fragment, std::string_view c
       {sender, fragment.message, fragment.bytes, fragment.fragments, 0, std::string(channel), {}});
 }
 
-// Allocates memory for received data only, not for the length in a header, so a sender must send as
-// much data as it occupies.
+// Allocates memory only for received data and not for the length in a header, so a sender cannot
+// occupy more memory than it has sent data.
 std::optional<Message> Assembly::extend(std::vector<Partial>::iterator partial,
                                         const Fragment &fragment) {
   std::vector<std::uint8_t> &held = partial->data;

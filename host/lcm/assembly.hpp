@@ -1,7 +1,7 @@
 #pragma once
-// Assembles messages of LCM's wire format from datagrams: a datagram "LC02" contains a complete
-// message, a datagram "LC03" contains a fragment. The class has no socket and no clock. Datagrams
-// with any content cause no exception other than std::bad_alloc, and at most kMostSenders messages
+// Assembles LCM messages from UDP datagrams. A datagram "LC02" contains a complete message, a
+// datagram "LC03" contains a fragment of a message. The class has no socket and no clock. For any
+// content of the datagrams, the only exception is std::bad_alloc, and at most kMostSenders messages
 // of kMostBytes are kept in memory.
 #include <cstddef>
 #include <cstdint>
@@ -22,7 +22,8 @@ struct Sender {
   bool operator==(const Sender &) const = default;
 };
 
-// A message. It is valid as long as the datagram exists, and until the next call of take().
+// A message, which is valid as long as the datagram exists, and at most until the next call of
+// take().
 struct Message {
   std::string_view channel;
   std::span<const std::uint8_t> data;
@@ -30,12 +31,12 @@ struct Message {
 
 class Assembly {
  public:
-  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;  // largest length of a message in
-                                                                   // bytes
-  static constexpr std::size_t kMostSenders = 8;  // largest number of senders with an incomplete
-                                                  // message
+  // Largest length of a message in bytes.
+  static constexpr std::size_t kMostBytes = std::size_t{1} << 20;
+  // Largest number of senders that can have an incomplete message.
+  static constexpr std::size_t kMostSenders = 8;
 
-  // `wanted` returns whether messages on a channel are assembled and counted. Messages on other
+  // `wanted` returns true if messages on a channel are assembled and counted. Messages on other
   // channels are ignored.
   explicit Assembly(std::function<bool(std::string_view channel)> wanted)
       : wanted_(std::move(wanted)) {}
@@ -44,10 +45,10 @@ class Assembly {
   // in order. A repeated fragment is ignored.
   std::optional<Message> take(Sender sender, std::span<const std::uint8_t> datagram);
 
-  // Number of datagrams that are not LCM, and of messages that are too large or whose fragments
-  // contradict each other.
+  // Returns the number of invalid inputs: datagrams that are not LCM, messages that are too large,
+  // and messages whose fragments contradict each other.
   std::uint64_t malformed() const { return malformed_; }
-  // Number of messages with a missing fragment.
+  // Returns the number of messages with a missing fragment.
   std::uint64_t incomplete() const { return incomplete_; }
 
  private:
@@ -66,14 +67,15 @@ class Assembly {
   std::optional<Message> malformed_message();
 
   std::function<bool(std::string_view)> wanted_;
-  // Incomplete messages, at most one for each sender, the oldest first.
+  // Incomplete messages, sorted by age with the oldest message first. Each sender has at most one
+  // incomplete message.
   std::vector<Partial> partials_;
   Partial complete_;
   std::uint64_t malformed_ = 0, incomplete_ = 0;
 };
 
-// Returns the channel name in a datagram, or an empty text for a fragment other than the first. If
-// the datagram is truncated after the channel name, the name is still returned.
+// Returns the channel name in a datagram. Returns an empty text for a fragment that is not the
+// first fragment of a message. The datagram may be truncated after the channel name.
 std::string_view channel_of(std::span<const std::uint8_t> datagram);
 
 }  // namespace forceaxis::lcm_bus

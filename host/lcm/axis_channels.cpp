@@ -9,8 +9,8 @@ namespace forceaxis::lcm_bus {
 
 namespace {
 
-// Limit of datagrams that one call processes, so that many datagrams cannot delay the other buses
-// of the gateway.
+// Largest number of datagrams that one call processes. This limit prevents that many datagrams
+// delay the other buses of the gateway.
 constexpr int kMostAtOnce = 128;
 
 }  // namespace

@@ -1,7 +1,7 @@
 #pragma once
-// The LCM channels of a gateway (host/lcm/axis.lcm); this class fills in seq, run_id and times. It
-// publishes with liblcm but receives with its own receiver, so no C function is on the call stack
-// between a command and the code that executes it.
+// The LCM channels of a gateway (host/lcm/axis.lcm). This class sets the fields seq, run_id and
+// times. It publishes with liblcm and receives with the class Receiver, so that no C function is on
+// the call stack when a command is executed.
 #include <array>
 #include <cstdint>
 #include <forceaxis/axis_capture_t.hpp>
@@ -27,18 +27,19 @@ struct Item {
   std::int64_t value;
 };
 
-// The command to which an event or a recording belongs.
+// The command that has caused an event or a recording.
 struct CommandId {
   std::int64_t run_id = kNotAvailable;
   std::int64_t command_id = kNotAvailable;
 };
 
-// Messages that were received and not executed.
+// Numbers of messages that were received but not executed.
 struct Drops {
-  std::uint64_t refused = 0;  // datagrams with commands from networks that are not allowed
-  std::string last_refused;   // sender of the last refused datagram, "ADDRESS:PORT"
+  // Number of datagrams with commands from networks that are not allowed.
+  std::uint64_t refused = 0;
+  std::string last_refused;  // Sender of the last refused datagram, as "ADDRESS:PORT".
   std::uint64_t malformed = 0;
-  std::uint64_t incomplete = 0;  // messages of which a fragment did not arrive
+  std::uint64_t incomplete = 0;  // number of messages with a missing fragment
 
   std::uint64_t total() const { return refused + malformed + incomplete; }
   // Returns one line that names the counts that are not 0.
@@ -53,7 +54,7 @@ class AxisChannels {
   AxisChannels(const AxisChannels &) = delete;
   AxisChannels &operator=(const AxisChannels &) = delete;
 
-  // From now on, handle() calls `command` for each command on the channel of one of the axes, if it
+  // After this call, handle() calls `command` for each command on the channels of the axes that
   // comes from this machine or from a network in `remote`. To be called once. Throws LcmError.
   void listen(const std::vector<int> &axes, const std::vector<Network> &remote, Command command);
   // File descriptors for poll(). To be called after listen().
@@ -77,7 +78,7 @@ class AxisChannels {
   lcm::LCM lcm_;
   std::int64_t run_id_;
   std::array<std::array<std::int64_t, kMostAxes + 1>, kKinds> next_seq_{};
-  std::map<std::string, int, std::less<>> listening_;  // number of the axis for each channel name
+  std::map<std::string, int, std::less<>> listening_;  // axis number for each channel name
   Command command_;
   std::optional<Receiver> receiver_;
   std::optional<RefusedCounter> refused_;

@@ -5,8 +5,8 @@
 namespace forceaxis::lcm_bus {
 namespace {
 
-// Reads values from a message in order. After a missing value, `whole` is false and all further
-// values are 0.
+// Reads the values of a message one after the other. If the message ends before a value, whole_
+// becomes false, and this and all further values are 0.
 class Reader {
  public:
   explicit Reader(std::span<const std::uint8_t> bytes) : left_(bytes) {}
@@ -35,7 +35,8 @@ class Reader {
   }
 
   void name() {
-    const std::uint64_t length = number(4);  // length of the text in bytes, with its final zero
+    // Length of the text in bytes, including the final zero.
+    const std::uint64_t length = number(4);
     whole_ = whole_ && length >= 1 && length <= kLongestName + 1;
     const auto text = bytes(whole_ ? length : 0);
     whole_ = whole_ && text.back() == 0 &&
@@ -48,7 +49,7 @@ class Reader {
   bool whole_ = true;
 };
 
-constexpr std::size_t kFirstNumbers = 9;  // number of message fields from utime to timeout_us
+constexpr std::size_t kFirstNumbers = 9;  // number of fields of a command from utime to timeout_us
 
 bool is_command(std::span<const std::uint8_t> data) {
   Reader reader(data);

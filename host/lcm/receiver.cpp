@@ -19,16 +19,17 @@ namespace {
 
 constexpr std::size_t kLargestDatagram = 65536;
 
-// Type with which the kernel marks the local copy of an outgoing multicast (linux/if_packet.h
-// conflicts with other headers of this file).
+// Packet type by which the kernel marks the local copy of an outgoing multicast datagram. The value
+// is repeated here because linux/if_packet.h conflicts with other headers of this file.
 constexpr std::uint32_t kPacketLoopback = 5;
 constexpr std::uint32_t kSourceAddress = 12;  // offset in the IP header
 constexpr std::uint32_t kAll = 0xFFFFFFFF;
-// UDP header, LCM header and channel name, sufficient to identify a refused datagram.
+// Number of bytes of a refused datagram that are received: UDP header, LCM header and channel name.
 constexpr std::uint32_t kShown = 8 + 20 + 64;
 
-// Returns a filter program that passes `local` bytes of each datagram of this machine or of
-// `remote`, and `foreign` bytes of each other datagram; 0 drops it.
+// Returns a filter program for a socket. The program passes `local` bytes of each datagram from
+// this machine or from a network in `remote`, and `foreign` bytes of each other datagram. For 0
+// bytes, the kernel discards the datagram.
 std::vector<sock_filter> filter_of(const std::vector<Network> &remote, std::uint32_t local,
                                    std::uint32_t foreign) {
   std::vector<sock_filter> program;
@@ -52,8 +53,8 @@ std::vector<sock_filter> filter_of(const std::vector<Network> &remote, std::uint
   return program;
 }
 
-// Opens a socket in the multicast group of a URL. Its filter is active before the first datagram
-// can arrive.
+// Opens a socket that has joined the multicast group of a URL. The filter of the socket is active
+// before the first datagram can arrive.
 int open_socket(const std::string &url, std::vector<sock_filter> program) {
   const Place place = place_of(url);
   const int s = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -62,7 +63,8 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   address.sin_port = htons(place.port);
-  // The socket is bound to the group, so it receives no datagrams to the addresses of this machine.
+  // The socket is bound to the address of the group, so it receives no datagrams that are sent to
+  // an address of this machine.
   address.sin_addr.s_addr = htonl(place.group);
   ip_mreq join{address.sin_addr, {INADDR_ANY}};
   const bool done =
@@ -78,7 +80,7 @@ int open_socket(const std::string &url, std::vector<sock_filter> program) {
   throw LcmError(url + ": cannot receive LCM messages, " + why);
 }
 
-// Receives the first pending datagram, or returns nothing.
+// Receives the first pending datagram. Returns nothing if no datagram is pending.
 std::optional<std::span<const std::uint8_t>> receive_from(int socket,
                                                           std::span<std::uint8_t> buffer,
                                                           Sender &sender) {

@@ -1,10 +1,10 @@
 #pragma once
-// Receives LCM messages from this machine, and from other networks only if they are allowed. liblcm
-// receives from every sender and does not report the sender, so this class has its own sockets.
+// Receives LCM messages from this machine and from allowed networks. liblcm receives from every
+// sender and does not report the sender, so this class has its own sockets.
 //
-// The kernel, not the source address, tells whether a datagram comes from this machine: it arrives
-// through the loopback interface, or is the local copy of a datagram that this machine sent to
-// another interface.
+// The kernel, and not the source address, determines whether a datagram comes from this machine.
+// Such a datagram arrives through the loopback interface, or is the local copy of a datagram that
+// this machine has sent through another interface.
 #include <functional>
 #include <string>
 #include <vector>
@@ -14,20 +14,21 @@
 
 namespace forceaxis::lcm_bus {
 
-// A network in host byte order. Bits of the address outside the mask are 0.
+// Address and mask of a network in host byte order. Bits of the address outside the mask are 0.
 struct Network {
   std::uint32_t address, mask;
 };
 
 // Returns the network in a text such as "192.168.1.0/24" or "192.168.1.0/255.255.255.0". For an
-// invalid text, `trouble` becomes one line with the reason, without the text itself.
+// invalid text, returns nothing and sets `trouble` to one line with the reason. The line does not
+// contain the text.
 std::optional<Network> network_of(const std::string &text, std::string &trouble);
 
 class Receiver {
  public:
   using Take = std::function<void(const Message &message)>;
 
-  // Joins the multicast group of `url`. lcm_bus::trouble() must return no problem for this URL.
+  // Joins the multicast group of `url`. lcm_bus::trouble() must return an empty text for this URL.
   // Throws LcmError.
   Receiver(const std::string &url, const std::vector<Network> &remote,
            std::function<bool(std::string_view channel)> wanted);
@@ -48,8 +49,9 @@ class Receiver {
   int socket_;
 };
 
-// Counts the datagrams that a Receiver with the same arguments refuses, as far as it keeps up with
-// them. It has its own socket, so many refused datagrams cannot displace wanted ones.
+// Counts the datagrams that a Receiver with the same arguments refuses. The counter has its own
+// socket, so that many refused datagrams cannot displace wanted datagrams. If datagrams arrive too
+// fast, some are not counted.
 class RefusedCounter {
  public:
   RefusedCounter(const std::string &url, const std::vector<Network> &remote,
@@ -61,10 +63,10 @@ class RefusedCounter {
   int fd() const { return socket_; }
   void receive(int most);
 
-  // Number of refused datagrams on wanted channels. Of a fragmented message, only the first
-  // datagram counts.
+  // Returns the number of refused datagrams on wanted channels. For a fragmented message, only the
+  // first datagram is counted.
   std::uint64_t count() const { return count_; }
-  // Sender of the last refused datagram, "ADDRESS:PORT".
+  // Returns the sender of the last refused datagram as "ADDRESS:PORT".
   const std::string &last() const { return last_; }
 
  private:

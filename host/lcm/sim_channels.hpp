@@ -1,5 +1,6 @@
 #pragma once
-// The LCM channels of a simulator (host/lcm/axis.lcm); this class fills in seq, run_id and times.
+// The LCM channels of a simulator (host/lcm/axis.lcm). This class sets the fields seq, run_id and
+// times.
 #include <cstdint>
 #include <forceaxis/sim_clock_t.hpp>
 #include <forceaxis/sim_truth_t.hpp>
@@ -10,11 +11,12 @@ namespace forceaxis::lcm_bus {
 
 class SimChannels {
  public:
-  // Opens the URL. Throws std::runtime_error if it cannot be opened or the machine has no route for
-  // multicast.
+  // Opens the URL. Throws std::runtime_error if the URL cannot be opened or the machine has no
+  // route for multicast.
   explicit SimChannels(const std::string &url);
 
-  // Publish a message. The caller sets `tick` or `first_tick`; utime is computed from it.
+  // Publish a message. The caller must set the field `tick` or `first_tick`, from which utime is
+  // computed.
   void publish(sim_clock_t &clock);
   void publish(sim_truth_t &truth);
 

@@ -33,7 +33,7 @@ std::optional<std::uint32_t> group_of(std::string_view text) {
   return group;
 }
 
-// Reads "NAME=VALUE" of a URL. Options of a receiver are stored in `place`.
+// Reads an option "NAME=VALUE" of a URL. Options that a receiver needs are stored in `place`.
 bool read_option(std::string_view text, Place &place) {
   const std::size_t equals = text.find('=');
   if (equals == text.npos) return false;

@@ -1,18 +1,18 @@
 #pragma once
 // Checks the LCM URLs of axis_node, plant_node and gateway. A URL has the scheme udpm, an address,
-// a port and options such as ttl=N, and each part is optional as for liblcm. liblcm reports an
-// invalid URL in several lines of its own, ignores many errors, and ends the process if a URL of
-// the scheme tcpq has no server. So liblcm gets only URLs that it accepts without a message.
+// a port and options such as ttl=N. Each part is optional as in liblcm. liblcm prints several lines
+// for an invalid URL, ignores many errors, and ends the process if a URL of the scheme tcpq has no
+// server. So only URLs that liblcm accepts without a message are passed to liblcm.
 #include <cstdint>
 #include <string>
 
 namespace forceaxis::lcm_bus {
 
-// The parts of a URL, with defaults for omitted parts.
+// The parts of an LCM URL, with default values for omitted parts.
 struct Place {
-  std::uint32_t group;  // address of the multicast group in host byte order
+  std::uint32_t group;  // address of the multicast group, in host byte order
   std::uint16_t port;
-  int receive_bytes;  // receive buffer of the socket in bytes; 0: default of the machine
+  int receive_bytes;  // size of the socket's receive buffer in bytes; 0: default of the machine
 };
 
 // Returns the parts of a URL for which url_trouble() returns an empty text.
@@ -21,7 +21,8 @@ Place place_of(const std::string &url);
 // Returns the error of a URL and its remedy in one line, or an empty text if the URL is valid.
 std::string url_trouble(const std::string &url);
 
-// Also checks the machine: without a route for multicast, every message would be lost.
+// Checks the URL like url_trouble(). Also checks that the machine has a route for multicast,
+// because otherwise every message would be lost.
 std::string trouble(const std::string &url);
 
 // Returns the URL. Throws an Error with the text of trouble() if this text is not empty.

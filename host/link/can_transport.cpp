@@ -17,9 +17,9 @@ constexpr std::uint32_t kUnused = 0xFF;
 constexpr int kAxisShift = 25, kTickShift = 13, kDinShift = 9, kHomeShift = 8;
 constexpr std::int64_t kTicksInId = 4096;
 constexpr std::int64_t kTicksInData = 65536;
-// Number of tries to send while the queue of the controller is full. The queue empties at the speed
-// of the bus, 12 frames in 2 ms. A queue that stays full belongs to a bus that is down. The
-// exchange then repeats its records until its timeout.
+// Number of attempts to send while the queue of the CAN controller is full. The bus transmits 12
+// queued frames in 2 ms. If the queue stays full, the bus is down, and the exchange repeats its
+// records until its timeout.
 constexpr int kRoomTries = 20;
 constexpr std::chrono::microseconds kRoomWait{500};
 constexpr std::uint8_t kInputBytes = 8, kOutputBytes = 7;
@@ -37,13 +37,14 @@ canid_t id_of(std::uint8_t axis, std::int64_t tick) {
          static_cast<std::uint32_t>(tick % kTicksInId) << kTickShift;
 }
 
-// Returns the bits of the identifier for four digital inputs, and for the fifth one below them.
+// Returns the bits of the identifier for the five digital inputs. Digital input 4 has the bit below
+// digital input 0.
 constexpr std::uint32_t din_bits(unsigned din) {
   return (din & 15) << kDinShift | (din >> 4 & 1) << kHomeShift;
 }
 
-// Returns the axis of an identifier, counted from 1, or 0 if the identifier does not belong to the
-// link.
+// Returns the axis number, counted from 1, in an identifier. Returns 0 if the identifier does not
+// belong to the link.
 std::uint8_t axis_of(canid_t id) {
   const std::uint32_t axis = id >> kAxisShift & 7U;
   const bool ours = (id & CAN_EFF_FLAG) != 0 && (id & (CAN_RTR_FLAG | CAN_ERR_FLAG)) == 0 &&
@@ -60,11 +61,11 @@ std::int64_t unwrap(std::int64_t residue, std::int64_t modulus, std::int64_t nea
 
 std::string why(int error) { return std::strerror(error); }
 
-// Either end of the link. It sends and receives several frames with one system call.
+// One end of the link. Several frames are sent or received with one system call.
 template <class Out, class In>
 class CanTransport : public Transport<Out, In> {
  public:
-  // A filter in the kernel accepts only frames of the other direction.
+  // The kernel passes only frames of the other direction to the socket.
   CanTransport(const std::string &interface, std::optional<In> (*decode)(const can_frame &),
                std::uint32_t direction, std::int64_t modulus)
       : socket_(interface, {.filter = {CAN_EFF_FLAG | direction,
@@ -125,7 +126,7 @@ class CanTransport : public Transport<Out, In> {
   canopen::CanSocket socket_;
   std::optional<In> (*decode_)(const can_frame &);
   std::int64_t modulus_;
-  std::array<std::int64_t, kMostAxes> expected_{};  // last tick of each axis that was sent
+  std::array<std::int64_t, kMostAxes> expected_{};  // last sent tick of each axis
   std::uint64_t foreign_ = 0;
 };
 
@@ -191,7 +192,7 @@ std::optional<LinkOutputs> link_outputs_of(const can_frame &frame) {
   out.tick = get16(frame.data + 3);
   out.fault = frame.data[5];
   out.limit_reason = frame.data[6];
-  // Identifier and data must have the same tick.
+  // The tick in the identifier must agree with the tick in the data.
   if ((frame.can_id >> kTickShift & (kTicksInId - 1)) != out.tick % kTicksInId) return std::nullopt;
   return out;
 }

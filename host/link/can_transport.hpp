@@ -19,12 +19,12 @@ namespace forceaxis::host {
 can_frame can_frame_of(const LinkInputs &in);
 can_frame can_frame_of(const LinkOutputs &out);
 
-// Return the record in a frame, or nothing if the frame does not belong to the link. The tick of
-// inputs is known modulo 4096 only, the tick of outputs modulo 65536.
+// Return the record in a CAN frame, or nothing if the frame does not belong to the link. A frame
+// has the tick of inputs modulo 4096 and the tick of outputs modulo 65536.
 std::optional<LinkInputs> link_inputs_of(const can_frame &frame);
 std::optional<LinkOutputs> link_outputs_of(const can_frame &frame);
 
-// Open one end of the link. Throw TransportError.
+// Open the plant's end or the firmware's end of the link. Throw TransportError.
 std::unique_ptr<PlantTransport> can_plant_transport(const std::string &interface);
 std::unique_ptr<AxisTransport> can_axis_transport(const std::string &interface);
 

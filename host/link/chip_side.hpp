@@ -1,6 +1,6 @@
 #pragma once
-// The firmware's side of a run in which the firmware is an image on an emulated chip. The writes of
-// the experiment and the ticks are sent to the chip as records through a pipe. The chip sends its
+// The firmware's side of a run in which an emulated chip executes the firmware image. The writes of
+// the experiment and the ticks are sent to the chip as records through one pipe. The chip sends its
 // answers through a second pipe.
 //
 // Records are little-endian. To the chip, 12 bytes:
@@ -25,8 +25,8 @@
 
 namespace forceaxis::host {
 
-// Pipes to and from the emulated chip, owned by the caller. The chip counts as silent if it sends
-// nothing for the time `patience`.
+// Pipes to and from the emulated chip. The caller owns the pipes. If the chip sends nothing for the
+// time `patience`, the run fails.
 struct ChipPipes {
   int to_fd = -1;
   int from_fd = -1;
@@ -34,7 +34,8 @@ struct ChipPipes {
 };
 
 struct ChipCounts {
-  std::uint32_t interrupts;  // number of 1500 Hz interrupts in which the chip computed a tick
+  // Number of timer interrupts (1500 Hz) in which the chip computed a tick.
+  std::uint32_t interrupts;
   std::uint32_t ticks;
 };
 
@@ -42,7 +43,7 @@ class ChipSide {
  public:
   // Sends the initial writes to a chip that has just powered up. Throws sim::InputError if the
   // firmware refuses an initial write. Every function of this class throws TransportError if the
-  // chip is silent.
+  // chip does not answer in time.
   ChipSide(const Experiment &experiment, const ChipPipes &pipes);
 
   LinkOutputs tick(const LinkInputs &in);

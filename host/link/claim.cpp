@@ -16,7 +16,8 @@
 namespace forceaxis::host {
 namespace {
 
-// An axis_node keeps its claim for 0.25 s after its run, in which it answers repeated records.
+// Number of attempts to lock a role. An axis_node keeps its lock for 0.25 s after a run, because it
+// still answers repeated records in this time.
 constexpr int kClaimTries = 50;
 constexpr std::chrono::milliseconds kClaimWait{10};
 

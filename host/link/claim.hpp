@@ -1,14 +1,15 @@
 #pragma once
-// Exclusive use of an interface or URL by one plant or axis of a link.
+// Locks an interface or URL so that only one process is a certain plant or axis of a link.
 #include <string>
 
 namespace forceaxis::host {
 
-// Claims a role on a link. On a CAN interface, whose frames have no run number, one plant and each
-// axis may exist once. A run over LCM may have one plant for each axis. The claim ends with this
-// object or with the process, also if the process is killed. The constructor waits for a claim that
-// is about to end. Throws TransportError, which names `where`. Processes in different network
-// namespaces cannot see each other's claims.
+// A lock on a role of a link: plant or axis N. On a CAN interface, whose frames have no run number,
+// only one process may be the plant and only one process may be axis N. A run over LCM may have one
+// plant for each axis. The lock ends with this object or with the process, also if the process is
+// killed. The constructor waits for a short time if another process has the lock. It throws
+// TransportError, which names `where`, if the other process keeps the lock. Locks have no effect
+// between different network namespaces.
 class LinkClaim {
  public:
   LinkClaim(const std::string &where, const std::string &role);
@@ -16,8 +17,8 @@ class LinkClaim {
   LinkClaim(const LinkClaim &) = delete;
   LinkClaim &operator=(const LinkClaim &) = delete;
 
-  // Returns whether a process of this machine and network namespace has the claim. A process that
-  // is suspended still has it.
+  // Returns true if a process of this machine and network namespace has the lock. A suspended
+  // process keeps its locks.
   static bool held(const std::string &where, const std::string &role);
 
  private:

@@ -7,12 +7,12 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// Time until the plant repeats a record for the first time: several round trips of an idle machine.
-// The time doubles with every repeat, to limit the load of a busy machine.
+// Time after which the plant repeats a record for the first time, several round-trip times of an
+// idle machine. The time doubles with every repetition, to limit the load of a busy machine.
 constexpr milliseconds kFirstRepeat{3};
 constexpr milliseconds kLongestRepeat{100};
 
-// Number of records without effect that the plant receives before it reads the clock.
+// After this number of received records without effect, the plant reads the clock.
 constexpr unsigned kUselessWithoutClock = 16;
 
 // The firmware reads the clock after a call without a record, and after every kCallsPerClock calls.
@@ -37,7 +37,7 @@ std::string axes_text(unsigned axes) {
   return (text.size() > 1 ? "axes " : "axis ") + text;
 }
 
-// Receives records. Returns one bit for each element of `inputs` that a record answers.
+// Receives records. Bit i of the result is set if a record answers inputs[i].
 unsigned PlantExchange::take(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                              milliseconds wait) {
   std::array<LinkOutputs, 2 * kMostAxes> came;
@@ -64,8 +64,8 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   transport_.send(inputs);
   statistics_.sent += inputs.size();
   unsigned missing = (1U << inputs.size()) - 1;
-  // Usually the answers arrive at once, sometimes with a late answer of the previous tick. This
-  // case needs no clock.
+  // Usually all answers arrive during the first wait, sometimes with a late answer of the previous
+  // tick. In this case the clock need not be read.
   for (unsigned useless = 0; missing != 0;) {
     const unsigned answered = take(inputs, outputs, kFirstRepeat) & missing;
     missing &= ~answered;
@@ -77,7 +77,7 @@ void PlantExchange::exchange(std::span<const LinkInputs> inputs, std::span<LinkO
   for (const LinkInputs &in : inputs) answered_ |= bit(in.axis);
 }
 
-// Some answers are late. Repeats their inputs until the answers arrive or the time has expired.
+// Repeats the inputs whose answers are late until the answers arrive or the timeout has expired.
 void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs,
                             unsigned missing) {
   using Clock = std::chrono::steady_clock;

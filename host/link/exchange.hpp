@@ -1,9 +1,9 @@
 #pragma once
-// The protocol of a link: stop and wait. The plant is the master. It sends the inputs of a tick and
-// repeats them until it has received the outputs of that tick. The firmware computes each tick
-// once. If the same inputs arrive again, it repeats the stored outputs; it ignores inputs of any
-// other tick. So both sides compute the same ticks with the same values, even if the transport
-// loses, duplicates or delays records.
+// The stop-and-wait protocol of a link. The plant is the master: it sends the inputs of a tick, and
+// repeats these inputs until it has received the outputs of the same tick. The firmware computes
+// each tick once. If the inputs of the last tick arrive again, the firmware repeats the stored
+// outputs. The firmware ignores the inputs of all other ticks. So plant and firmware compute the
+// same ticks with the same values, even if the transport loses, duplicates or delays records.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -17,25 +17,27 @@
 
 namespace forceaxis::host {
 
-// Numbers of records, as one side of the link counts them.
+// Numbers of records that one side of the link has counted.
 struct LinkStatistics {
-  std::uint64_t sent = 0;      // records passed to the transport, with repeated ones
-  std::uint64_t received = 0;  // received records of this run for axes of this process
-  // Records that were sent again: by the plant because an answer was late, by the firmware because
-  // inputs arrived again.
+  // Number of records passed to the transport, including repeated records.
+  std::uint64_t sent = 0;
+  // Number of received records of this run for the axes of this process.
+  std::uint64_t received = 0;
+  // Number of records that were sent again. The plant repeats a record if its answer is late. The
+  // firmware repeats a record if the same inputs arrive again.
   std::uint64_t repeated = 0;
-  std::uint64_t duplicates = 0;  // records received for a tick that was already complete
-  std::uint64_t foreign = 0;     // records of another run, and malformed records
+  std::uint64_t duplicates = 0;  // number of records received for a tick that was already complete
+  std::uint64_t foreign = 0;     // number of malformed records and records of other runs
 };
 
-// Time after which a partner that sends nothing counts as silent.
+// Times after which the other side of the link is silent if it sends nothing.
 struct LinkTimeouts {
-  // Longest silence before the first record of the partner.
+  // Time to wait for the first record of the other side.
   std::chrono::milliseconds start{5000};
   std::chrono::milliseconds running{1000};
 };
 
-// The partner has sent nothing for longer than LinkTimeouts allow.
+// The other side of the link has sent nothing for a time in LinkTimeouts.
 struct LinkSilent : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -45,16 +47,16 @@ class PlantExchange {
   PlantExchange(PlantTransport &transport, const LinkTimeouts &timeouts)
       : transport_(transport), timeouts_(timeouts) {}
 
-  // Exchanges one tick of some axes. outputs[i] becomes the answer to inputs[i]. Throws LinkSilent,
-  // which names the axes that did not answer in time, and TransportError.
+  // Exchanges one tick of some axes. The answer to inputs[i] is written to outputs[i]. Throws
+  // LinkSilent, which names the axes that did not answer in time, and TransportError.
   void exchange(std::span<const LinkInputs> inputs, std::span<LinkOutputs> outputs);
 
-  // Called at intervals while an answer is late. An exception from this function ends the exchange.
+  // Called at intervals while an answer is late. An exception from this function ends exchange().
   std::function<void()> late;
   // Called if axes that have answered before are silent for longer than the timeout, and again
-  // after each further timeout. Bit axis - 1 of `axes` is set for each silent axis. If it returns
-  // true, the exchange continues to wait. If it returns false, or is empty, the exchange throws
-  // LinkSilent.
+  // after each further timeout. Bit axis - 1 of `axes` is set for each silent axis. If this
+  // function returns true, the exchange continues to wait. If the function returns false or is
+  // empty, the exchange throws LinkSilent.
   std::function<bool(unsigned axes)> silent;
 
   LinkStatistics statistics() const;
@@ -68,30 +70,31 @@ class PlantExchange {
   PlantTransport &transport_;
   LinkTimeouts timeouts_;
   LinkStatistics statistics_;
-  bool idle_ = false;      // No record arrived during the last wait.
-  unsigned answered_ = 0;  // axes that have answered before; bit axis - 1 for each
+  bool idle_ = false;      // true: no record arrived during the last wait
+  unsigned answered_ = 0;  // bit axis - 1 is set if the axis has answered before
 };
 
-// The end of the link at the firmware, for the axes of one process.
+// The firmware's end of the link, for the axes of one process.
 class AxisExchange {
  public:
-  // `compute` is called once for each tick and axis, in order. `axes` are the numbers of the axes
-  // of this process.
+  // `compute` is called once for each tick and axis, in the order of the ticks. `axes` has the
+  // numbers of the axes of this process.
   using Compute = std::function<LinkOutputs(const LinkInputs &)>;
-  // `ticks` are the last ticks of the axes, in the order of `axes`.
+  // `last_ticks` has the last tick of each axis, in the order of `axes`.
   AxisExchange(AxisTransport &transport, const LinkTimeouts &timeouts,
                std::span<const std::uint8_t> axes, std::span<const std::int64_t> last_ticks,
                Compute compute);
 
-  // Answers the records that arrive within `wait`. Returns the axes whose plant has become silent,
-  // with bit axis - 1 for each. These axes are then finished.
+  // Answers the records that arrive within the time `wait`. Returns the axes whose plant has become
+  // silent, with bit axis - 1 set for each axis. These axes are then finished.
   unsigned serve(std::chrono::milliseconds wait);
 
-  // Returns whether every axis has computed its last tick or has lost its plant. The last answer
-  // may have been lost: the caller must continue to call serve() until quiet(), the time since the
-  // last record, is long enough.
+  // Returns true if every axis has computed its last tick or has a silent plant. Because the last
+  // answer may have been lost, the caller must continue to call serve() until quiet(), the time
+  // since the last record, is long enough.
   bool finished() const { return running_ == 0; }
-  // Continues to serve axes after their plant became silent. `axes` has bit axis - 1 for each.
+  // Continues to serve axes after their plant became silent. Bit axis - 1 of `axes` is set for each
+  // of these axes.
   void resume(unsigned axes);
   std::chrono::milliseconds quiet() const;
 
@@ -102,10 +105,10 @@ class AxisExchange {
 
   struct Axis {
     bool hosted = false;
-    bool fresh = false;  // A record has arrived since the clock was last read.
+    bool fresh = false;  // true: a record has arrived since the clock was last read
     std::int64_t last_tick = 0;
     Clock::time_point received{};
-    // Answer to the last computed tick. Its tick is -1 before the first tick.
+    // Outputs of the last computed tick. answer.tick is -1 before the first tick.
     LinkOutputs answer{};
   };
 
@@ -115,13 +118,13 @@ class AxisExchange {
   LinkTimeouts timeouts_;
   Compute compute_;
   std::array<Axis, kMostAxes> axes_{};
-  unsigned running_ = 0;  // axes that have not finished; bit axis - 1 for each
+  unsigned running_ = 0;  // bit axis - 1 is set if the axis has not finished
   unsigned calls_ = 0;
   Clock::time_point received_;
   LinkStatistics statistics_;
 };
 
-// Returns "axis 1" or "axes 1, 3" for the axes with bit axis - 1 set.
+// Returns a text such as "axis 1" or "axes 1, 3" for the axes whose bit axis - 1 is set.
 std::string axes_text(unsigned axes);
 
 }  // namespace forceaxis::host

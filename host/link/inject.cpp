@@ -24,7 +24,7 @@ void flip(LinkOutputs &out, int bit) {
       static_cast<std::int16_t>(static_cast<std::uint16_t>(out.dac_code) ^ 1U << (bit % 16));
 }
 
-// Random numbers of splitmix64, which gives the same faults on every machine.
+// Random numbers from the generator splitmix64, so the faults are the same on every machine.
 class Dice {
  public:
   explicit Dice(std::uint64_t seed) : state_(seed) {}

@@ -1,7 +1,6 @@
 #pragma once
-// Faults of a transport, for tests: dropped records, duplicated records, and records with one wrong
-// bit. The exchange cannot see the injection. The faults depend only on the seed and on the sent
-// records.
+// Injects transport faults for tests: dropped records, duplicated records, and records with one
+// wrong bit. The faults depend only on the seed and on the sent records.
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -12,11 +11,14 @@
 namespace forceaxis::host {
 
 struct Injection {
-  double drop = 0;       // share of sent records that are dropped, 0 to 1
-  double duplicate = 0;  // share of sent records that are sent twice, 0 to 1
+  double drop = 0;       // share, 0 to 1, of the sent records that are dropped
+  double duplicate = 0;  // share, 0 to 1, of the sent records that are sent twice
   std::uint64_t seed = 1;
-  std::optional<std::int64_t> flip_tick;  // tick in whose first record one bit is inverted
-  // Number of the inverted bit: 0 to 63 in encoder, adc0 and adc1, or 0 to 15 in the DAC code.
+  // Tick whose first sent record has one inverted bit.
+  // correct.
+  std::optional<std::int64_t> flip_tick;
+  // Number of the inverted bit: 0 to 63 in the fields encoder, adc0 and adc1, or 0 to 15 in the DAC
+  // code.
   int flip_bit = 0;
 };
 
@@ -30,8 +32,8 @@ struct InjectionCounts {
   std::uint64_t flipped = 0;
 };
 
-// Returns a transport that injects these faults into the records that it sends. `counts` must exist
-// as long as the transport.
+// Returns a transport that injects these faults into the sent records. `counts` must exist as long
+// as the transport.
 template <class Out, class In>
 std::unique_ptr<Transport<Out, In>> injecting(std::unique_ptr<Transport<Out, In>> transport,
                                               const Injection &injection, InjectionCounts &counts);

@@ -132,9 +132,9 @@ class LcmTransport : public Transport<Out, In> {
   std::int64_t run_id_;
   std::unique_ptr<lcm_t, Destroy> lcm_;
   std::optional<lcm_bus::Receiver> receiver_;
-  std::map<std::string, std::uint8_t, std::less<>> axes_;  // number of the axis for each channel of
-                                                           // received records
-  std::array<std::string, kMostAxes> channels_;            // channel names of sent records
+  // Axis number for each channel with received records.
+  std::map<std::string, std::uint8_t, std::less<>> axes_;
+  std::array<std::string, kMostAxes> channels_;  // Channel name for the sent records of each axis.
   std::uint64_t foreign_ = 0;
 };
 

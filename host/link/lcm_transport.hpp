@@ -1,7 +1,7 @@
 #pragma once
-// Sends records as LCM messages (host/lcm/link.lcm), with one channel for each axis and direction.
-// Every message has the number of its run. Messages of other runs are counted as foreign and have
-// no effect.
+// Sends records as LCM messages (host/lcm/link.lcm). Each axis and direction has one channel. Every
+// message contains the run number. Messages of other runs are counted as foreign and have no
+// effect.
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -10,13 +10,13 @@
 
 namespace forceaxis::host {
 
-// Returns the default URL of a run: a UDP multicast port of this machine that is computed from the
-// number of the run. Two runs seldom have the same port; if they do, each ignores the records of
-// the other.
+// Returns the default URL of a run: a UDP multicast port of this machine, computed from the run
+// number. Two runs seldom have the same port. If two runs have the same port, each run ignores the
+// records of the other run.
 std::string lcm_url_of(std::int64_t run_id);
 
-// Open one end of the link. Throw TransportError if LCM refuses the URL or the machine has no route
-// for multicast.
+// Open the plant's end or the firmware's end of the link. Throw TransportError if LCM refuses the
+// URL or the machine has no route for multicast.
 std::unique_ptr<PlantTransport> lcm_plant_transport(const std::string &url, std::int64_t run_id);
 std::unique_ptr<AxisTransport> lcm_axis_transport(const std::string &url, std::int64_t run_id);
 

@@ -30,8 +30,8 @@ std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
   return injecting(std::move(transport), options.injection, counts);
 }
 
-// Return the interface or URL that only one plant or axis may use, and the names of their roles
-// there.
+// Returns the interface, or the run and URL, for a LinkClaim. The functions below return the names
+// of the roles.
 std::string claimed(const LinkOptions &options) {
   return options.kind == "lcm" ? "run " + std::to_string(options.run_id) + " on " + url_of(options)
                                : options.can_interface;
@@ -42,11 +42,11 @@ std::string plant_role(const LinkOptions &options, int axis) {
 }
 std::string axis_role(int axis) { return "axis " + std::to_string(axis); }
 
-// Waits for the due time of each tick: tick k is due k / 1500 s after the first tick.
+// Waits for the due time of each tick. The due time of tick k is k / 1500 s after the first tick.
 class Pacer {
  public:
-  // A tick that is late by more than `most_late_ns` counts as due now, and the due times of the
-  // next ticks follow from it.
+  // If a tick is late by more than `most_late_ns`, its due time becomes the present time, and the
+  // due times of the next ticks are counted from it.
   explicit Pacer(std::int64_t most_late_ns) : most_late_ns_(most_late_ns) {}
 
   void wait_for(std::int64_t tick) {
@@ -63,7 +63,7 @@ class Pacer {
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &due, nullptr) != 0) {
     }
   }
-  // Returns the time since the last tick was due, in us.
+  // Returns the time in us since the due time of the last tick.
   std::int64_t late_us() const { return started_ ? (now_ns() - due_ns_) / 1000 : 0; }
   std::int64_t overruns = 0;
 
@@ -95,8 +95,7 @@ struct LinkedPlants::Ends {
       const int axis = first + static_cast<int>(i);
       claims.push_back(std::make_unique<LinkClaim>(claimed(options), plant_role(options, axis)));
       if (options.kind != "lcm")
-        break;  // On a CAN interface, one claim covers the plants of all
-                // axes.
+        break;  // a CAN interface needs only one lock for the plants of all axes
     }
     transport = open_plant_transport(options, report.injected);
     exchange = std::make_unique<PlantExchange>(*transport, options.timeouts);
@@ -122,7 +121,8 @@ LinkedPlants::LinkedPlants(std::span<const Experiment> experiments, std::uint8_t
 
 LinkedPlants::~LinkedPlants() = default;
 
-// The plants' end of a session. It handles suspensions of this process and a silent axis_node.
+// The plants' end of a session, which continues after a suspension of this process and after a
+// silence of axis_node.
 class LinkedPlants::Session {
  public:
   Session(Ends &ends, const LinkSession &session)
@@ -165,7 +165,7 @@ class LinkedPlants::Session {
   }
 
  private:
-  // Returns whether this process was suspended.
+  // Returns true if this process was suspended since the last call.
   bool check_self() {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
@@ -192,7 +192,8 @@ class LinkedPlants::Session {
   const LinkSession &session_;
   StallWatch stall_;
   std::int64_t tick_ = 0;
-  // Axes for which this machine can check whether axis_node still runs; bit axis - 1 for each.
+  // Bit axis - 1 is set if the axis_node of this axis runs on this machine, so that its end can be
+  // detected.
   unsigned visible_ = 0;
   std::optional<Clock::time_point> silent_since_;
 };

@@ -1,6 +1,6 @@
 #pragma once
-// A session: nodes that run until somebody ends them, and continue after one of them was suspended
-// (SIGSTOP, or a suspended machine). Both ends of a link use it.
+// A session: axis_node and plant_node run until the user ends them, and continue after one of them
+// was suspended (by SIGSTOP or with the machine). The ends of a link use these classes.
 #include <time.h>
 
 #include <algorithm>
@@ -11,16 +11,16 @@
 
 namespace forceaxis::host {
 
-// Detects that this process was suspended for some time. Its clock also runs while the machine is
-// suspended.
+// Detects that this process was suspended for some time. The clock used also runs while the machine
+// is suspended.
 class StallWatch {
  public:
   // A suspension shorter than `limit` is ignored. The limit is at least 0.25 s.
   explicit StallWatch(std::chrono::milliseconds limit)
       : limit_ns_(std::max<std::int64_t>(limit.count(), 250) * 1'000'000), before_ns_(now_ns()) {}
 
-  // Must be called at least every 100 ms. Returns the time since the previous call if the process
-  // was suspended in between.
+  // Must be called at least every 100 ms. If the process was suspended since the previous call,
+  // returns the time since this call. Otherwise returns nothing.
   std::optional<std::chrono::milliseconds> poll() {
     const std::int64_t now = now_ns();
     const std::int64_t gap = now - before_ns_;
@@ -39,7 +39,7 @@ class StallWatch {
   std::int64_t before_ns_;
 };
 
-// Number and sum of the times in which a session was interrupted.
+// Number and total time of the interruptions of a session.
 struct Interruptions {
   int count = 0;
   std::chrono::milliseconds total{0};

@@ -1,6 +1,6 @@
 #pragma once
-// Carries records as datagrams, which may be lost, duplicated or late. The protocol of exchange.hpp
-// ensures that each tick is computed exactly once.
+// Transports records as datagrams, which can be lost, duplicated or late. The protocol in
+// exchange.hpp ensures that each tick is computed exactly once.
 #include <chrono>
 #include <cstdint>
 #include <span>
@@ -17,18 +17,19 @@ struct TransportError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// One end of a link. `Out` is the type of the records that it sends, `In` of those that it
-// receives. An object belongs to one thread.
+// One end of a link. `Out` is the type of the sent records, `In` the type of the received records.
+// Only one thread may use an object.
 template <class Out, class In>
 class Transport {
  public:
   virtual ~Transport() = default;
 
-  // Sends each record once. Throws TransportError if the operating system refuses.
+  // Sends each record once. Throws TransportError if the operating system refuses a record.
   virtual void send(std::span<const Out> records) = 0;
 
-  // Waits at most `wait` for a record, then receives all pending records. Returns the number of
-  // records of this run, which is 0 if the time has expired or only foreign data has arrived.
+  // Waits for a record, at most the time `wait`, then receives all pending records. Returns the
+  // number of received records of this run. This number is 0 if no record or only foreign records
+  // have arrived.
   virtual std::size_t receive(std::span<In> records, std::chrono::milliseconds wait) = 0;
 
   // Returns the number of received records that do not belong to this run or are malformed.

@@ -5,8 +5,8 @@
 namespace forceaxis::modbus {
 namespace {
 
-// Transaction, protocol (0) and length have 16 bits each; the unit follows. The length counts the
-// bytes after the length field.
+// Sizes of the header in bytes. The header has transaction, protocol (0) and length with 16 bits
+// each, then the unit. The length is the number of bytes after the length field.
 constexpr std::size_t kHeader = 7, kBeforeLength = 6;
 constexpr std::size_t kLeast = 2, kMost = 254;
 
@@ -22,7 +22,8 @@ std::size_t FrameBuffer::length() const {
 }
 
 bool FrameBuffer::broken() const {
-  // The first bytes distinguish another protocol, even if only a few bytes have arrived.
+  // Bytes 2 and 3 show that the client uses another protocol, even before the complete header has
+  // arrived.
   const bool other = (bytes_.size() > 2 && bytes_[2] != 0) || (bytes_.size() > 3 && bytes_[3] != 0);
   const bool sized = bytes_.size() >= kBeforeLength;
   return other || (sized && (length() < kLeast || length() > kMost)) || bytes_.size() > kMostBytes;

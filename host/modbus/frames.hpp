@@ -1,6 +1,6 @@
 #pragma once
-// Frames of Modbus TCP (MBAP). These functions convert bytes of a stream to requests, and answers
-// to bytes. They do not read or write sockets.
+// Frames of Modbus TCP (MBAP). These functions convert bytes of a TCP stream to requests, and
+// answers to bytes, but do not access sockets.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -23,23 +23,25 @@ struct Request {
   Pdu pdu;  // 1 to 253 bytes
 };
 
-// The received bytes of one client that are not yet processed.
+// The bytes that one client has sent and that are not yet processed.
 class FrameBuffer {
  public:
-  // Limit for a client that sends requests without reading the responses, in bytes.
+  // Largest number of bytes in the buffer. A client can exceed this number if it sends requests
+  // without reading the responses.
   static constexpr std::size_t kMostBytes = 65536;
 
   void append(std::span<const std::uint8_t> bytes);
-  // Removes and returns the first request, or nothing if it is not complete.
+  // Removes the first request from the buffer and returns the request. Returns nothing if the first
+  // request is not complete.
   std::optional<Request> take();
-  // Returns true if the stream has no valid header, so that the next frame cannot be found, or if
-  // it has more than kMostBytes bytes.
+  // Returns true if the first header is not valid, so that the next frame cannot be found, or if
+  // the buffer has more than kMostBytes bytes.
   bool broken() const;
   bool empty() const { return bytes_.empty(); }
 
  private:
-  // Returns the number of bytes after the length field of the first frame; 0 if the length is not
-  // yet known or not valid.
+  // Returns the number of bytes after the length field of the first frame. Returns 0 if this number
+  // is not yet known or not valid.
   std::size_t length() const;
 
   std::vector<std::uint8_t> bytes_;

@@ -22,8 +22,8 @@ struct ContextDeleter {
   void operator()(modbus_t *context) const { modbus_free(context); }
 };
 
-// Returns whether an answer belongs to an accepted write. The function code of an exception has bit
-// 7 set.
+// Returns true if an answer confirms a write. The function code of an exception is not in kWrites,
+// because bit 7 of this code is set.
 bool is_accepted_write(const Pdu &answer) {
   constexpr std::uint8_t kWrites[] = {5, 6, 15, 16, 22, 23};
   return !answer.empty() && std::ranges::find(kWrites, answer[0]) != std::end(kWrites);
@@ -64,8 +64,8 @@ TcpServer::Clients::iterator TcpServer::most_idle(Time now) {
 }
 
 std::pair<std::uint64_t, int> TcpServer::accept(Time now) {
-  // modbus_tcp_accept() would close the listening socket if a client disconnects before it is
-  // accepted.
+  // accept4() is used because modbus_tcp_accept() would close the listening socket if a client
+  // disconnects too early.
   const int socket = ::accept4(listening_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
   if (socket < 0) return {0, -1};
   if (clients_.size() == kMostClients) {
@@ -76,7 +76,8 @@ std::pair<std::uint64_t, int> TcpServer::accept(Time now) {
     }
     drop(idle);
   }
-  // Each response is one small packet, which Nagle's algorithm would only delay.
+  // Nagle's algorithm is switched off, because it would delay the responses, which are small
+  // packets.
   const int on = 1;
   ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   Client &client = clients_[++last_client_];
