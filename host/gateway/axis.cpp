@@ -15,11 +15,12 @@ using lcm_bus::kNotAvailable;
 constexpr std::uint32_t kEmergency = 0x080, kHeartbeat = 0x700;
 constexpr std::uint32_t kInvalid = 0x80000000, kNoRemote = 0x40000000;
 constexpr std::uint8_t kStart = 1;
-// Number of heartbeat periods after which a heartbeat counts as lost.
+// Number of periods without heartbeat after which the axis is reported as lost.
 constexpr int kLateHeartbeats = 3;
 
-// The process data objects (PDOs) for the message AXIS_n_STATE. The first two are the defaults of
-// the node. The others are off by default and are mapped to the remaining values of the state.
+// The process data objects (PDOs) from which the message AXIS_n_STATE is made. The first two PDOs
+// are active in a node by default. The gateway activates the other PDOs and maps the remaining
+// values of the state to them.
 struct PdoPlan {
   std::uint32_t cob_id;
   std::uint8_t transmission;
@@ -38,7 +39,8 @@ constexpr std::array<PdoPlan, 4> kPlans{{
 }};
 constexpr int kLastPdo = 3;
 
-// Objects that are read in turn, unless a PDO has transmitted their value shortly before.
+// Objects that are read one after the other. An object is not read if a PDO has transmitted its
+// value a short time before.
 constexpr std::uint16_t kPolled[] = {
     AXIS_OBJ_ACTIVE_MODE,     AXIS_OBJ_ERROR_CODE,      AXIS_OBJ_LIMIT_CYCLE,
     AXIS_OBJ_FORCE_ACTUAL,    AXIS_OBJ_CURRENT_ACTUAL,  AXIS_OBJ_CURRENT_RAW,
@@ -114,12 +116,12 @@ void GatewayAxis::receive_heartbeat(std::uint8_t state) {
   }
 }
 
-// The time without heartbeat is counted in periods of the gateway, so a suspension of the complete
-// machine does not count.
+// The time without heartbeat is a number of periods of the gateway, so that it does not increase
+// while the machine of the gateway is suspended.
 void GatewayAxis::watch_heartbeat(std::chrono::milliseconds period) {
   if (!present_ || !heartbeats_) return;
   silence_ += period;
-  // Before the set-up, the node has its own heartbeat period, 200 ms by default.
+  // Before the configuration, the node sends heartbeats with its own period, 200 ms by default.
   const auto beat = set_up_boots_ == boots_ && !mismatch_ ? settings_.heartbeat
                                                           : std::max(settings_.heartbeat, 1000ms);
   if (silence_ > kLateHeartbeats * beat) lose("heartbeat lost", silence_.count());
@@ -144,7 +146,7 @@ void GatewayAxis::receive_emergency(const canopen::Frame &frame) {
 }
 
 void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
-  // Before the set-up, a PDO may be mapped to any object.
+  // Before the configuration, a PDO can be mapped to any object.
   if (set_up_boots_ != boots_ || mismatch_) return;
   std::size_t at = 0;
   for (const std::uint16_t object : kPlans[static_cast<std::size_t>(pdo)].objects) {
@@ -154,7 +156,7 @@ void GatewayAxis::receive_pdo(int pdo, const canopen::Frame &frame) {
     const std::int64_t value =
         value_of(std::span(frame.data).subspan(at, address.bytes), address.is_signed);
     publisher_.update(object, value);
-    // A later owner over Modbus may be a client that does not use this gateway.
+    // If Modbus becomes the owner later, the owner can be a client that does not use this gateway.
     if (object == AXIS_OBJ_COMMAND_SOURCE && value != AXIS_COMMAND_SOURCE_MODBUS) {
       modbus_is_ours_ = false;
     }
@@ -178,7 +180,7 @@ Task<void> GatewayAxis::supervise() {
   }
 }
 
-// Polls a node until it answers, because it may send no heartbeat.
+// Reads an object repeatedly until the node answers, because the node may send no heartbeats.
 Task<bool> GatewayAxis::find() {
   const ObjectResult type = co_await master_port().read(AXIS_OBJ_DEVICE_TYPE);
   if (!type.silent) {
@@ -237,7 +239,8 @@ Task<bool> GatewayAxis::set_up() {
       if (!co_await set_up_pdo(pdo)) co_return false;
     }
     if (!co_await set_parameters()) co_return false;
-    // This also starts a node that another master has stopped, or that was reset.
+    // The NMT command "start" is also needed if the node was reset or if another master has stopped
+    // the node.
     send_({0, 2, {kStart, static_cast<std::uint8_t>(number())}});
   }
   if (boots != boots_) co_return false;
@@ -280,8 +283,8 @@ Task<bool> GatewayAxis::open_channels() {
     const ObjectAddress cob_id = address_of(object);
     const ObjectResult held = co_await master_port().read(cob_id);
     if (failed(held, name_of(object))) co_return false;
-    // CiA 301 forbids a change from one valid identifier to another one, so the server is switched
-    // off first.
+    // CiA 301 forbids to change from one valid identifier to another valid identifier, so the
+    // server is first switched off.
     if (held.value != wanted && (held.value & kInvalid) == 0) {
       const bool closed = co_await set(cob_id, held.value | kInvalid, name_of(object));
       if (!closed) co_return false;
@@ -376,7 +379,7 @@ Task<bool> GatewayAxis::set_parameters() {
   for (const AxisSettings::Parameter &p : settings_.parameters) {
     const ObjectResult written = co_await master_port().write(p.object, p.raw);
     if (!failed(written, name_of(p.object))) continue;
-    // A refused value is reported. The axis is monitored in spite of it.
+    // A refused value is reported but does not end the configuration.
     if (written.silent || written.abort == canopen::kAbortLocked) co_return false;
   }
   co_return true;
@@ -401,8 +404,8 @@ Task<void> GatewayAxis::poll_next() {
   }
 }
 
-// Writes through the channel of the client that owns the axis. Only the CANopen master can end the
-// heartbeat monitoring.
+// Makes CANopen the owner by a write over the channel of the present owner. This is necessary
+// because only the CANopen master can end the heartbeat monitoring.
 Task<bool> GatewayAxis::give_to_canopen(std::int64_t owner) {
   if (owner == AXIS_COMMAND_SOURCE_CANOPEN) co_return true;
   ObjectPort port = owner == AXIS_COMMAND_SOURCE_LCM ? lcm_port() : modbus_port();
@@ -427,8 +430,8 @@ Task<void> GatewayAxis::shut_down() {
       state = co_await master_port().read(AXIS_OBJ_DRIVE_STATE);
     }
   }
-  // An axis that is still enabled keeps its heartbeat monitoring: the lost heartbeat will disable
-  // it.
+  // If the axis is still enabled, its heartbeat monitoring remains on, so that the lost heartbeat
+  // disables the axis.
   if (!state.ok() || state.value == AXIS_DRIVE_STATE_OPERATION_ENABLED ||
       state.value == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE) {
     co_return;

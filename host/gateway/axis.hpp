@@ -1,13 +1,13 @@
 #pragma once
-// One axis of the gateway. As CANopen master, the gateway sets up the axis, monitors and polls it,
-// and publishes its state over LCM.
+// One axis of the gateway. As CANopen master, the gateway configures, monitors and polls the axis,
+// and publishes the state of the axis over LCM.
 //
-// The default SDO channel belongs to the master: it carries set-up, polling and uploads of the
-// recorder, and counts as CANopen. The SDO channels of LCM and Modbus carry only requests of their
-// clients, so only the writes of a client trigger the watchdog of the axis. The SDO servers of
-// these channels are off until the set-up has given them identifiers, and a reset of the node
-// switches them off again. Without these channels, reads and stops use the default channel, and all
-// other writes are refused.
+// Only the master uses the default SDO channel: for the configuration, for polling and for uploads
+// of the recorder. Writes over the default channel have the source CANopen. The SDO channels of LCM
+// and Modbus transfer only the requests of LCM and Modbus clients, so only the writes of a client
+// restart the watchdog of the axis. The SDO servers of these two channels are off until the gateway
+// has configured their identifiers, and after a reset of the node. While they are off, reads and
+// stops use the default channel, and all other writes are refused.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -25,21 +25,24 @@ extern "C" {
 namespace forceaxis::nodes {
 
 struct AxisSettings {
-  int number = 1;    // node id of the axis, also its Modbus unit and LCM channel
-  int master = 127;  // node id of the gateway
-  // First of the four CAN identifiers of the SDO channels of the axis.
+  // Node id of the axis, which is also the number of its Modbus unit and LCM channel.
+  int number = 1;
+  // Node id of the gateway.
+  int master = 127;
+  // First of the four CAN identifiers of the axis for the SDO channels of LCM and Modbus.
   std::uint32_t first_sdo = 0x680;
-  std::chrono::milliseconds heartbeat{100};  // heartbeat period of axis and gateway
-  // Time without heartbeat of the gateway after which the axis disables itself.
+  // Heartbeat period of the axis and of the gateway.
+  std::chrono::milliseconds heartbeat{100};
+  // Time without heartbeats of the gateway after which the axis disables the drive.
   std::chrono::milliseconds watch{300};
   std::chrono::milliseconds sdo_timeout{500};
-  std::chrono::milliseconds poll{10};  // time between the reads of two polled objects
+  std::chrono::milliseconds poll{10};  // time from one read of a polled object to the next read
   struct Parameter {
     std::uint16_t object;
     std::int64_t raw;
   };
-  std::vector<Parameter> parameters;  // parameters that the gateway writes at each set-up of the
-                                      // axis
+  // Parameters that the gateway writes at each configuration of the axis.
+  std::vector<Parameter> parameters;
 };
 
 class GatewayAxis {
@@ -48,27 +51,30 @@ class GatewayAxis {
               const AxisSettings &settings);
 
   int number() const { return settings_.number; }
-  // Starts set-up, polling and monitoring. They continue until the loop is abandoned.
+  // Starts configuration, polling and monitoring of the axis, which continue until the event loop
+  // is abandoned.
   void start();
 
-  // Processes a frame from the bus. Frames of other nodes are ignored.
+  // Processes a frame from the CAN bus. Frames of other nodes are ignored.
   void receive(const canopen::Frame &frame);
-  // To be called before a SYNC is sent: publishes the state that followed the previous SYNC.
+  // Publishes the state that the axis has sent after the previous SYNC. To be called before each
+  // SYNC.
   void before_sync();
-  // To be called once in each period, after all received frames. Reports a lost heartbeat.
+  // Reports a lost heartbeat. To be called once in each period, after all received frames were
+  // processed.
   void watch_heartbeat(std::chrono::milliseconds period);
 
-  // To be called after a client of this gateway has written the owner of the axis. If the owner is
-  // then Modbus, it is a client of the gateway and not a client on the serial line of the axis.
+  // To be called after a Modbus client of this gateway has written the owner of the axis. A Modbus
+  // owner is then a client of this gateway, and not a client on the serial line of the axis.
   void acquired_by_modbus() { modbus_is_ours_ = true; }
 
-  // Stops the axis if its owner is CANopen or a client of the gateway, because this owner will lose
-  // its connection. Then makes CANopen the owner, and ends the monitoring of the gateway's
-  // heartbeat by the axis.
+  // Stops the axis if its owner is CANopen or a client of the gateway, because this owner loses its
+  // connection. Then makes CANopen the owner, and ends the heartbeat monitoring of the gateway in
+  // the axis.
   Task<void> shut_down();
 
-  // Returns true if the axis has the object table of this program, is not silent, and has open SDO
-  // channels for the clients.
+  // Returns true if the axis answers, has the same object table as this program, and has open SDO
+  // channels for LCM and Modbus.
   bool writes_allowed() const { return table_known_ && !mismatch_ && channels_open(); }
   bool mismatch() const { return mismatch_; }
   std::int64_t table_hash() const { return table_hash_; }
@@ -93,8 +99,8 @@ class GatewayAxis {
   Task<bool> watch_each_other();
   Task<bool> set_up_pdo(int pdo);
   Task<bool> set_parameters();
-  // Writes a value unless the object already has it. Returns false if this fails; the set-up then
-  // ends and starts again.
+  // Writes a value unless the object already has this value. Returns false if the write fails. The
+  // configuration of the axis then ends and is repeated.
   Task<bool> ensure(ObjectAddress address, std::int64_t value, std::string_view what);
   Task<bool> set(ObjectAddress address, std::int64_t value, std::string_view what);
   bool failed(const ObjectResult &result, std::string_view what);
@@ -114,18 +120,18 @@ class GatewayAxis {
   AxisSettings settings_;
   SdoChannel master_, modbus_, lcm_channel_;
 
-  bool present_ = false;  // The axis answers requests or sends heartbeats.
+  bool present_ = false;  // true: the axis answers requests or sends heartbeats
   bool reported_waiting_ = false;
   bool reported_locked_ = false;
-  bool heartbeats_ = false;  // The axis sends heartbeats.
+  bool heartbeats_ = false;  // true: the axis sends heartbeats
   bool modbus_is_ours_ = false;
   bool table_known_ = false;
   bool mismatch_ = false;
-  bool published_ = true;  // The state was published after the last SYNC.
+  bool published_ = true;  // true: the state after the last SYNC was published
   std::int64_t table_hash_ = lcm_bus::kNotAvailable;
   std::int64_t nmt_state_ = axis_state_t::NMT_SILENT;
   std::uint64_t boots_ = 1, set_up_boots_ = 0, open_boots_ = 0;
-  std::chrono::milliseconds silence_{0};  // time since the last heartbeat of the axis
+  std::chrono::milliseconds silence_{0};  // time without a heartbeat of the axis
   std::size_t next_poll_ = 0;
 };
 

@@ -31,8 +31,8 @@ std::string error_text(const can_frame &frame) {
 
 }  // namespace
 
-// A filter in the kernel discards frames that receive() would ignore, so that even many of them
-// need no time here.
+// A filter in the kernel discards the frames that receive() ignores, so that these frames take no
+// time of this program.
 CanQueue::CanQueue(const std::string &interface)
     : socket_(interface,
               {.filter = {0, CAN_EFF_FLAG | CAN_RTR_FLAG}, .errors = CAN_ERR_MASK, .deep = true}) {}

@@ -18,16 +18,16 @@ using namespace std::chrono_literals;
 using lcm_bus::kNotAvailable;
 
 constexpr std::size_t kKeptAnswers = 2000;
-// Number of clients for which only the number of the last command is kept, in 2 MiB.
+// Largest number of clients in forgotten_, for which 2 MiB are sufficient.
 constexpr std::size_t kMostForgotten = 32768;
 constexpr std::size_t kMostWaiting = 200;
 constexpr int kMostStopping = 20;
-// Limits for the items of kept answers and of waiting commands. They bound the memory, independent
-// of what clients send.
+// Largest numbers of items in stored answers and in waiting commands. These limits bound the memory
+// for any number of commands that clients send.
 constexpr std::size_t kKeptItems = 65536, kMostWaitingItems = 16384;
 constexpr std::uint16_t kRecorderData = 0x2120;
-// A block has 32 samples and is sent every 16 ms, 2000 samples a second. At this rate UDP loses no
-// messages.
+// A block of 32 samples is sent every 16 ms, so the rate is 2000 samples per second. UDP loses no
+// messages at this rate.
 constexpr std::size_t kBlock = 32;
 constexpr auto kBlockTime = 16ms;
 constexpr auto kRecorderPoll = 20ms;
@@ -38,23 +38,23 @@ std::string hex(unsigned value) {
   return text;
 }
 
-// Returns whether the client no longer waits for an answer. The client chooses both numbers, so
-// their sum could overflow.
+// Returns true if the client no longer waits for an answer. wall_utime and timeout_us come from the
+// client, so their sum could overflow.
 bool late(const axis_command_t &command) {
   return command.wall_utime < 0 || command.timeout_us < 0 ||
          lcm_bus::wall_us() - command.wall_utime > command.timeout_us;
 }
 
-// Returns the wall clock in us at which the client stops waiting, or the largest number if this is
-// never.
+// Returns the time of the wall clock in us until which the client waits for an answer. If the time
+// is not limited, returns the largest number.
 std::int64_t end_of(const axis_command_t &command) {
   const std::int64_t left = INT64_MAX - std::max<std::int64_t>(command.wall_utime, 0);
   return command.timeout_us > left ? INT64_MAX : command.wall_utime + command.timeout_us;
 }
 
-// Returns whether the command only stops the axis. Such a command is accepted from every client,
-// waits for no other command and cannot be too late. It needs no matching object table, because CiA
-// 402 defines the controlword.
+// Returns true if the command only stops the axis. A stop command is accepted from every client,
+// does not wait for other commands, and is never too late. A stop command is also accepted if the
+// object table of the axis differs, because CiA 402 defines the controlword.
 bool only_stops(const axis_command_t &command) {
   if (command.kind != axis_command_t::KIND_WRITE || command.object.size() != 1) return false;
   const std::int64_t value = command.value[0];
@@ -78,11 +78,10 @@ void GatewayCommands::receive(const axis_command_t &command) {
   }
   const bool stops = command.axis == axis_.number() && only_stops(command);
   if (stops) {
-    if (stopping_ >= kMostStopping)
-      return;  // Too many stops are in progress; the client will repeat its command.
+    if (stopping_ >= kMostStopping) return;  // the client repeats its command
   } else {
-    // A late command is not executed, because its client no longer waits for it and the axis must
-    // not move late.
+    // A late command is not executed, because the client no longer waits for the answer and the
+    // axis must not move late.
     if (late(command)) return;
     if (const auto why = why_not_again(id)) {
       Answer answer;
@@ -90,7 +89,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
       answer.text = *why;
       return publish_answer(id, answer);
     }
-    // The client repeats the command.
+    // The client repeats the command until it is answered.
     if (waiting_.size() >= kMostWaiting || waiting_items_ >= kMostWaitingItems) return;
   }
   answers_[id].until_us = end_of(command);
@@ -123,7 +122,8 @@ Task<void> GatewayCommands::stop(axis_command_t command) {
   answer({command.run_id, command.command_id}, done);
 }
 
-// A command without an answer is never deleted, because its repetition would be executed again.
+// A command without an answer is never deleted, because a repetition of the command would then be
+// executed again.
 void GatewayCommands::forget_oldest() {
   while (order_.size() > kKeptAnswers || kept_items_ > kKeptItems) {
     const auto oldest = answers_.find(order_.front());
@@ -168,7 +168,7 @@ Task<void> GatewayCommands::serve() {
   }
 }
 
-// Returns the reason to refuse the complete command, or nothing.
+// Returns the reason to refuse all items of a command, or nothing.
 std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &command) const {
   const bool by_address = command.kind == axis_command_t::KIND_READ &&
                           std::ranges::all_of(command.object, [](const std::string &name) {
@@ -220,7 +220,7 @@ Task<GatewayCommands::Answer> GatewayCommands::carry_out(const axis_command_t &c
 std::optional<GatewayCommands::Target> GatewayCommands::target_of(const std::string &name) {
   const auto object = host::find_object(name);
   if (object) return Target{address_of(*object), *object};
-  // such as "0x6040" or "0x2010:3"
+  // The name can be an address, such as "0x6040" or "0x2010:3".
   if (!name.starts_with("0x")) return std::nullopt;
   const char *const end = name.data() + name.size();
   unsigned index = 0, sub = 0;
@@ -252,7 +252,7 @@ GatewayCommands::Answer GatewayCommands::refused(Answer answer, const std::strin
 
 namespace {
 
-// Returns the reason for which an object was not written or read.
+// Returns the reason why an object was not written or read.
 std::string reason_of(const ObjectResult &result, std::uint16_t object, const GatewayAxis &axis) {
   if (result.silent) return "the axis did not answer in time";
   if (result.abort == canopen::kAbortLocked) {
@@ -400,8 +400,9 @@ void GatewayCommands::end_capture(lcm_bus::CommandId id, std::int64_t code,
   axis_.publisher().event(axis_event_t::EVENT_CAPTURE, code, text, {}, id);
 }
 
-// Waits for the recorder and uploads its recording. These transfers use the channel of the master,
-// so that the channel of the client can carry further commands during a long upload.
+// Waits until the recorder has finished, and uploads the recording. The upload uses the SDO channel
+// of the master, so that clients can send further commands over the channel of LCM during a long
+// upload.
 Task<void> GatewayCommands::follow_capture(axis_command_t command) {
   const lcm_bus::CommandId id{command.run_id, command.command_id};
   while (loop_.running()) {

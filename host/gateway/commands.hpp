@@ -1,6 +1,6 @@
 #pragma once
-// Executes the commands for one axis that clients send over LCM (host/lcm/axis.lcm), through the
-// LCM channel of the axis.
+// Executes the commands for one axis that clients send over LCM (host/lcm/axis.lcm). The commands
+// use the SDO channel of LCM.
 #include <map>
 #include <optional>
 
@@ -14,31 +14,34 @@ class GatewayCommands {
       : loop_(loop), lcm_(lcm), axis_(axis), waiting_(loop) {}
 
   void start() { loop_.spawn(serve()); }
-  // Accepts a received command. If a command is repeated, its first answer is sent again.
+  // Accepts a received command. If a command is repeated after its answer, the answer is sent
+  // again.
   void receive(const axis_command_t &command);
 
  private:
-  // A command of a client, and its answer after the command is complete.
+  // The answer to a command of a client. A command in progress has an Answer with kind 0.
   struct Answer {
-    std::int64_t kind = 0;  // kind of the answer; 0: the command has no answer yet
+    std::int64_t kind = 0;  // kind of answer; 0: the command is in progress
     std::int64_t code = 0;
     std::string text;
     std::vector<lcm_bus::Item> items;
-    std::int64_t until_us = 0;  // wall clock in us until which the client repeats its command
+    // Time of the wall clock in us until which the client repeats its command.
+    std::int64_t until_us = 0;
   };
-  // A client whose oldest answers were deleted. A client numbers its commands in ascending order,
-  // so any command with a number up to `command_id` is a repetition.
+  // A client whose oldest answers were deleted. The numbers of the commands of a client ascend, so
+  // any command with a number up to `command_id` is a repetition.
   struct Forgotten {
     std::int64_t command_id = 0;
-    // Wall clock in us until which the client repeats one of these commands.
+    // Time of the wall clock in us until which the client repeats a command whose answer was
+    // deleted.
     std::int64_t until_us = 0;
   };
   using Id = std::pair<std::int64_t, std::int64_t>;
-  // The object that an item of a command names.
+  // The object whose name or address is in an item of a command.
   struct Target {
     ObjectAddress address;
-    std::uint16_t object = AXIS_OBJ_NONE;  // AXIS_OBJ_NONE for an address without object in the
-                                           // table
+    // AXIS_OBJ_NONE: the object table has no object with this address.
+    std::uint16_t object = AXIS_OBJ_NONE;
   };
 
   Task<void> serve();
@@ -59,8 +62,8 @@ class GatewayCommands {
   void answer(Id id, const Answer &answer);
   void publish_answer(Id id, const Answer &answer);
   void forget_oldest();
-  // Returns the reason to refuse a command that may have been executed before, or that cannot be
-  // recorded because the memory for commands is full. Otherwise returns nothing.
+  // Returns the reason to refuse a command, or nothing. A command is refused if it has perhaps been
+  // executed before, or if the memory for commands is full.
   std::optional<std::string> why_not_again(Id id);
 
   EventLoop &loop_;
@@ -68,10 +71,10 @@ class GatewayCommands {
   GatewayAxis &axis_;
   Mailbox<axis_command_t> waiting_;
   std::map<Id, Answer> answers_;
-  std::deque<Id> order_;  // ids of the commands in answers_, the oldest first
-  std::map<std::int64_t, Forgotten> forgotten_;  // clients by their run_id
+  std::deque<Id> order_;  // ids of the commands in answers_, starting with the oldest
+  std::map<std::int64_t, Forgotten> forgotten_;  // key: run_id of the client
   std::size_t kept_items_ = 0, waiting_items_ = 0;
-  int stopping_ = 0;  // number of stop commands in progress
+  int stopping_ = 0;  // number of stop commands that are in progress
   bool capturing_ = false;
   std::int64_t captures_ = 0;
 };

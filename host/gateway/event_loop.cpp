@@ -20,7 +20,8 @@ struct EventLoop::Detached {
 
 namespace {
 
-// Returns the handle of the coroutine that awaits this object, without suspending it.
+// An awaitable object that returns the handle of the awaiting coroutine without suspending this
+// coroutine.
 struct OwnHandle {
   void *address = nullptr;
   bool await_ready() const { return false; }
@@ -50,7 +51,8 @@ void EventLoop::spawn(Task<void> task) {
 }
 
 void EventLoop::abandon() {
-  // Timers and posted calls have handles of the coroutines that are destroyed here.
+  // Timers and posted calls are deleted, because they contain handles of the coroutines that are
+  // destroyed here.
   timers_.clear();
   timer_times_.clear();
   posted_.clear();
@@ -80,8 +82,8 @@ void EventLoop::cancel(std::uint64_t timer) {
 }
 
 void EventLoop::run_posted() {
-  // Calls that are posted during this loop run too. The caller waits for file descriptors only
-  // after all of them.
+  // Calls that are posted during this loop are also executed, before run() waits for file
+  // descriptors.
   while (!posted_.empty() && !stopped_ && !error_) {
     const Call call = std::move(posted_.front());
     posted_.pop_front();
@@ -119,7 +121,7 @@ void EventLoop::run() {
     for (const auto &[fd, watched] : watched_) fds.push_back({fd, watched.events(), 0});
     if (::poll(fds.data(), fds.size(), milliseconds_left()) <= 0) continue;
     for (const pollfd &found : fds) {
-      // A call may end the watch of another file descriptor.
+      // `ready` of one file descriptor can call unwatch() for another file descriptor.
       const auto watched = watched_.find(found.fd);
       if (found.revents == 0 || watched == watched_.end()) continue;
       const auto ready = watched->second.ready;

@@ -1,5 +1,6 @@
 #pragma once
-// A thread that waits for file descriptors and times, and between them runs coroutines.
+// A loop in one thread that waits for events of file descriptors and for times, and runs
+// coroutines.
 #include <poll.h>
 
 #include <chrono>
@@ -28,25 +29,26 @@ class EventLoop {
   EventLoop &operator=(const EventLoop &) = delete;
   ~EventLoop() { abandon(); }
 
-  // Watches a file descriptor. `events` is called before each wait and returns the events to wait
-  // for. `ready` is called with the events that poll() has found.
+  // Waits for events of a file descriptor from now on. `events` is called before each poll() and
+  // returns the events of interest. `ready` is called with the events that poll() has reported.
   void watch(int fd, std::function<short()> events, std::function<void(short)> ready);
   void unwatch(int fd) { watched_.erase(fd); }
 
-  // Calls `call` once, at this time or later. The returned number can cancel the call.
+  // Calls `call` once, at the given time or later. Returns a number with which cancel() can cancel
+  // the call.
   std::uint64_t at(Time time, Call call);
   void cancel(std::uint64_t timer);
 
-  // Calls `call` before the next wait. Calls run in the order in which they were posted.
+  // Calls `call` before the loop waits again. All posted calls run in the order of post().
   void post(Call call) { posted_.push_back(std::move(call)); }
 
-  // Runs until stop() is called. Throws the exception of a spawned coroutine.
+  // Runs the loop until stop() is called. Throws the exception that a spawned coroutine has thrown.
   void run();
   void stop() { stopped_ = true; }
   bool running() const { return !stopped_; }
 
-  // Starts a coroutine that no other coroutine awaits. The loop owns it until it ends or abandon()
-  // is called.
+  // Starts a coroutine that no other coroutine awaits. The loop owns the coroutine until the
+  // coroutine ends or abandon() is called.
   void spawn(Task<void> task);
   // Destroys all spawned coroutines. All objects to which they refer must still exist.
   void abandon();
@@ -86,8 +88,8 @@ class EventLoop {
   bool stopped_ = false;
 };
 
-// A value that one part of the program sets and one coroutine awaits. Any function may set the
-// value at any time. The coroutine continues in the next cycle of the loop.
+// A value that one part of the program sets and that one coroutine awaits. Any function may set the
+// value. The coroutine then continues in the next cycle of the loop.
 template <class T>
 class Completion {
  public:
@@ -110,8 +112,8 @@ class Completion {
   std::coroutine_handle<> waiting_;
 };
 
-// A queue that several parts of the program fill, and from which one coroutine takes values in
-// order.
+// A queue to which several parts of the program add values. One coroutine takes the values in the
+// same order.
 template <class T>
 class Mailbox {
  public:

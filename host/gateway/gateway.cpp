@@ -1,5 +1,5 @@
-// gateway: the CANopen master of one or several axes on a CAN bus, for clients on LCM and Modbus
-// TCP.
+// The program gateway: the CANopen master of one or several axes on a CAN bus, for clients on LCM
+// and Modbus TCP.
 #include <signal.h>
 #include <sys/signalfd.h>
 #include <unistd.h>
@@ -26,11 +26,11 @@ constexpr std::uint32_t kSync = 0x080, kHeartbeat = 0x700;
 constexpr std::uint8_t kOperational = 5;
 constexpr auto kWatchPeriod = 20ms;
 constexpr auto kDropsPeriod = 10s;
-// Limit of frames that one call processes, so that many frames cannot delay SYNC, heartbeat and
-// LCM.
+// Largest number of frames that one call processes. This limit prevents that many frames delay
+// SYNC, heartbeat and LCM.
 constexpr int kMostFrames = 256;
-// Time for which a gateway listens for another gateway at its start. It is longer than the allowed
-// delay of a heartbeat.
+// Time for which a gateway listens for another gateway before it starts. This time is longer than
+// the allowed delay of a heartbeat.
 constexpr auto kClaim = 600ms;
 
 struct OtherGateway : std::runtime_error {
@@ -61,8 +61,8 @@ class Gateway {
   Gateway(const Gateway &) = delete;
   Gateway &operator=(const Gateway &) = delete;
 
-  // Runs until a signal is received on this descriptor and then all axes are at standstill, or
-  // until a second signal. Returns the exit status.
+  // Runs until a signal is received on the descriptor `signals`, then stops all axes and ends when
+  // they are at standstill. A second signal ends the program immediately. Returns the exit status.
   int run(int signals) {
     loop_.watch(
         can_.fd(),
@@ -112,9 +112,9 @@ class Gateway {
     return nullptr;
   }
 
-  // No other node may have the node id of this gateway. The gateway listens for another owner of
-  // the id, then claims the id with a boot-up message. Two gateways that start at the same time
-  // wait for different times, so one of them receives the message of the other.
+  // Checks that no other node has the node id of this gateway. The gateway listens for frames with
+  // this node id, then sends a boot-up message. If two gateways start at the same time, they listen
+  // for different times, so one gateway receives the boot-up message of the other gateway.
   Task<void> begin() {
     std::random_device device;
     const auto jitter = std::chrono::milliseconds(std::uniform_int_distribution(0, 300)(device));
@@ -154,7 +154,7 @@ class Gateway {
               << std::endl;
   }
 
-  // Stops all axes at the same time, so that no axis moves while another one stops.
+  // Stops all axes at the same time, so that no axis moves while another axis stops.
   void end() {
     ending_ = true;
     if (!claimed_) return loop_.stop();
@@ -171,8 +171,8 @@ class Gateway {
     can_.send({kHeartbeat + static_cast<std::uint32_t>(options_.node_id), 1, {state}});
   }
 
-  // Calls `what` at the time `at` and then once in each period. A late call does not delay the next
-  // calls.
+  // Calls `what` immediately and then once in each period, counted from the time `at`. A late call
+  // does not delay the next calls.
   void every(EventLoop::Time at, EventLoop::Clock::duration period, EventLoop::Call what) {
     what();
     EventLoop::Time next = at + period;
@@ -196,7 +196,7 @@ class Gateway {
 
   void watch() {
     every(EventLoop::Clock::now(), kWatchPeriod, [this] {
-      serve_can();  // Received frames must be processed before heartbeats are checked.
+      serve_can();  // a heartbeat may be among the received frames
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
       if (modbus_) modbus_->close_overdue(EventLoop::Clock::now());
       report_trouble();
@@ -204,7 +204,8 @@ class Gateway {
     });
   }
 
-  // Called seldom, so that a sender of invalid messages cannot fill the log.
+  // Reports refused messages, at most once in kDropsPeriod, so that a sender of invalid messages
+  // cannot fill the log.
   void report_drops() {
     const lcm_bus::Drops drops = lcm_.drops();
     const EventLoop::Time now = EventLoop::Clock::now();
@@ -287,7 +288,7 @@ class Gateway {
   std::uint64_t reported_drops_ = 0;
   EventLoop::Time next_drops_;
   bool claimed_ = false, ending_ = false, met_other_ = false;
-  std::size_t unstopped_ = 0;  // number of axes that were not at standstill at the end
+  std::size_t unstopped_ = 0;  // number of axes that did not reach standstill before the end
   int status_ = 0;
 };
 
@@ -314,7 +315,8 @@ int main(int argc, char **argv) {
   } catch (const CLI::ParseError &error) {
     return refuse("gateway", app, error);
   }
-  // Signals are blocked before LCM starts its own thread, which would otherwise receive them.
+  // Signals are blocked before LCM starts its own thread, because otherwise this thread would
+  // receive the signals.
   sigset_t set;
   sigemptyset(&set);
   sigaddset(&set, SIGTERM);

@@ -8,7 +8,7 @@ extern "C" {
 namespace forceaxis::nodes {
 namespace {
 
-// Returns the error for the abort code with which the axis has refused a request.
+// Returns the error FW_ERROR_ for the SDO abort code with which the axis has refused a request.
 int refusal_of(std::uint32_t abort) {
   switch (abort >> 16) {
     case 0x0601:
@@ -37,7 +37,7 @@ bool in_range(std::uint16_t object, std::int32_t bits) {
   return number >= meta.min && number <= meta.max;
 }
 
-// Returns whether a busy store refuses a write to this object.
+// Returns true if a write to this object is refused while the store is busy.
 bool touches_store(std::uint16_t object) {
   return axis_objects[object].stored != 0 || object == AXIS_OBJ_STORE_PARAMETERS ||
          object == AXIS_OBJ_RESTORE_DEFAULTS;
@@ -52,13 +52,13 @@ Task<int> ModbusAxis::read(std::uint16_t object, std::int32_t &value) {
 }
 
 Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
-  // An SDO carries only the bytes of the object: it would carry the value 511 of an 8-bit object as
-  // -1.
+  // The range is checked here, because an SDO transfers only the bytes of the object. For example,
+  // an SDO would transfer the value 511 of an 8-bit object as -1.
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   const ObjectResult result = co_await axis_.modbus_port().write(object, value);
   if (result.ok() && object == AXIS_OBJ_COMMAND_SOURCE) axis_.acquired_by_modbus();
   if (result.abort == canopen::kAbortState && touches_store(object)) {
-    // SDO has the same abort code for a wrong state and for a busy store.
+    // A wrong state and a busy store have the same SDO abort code.
     std::int32_t store = 0;
     const int refusal = co_await read(AXIS_OBJ_STORE_STATE, store);
     if (refusal == FW_OK && store == AXIS_STORE_STATE_SAVING) co_return FW_ERROR_BUSY;
@@ -66,8 +66,8 @@ Task<int> ModbusAxis::write(std::uint16_t object, std::int32_t value) {
   co_return refusal_of(result);
 }
 
-// Makes the checks of the firmware: range, lock and state. Every client may send a write that only
-// stops the axis.
+// Checks range, owner and state like the firmware. A write that only stops the axis is accepted
+// from every client.
 Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_owner) {
   if (!in_range(object, value)) co_return FW_ERROR_RANGE;
   if (cia402_is_stop(object, value)) co_return FW_OK;
@@ -101,7 +101,7 @@ Task<int> ModbusAxis::check(std::uint16_t object, std::int32_t value, bool as_ow
 Task<int> ModbusAxis::carry_out(modbus_access_t &access) {
   const bool writes = access.kind != MODBUS_READ && access.kind != MODBUS_READ_TEXT;
   const bool stops = writes && cia402_is_stop(access.object, access.value);
-  // A stop is tried even if no heartbeat is received, and with any object table.
+  // A stop is sent even if the axis sends no heartbeats or has another object table.
   if (!axis_.present() && !stops) co_return MODBUS_NO_ANSWER;
   if (access.kind == MODBUS_READ) co_return co_await read(access.object, access.value);
   if (access.kind == MODBUS_READ_TEXT) {

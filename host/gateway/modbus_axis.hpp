@@ -1,13 +1,13 @@
 #pragma once
-// Executes the Modbus requests for one axis over SDO, with the server functions of the firmware
-// (firmware/modbus/request.h).
+// Executes Modbus requests for one axis over SDO. The functions in firmware/modbus/request.h
+// interpret the requests.
 //
-// A request reads its objects one after the other from the axis. A 32-bit value is consistent, but
-// the values of one request come from consecutive ticks, at about one object per millisecond. A
-// request that writes several objects writes all of them or none, if no other client writes these
-// objects at the same time: after a refusal, the objects that were written before get their
-// previous values again. Refusals by the lock, by the state or by the range of an object are
-// detected before the first write.
+// The objects of a request are read from the axis one after the other, about one object per
+// millisecond. Each 32-bit value is consistent, but the values of one request come from different
+// ticks. A request that writes several objects writes all objects or none, if no other client
+// writes these objects at the same time. If the axis refuses an object, the gateway writes back the
+// previous values of the objects that were already written. Refusals because of the owner, the
+// state or the range of an object are detected before the first write.
 #include <array>
 #include <string>
 
@@ -22,21 +22,21 @@ namespace forceaxis::nodes {
 
 class ModbusAxis {
  public:
-  // `axis` must exist as long as this object.
+  // `axis` must exist as long as this ModbusAxis.
   explicit ModbusAxis(GatewayAxis &axis) : axis_(axis) {}
 
-  // Executes a request and replaces it with its answer.
+  // Executes the request in `pdu` and writes the answer to `pdu`.
   Task<void> serve(modbus::Pdu &pdu);
 
  private:
-  // Each function returns FW_OK, FW_ERROR_ or MODBUS_NO_ANSWER.
+  // These functions return FW_OK, an error FW_ERROR_ or MODBUS_NO_ANSWER.
   Task<int> carry_out(modbus_access_t &access);
   Task<int> read(std::uint16_t object, std::int32_t &value);
   Task<int> write(std::uint16_t object, std::int32_t value);
   Task<int> check(std::uint16_t object, std::int32_t value, bool as_owner);
 
   GatewayAxis &axis_;
-  std::string text_;  // text of the last access
+  std::string text_;  // text that the last access has read
   std::array<std::uint16_t, MODBUS_COUNTERS> counters_{};
 };
 

@@ -7,8 +7,7 @@ extern "C" {
 namespace forceaxis::nodes {
 namespace {
 
-// The units with which the specification (Messaging on TCP/IP 1.0b, 4.4.1.2) addresses the server
-// itself.
+// Returns true for the units that address the server itself (Messaging on TCP/IP 1.0b, 4.4.1.2).
 constexpr bool is_gateway(std::uint8_t unit) { return unit == 0 || unit == 255; }
 
 constexpr bool identifies(std::uint8_t function) {
@@ -28,8 +27,8 @@ void carry_out(modbus_access_t &access) {
   } else if (access.object == AXIS_OBJ_OBJECT_TABLE_HASH) {
     access.value = static_cast<std::int32_t>(AXIS_OBJECTS_HASH32);
   } else {
-    access.value = AXIS_DRIVE_STATE_OPERATION_ENABLED;  // Modbus function 17 reports with this
-                                                        // value that the gateway runs.
+    // Modbus function 17 reports this value as the state "on" of the gateway.
+    access.value = AXIS_DRIVE_STATE_OPERATION_ENABLED;
   }
 }
 

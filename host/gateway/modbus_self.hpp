@@ -1,7 +1,7 @@
 #pragma once
-// The units of Modbus TCP that are not axes. Units 255 and 0 are the gateway: it has an identity
-// (functions 8, 17 and 43/14, with the server functions of the firmware), and answers requests for
-// registers with exception 1. Any other unit answers with exception 10.
+// The units of Modbus TCP that are not axes. Units 255 and 0 are the gateway, which answers the
+// functions 8, 17 and 43/14 (diagnostics and identification) and refuses requests for registers
+// with exception 1. All other units answer with exception 10.
 #include <array>
 #include <cstdint>
 
@@ -15,7 +15,7 @@ namespace forceaxis::nodes {
 
 class ModbusSelf {
  public:
-  // Executes a request to a unit that is not an axis, and replaces the request with its answer.
+  // Executes the request in `pdu` to a unit that is not an axis, and writes the answer to `pdu`.
   void serve(std::uint8_t unit, modbus::Pdu &pdu);
 
  private:

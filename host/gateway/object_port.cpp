@@ -38,7 +38,7 @@ Task<ObjectResult> ObjectPort::read(ObjectAddress address) {
   const canopen::SdoResult got = co_await channel_.upload(address.index, address.sub);
   ObjectResult result{got.abort, got.silent, 0};
   if (!got.ok()) co_return result;
-  // A different length means that the object tables of axis and gateway differ.
+  // If the length is not the expected length, the object tables of axis and gateway differ.
   if (got.data.size() > 8 || (address.bytes != 0 && got.data.size() != address.bytes)) {
     result.abort = canopen::kAbortLength;
     co_return result;

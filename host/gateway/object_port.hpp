@@ -1,6 +1,5 @@
 #pragma once
-// Access to the objects of one axis through one SDO channel: raw values by the number of the
-// object.
+// Reads and writes the raw values of the objects of one axis through one SDO channel.
 #include <cstdint>
 #include <string>
 
@@ -9,27 +8,27 @@
 namespace forceaxis::nodes {
 
 struct ObjectResult {
-  std::uint32_t abort = 0;  // SDO abort code of the access; 0: success
-  bool silent = false;      // no answer arrived
+  std::uint32_t abort = 0;  // SDO abort code of the access; 0: no error
+  bool silent = false;      // true: no answer has arrived
   std::int64_t value = 0;   // value that was read
 
   bool ok() const { return abort == 0; }
 };
 
-// The address of an object, the length of its value and its sign.
+// Index, sub-index, length and sign of an object.
 struct ObjectAddress {
   std::uint16_t index = 0;
   std::uint8_t sub = 0;
-  std::uint8_t bytes = 0;  // 0: length not known
+  std::uint8_t bytes = 0;  // length of the value; 0: not known
   bool is_signed = false;
 };
 
 ObjectAddress address_of(std::uint16_t object);
 
-// Returns the value of bytes in little-endian order. Bytes after the eighth are ignored.
+// Returns the integer in up to eight little-endian bytes. Further bytes are ignored.
 std::int64_t value_of(std::span<const std::uint8_t> bytes, bool is_signed);
 std::vector<std::uint8_t> bytes_of(std::int64_t value, std::uint8_t bytes);
-// Returns whether a value is in the range of the object's type.
+// Returns true if a value is in the range of the integer type of the object.
 bool fits(std::int64_t value, const ObjectAddress &address);
 
 class ObjectPort {

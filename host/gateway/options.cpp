@@ -17,8 +17,8 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr int kMostNodes = 127;
-// First of the identifiers 680h to 6DFh, which the predefined connection set of CiA 301 neither
-// uses nor restricts. The SDO channels of each axis need four of them.
+// First CAN identifier for the SDO channels of LCM and Modbus. The predefined connection set of CiA
+// 301 does not use the identifiers 680h to 6DFh. Each axis needs four identifiers.
 constexpr std::uint32_t kFirstSdo = 0x680;
 constexpr int kSdosOfAxis = 4, kMostAxes = 24;
 
@@ -54,9 +54,9 @@ std::vector<int> axes_of(const std::string &text) {
   }
 }
 
-// Returns the first identifier of each axis. It follows from the node id modulo 24 if these
-// identifiers are free, so that it does not depend on the other axes of the gateway. Otherwise it
-// is the next free one.
+// Returns the first SDO identifier of each axis. The identifier is computed from the node id modulo
+// 24, so that it does not depend on the other axes of the gateway. If this identifier is not free,
+// the next free identifier is used.
 std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector<int> &axes) {
   if (axes.size() > kMostAxes) {
     throw UsageError("--axes " + o.axes + ": expected at most " + std::to_string(kMostAxes) +
@@ -74,7 +74,8 @@ std::vector<std::uint32_t> first_sdos(const GatewayOptions &o, const std::vector
   return found;
 }
 
-// Reads "NAME=VALUE", with a value in the unit of the object or a text of an enumeration.
+// Reads a parameter "NAME=VALUE". The value is a number in the unit of the object or a text of an
+// enumeration.
 AxisSettings::Parameter parameter_of(const std::string &set, const std::string &assignment) {
   const auto fail = [&set](const std::string &what) {
     throw UsageError("--set " + set + ": " + what);
@@ -169,7 +170,8 @@ void finish_gateway_options(GatewayOptions &o) {
     if (!network) throw UsageError("--lcm-remote " + text + ": " + trouble);
     o.remote.push_back(*network);
   }
-  // 0.0.0.0 means every address of this machine. Other addresses of the network 0 do not exist.
+  // 0.0.0.0 stands for all addresses of this machine. Other addresses that begin with 0 are not
+  // valid.
   in_addr bind{};
   if (inet_pton(AF_INET, o.modbus_address.c_str(), &bind) != 1 ||
       (o.modbus_address[0] == '0' && bind.s_addr != INADDR_ANY)) {

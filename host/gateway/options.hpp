@@ -23,7 +23,7 @@ struct GatewayOptions {
   int sdo_timeout_ms = 500;
   std::vector<std::string> sets;
 
-  // settings of all axes, set by finish_gateway_options()
+  // Settings of all axes, which finish_gateway_options() derives from the options.
   std::vector<AxisSettings> settings;
   std::vector<lcm_bus::Network> remote;
 };

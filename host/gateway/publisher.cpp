@@ -41,7 +41,7 @@ void AxisPublisher::update(std::uint16_t object, std::int64_t value) {
 void AxisPublisher::changed(std::uint16_t object, std::int64_t before, std::int64_t now) {
   const auto value = static_cast<std::int32_t>(now);
   const std::string text = host::enum_text(object, value);
-  // The first known value is not a change. A fault is reported even as the first value.
+  // The first known value of an object is not reported as a change, except for a fault.
   const bool first = before == kNotAvailable;
   switch (object) {
     case AXIS_OBJ_FAULT:
@@ -135,7 +135,7 @@ void AxisPublisher::publish_state(std::int64_t table_hash, std::int64_t nmt_stat
     s.more_name.push_back(host::object_meta(object).name);
     s.more_value.push_back(value(object));
   }
-  // User units of positions and velocities, if the axis has them.
+  // User units of positions and velocities, if the axis uses user units.
   for (const std::uint16_t object : {AXIS_OBJ_FEED, AXIS_OBJ_POSITION_UNIT}) {
     if (value(object) == kNotAvailable || value(object) == 0) continue;
     s.more_name.push_back(host::object_meta(object).name);

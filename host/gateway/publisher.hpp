@@ -1,5 +1,6 @@
 #pragma once
-// Publishes the known values of one axis over LCM: its state on request, and changes as events.
+// Publishes the values of one axis over LCM: the state when publish_state() is called, and changes
+// of values as events.
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -16,14 +17,16 @@ namespace forceaxis::nodes {
 
 class AxisPublisher {
  public:
-  // `lcm` must exist as long as this object.
+  // `lcm` must exist as long as this AxisPublisher.
   AxisPublisher(lcm_bus::AxisChannels &lcm, int number) : lcm_(lcm), number_(number) {}
 
-  // Returns the last value that was received or read, or lcm_bus::kNotAvailable if none is known.
+  // Returns the last value of an object that was received or read. Returns lcm_bus::kNotAvailable
+  // if no value is known.
   std::int64_t value(std::uint16_t object) const;
-  // Returns whether the known value is younger than `age`.
+  // Returns true if the last value was stored less than the time `age` ago.
   bool is_fresh(std::uint16_t object, std::chrono::milliseconds age) const;
-  // Stores a value that was received, read or written. A change is published as an event.
+  // Stores a value that was received, read or written. If the value has changed, publishes an
+  // event.
   void update(std::uint16_t object, std::int64_t value);
   // Discards all known values.
   void forget();
@@ -48,7 +51,7 @@ class AxisPublisher {
 
   lcm_bus::AxisChannels &lcm_;
   int number_;
-  std::uint64_t tick_ = 0;  // tick count of the firmware, extended to 64 bits
+  std::uint64_t tick_ = 0;  // tick counter of the firmware, extended to 64 bits
   std::array<Value, AXIS_OBJ_COUNT> values_{};
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// An SDO client that several coroutines share. Transfers run one after the other. A transfer ends
-// with an answer or after a timeout.
+// An SDO client that several coroutines share. Transfers run one after the other. Each transfer
+// ends with an answer or after a timeout.
 #include <chrono>
 #include <cstdint>
 #include <deque>
@@ -16,7 +16,8 @@ class SdoChannel {
  public:
   using Send = std::function<void(const canopen::Frame &)>;
 
-  // Requests have the identifier request_id + node, answers have answer_id + node.
+  // `request_id` is the CAN identifier of the requests, `answer_id` the CAN identifier of the
+  // answers.
   SdoChannel(EventLoop &loop, Send send, std::uint32_t request_id, std::uint32_t answer_id,
              std::chrono::milliseconds timeout)
       : loop_(loop),
@@ -52,7 +53,7 @@ class SdoChannel {
   canopen::SdoClient client_;
   std::uint32_t answer_id_;
   std::chrono::milliseconds timeout_;
-  std::deque<Waiting> waiting_;  // transfers in their order; the first one is in progress
+  std::deque<Waiting> waiting_;  // queue of transfers; the first transfer is in progress
   std::uint64_t timer_ = 0;
 };
 

@@ -1,6 +1,6 @@
 #pragma once
-// A coroutine that one other coroutine awaits. It returns a value or an exception to that
-// coroutine. It starts when it is awaited, and is destroyed with the object that owns it.
+// A coroutine that is awaited by one other coroutine and returns a value or an exception to it. The
+// task starts when it is awaited, and is destroyed together with the Task object.
 //
 // GCC 12 compiles some permitted code wrongly, so the coroutines of this program follow three
 // rules. An endless loop is `while (loop.running())`, because GCC 12 drops the body of some loops
@@ -19,7 +19,7 @@ class [[nodiscard]] Task;
 
 namespace detail {
 
-// Resumes the coroutine that awaits a task after the task has ended.
+// When a task has ended, resumes the coroutine that awaits the task.
 struct FinalAwaiter {
   bool await_ready() noexcept { return false; }
   template <class Promise>

@@ -30,16 +30,16 @@ std::string hex(unsigned long long value, int digits) {
   return text;
 }
 
-// Returns the name that the object table gives to a value, or an empty text if it has none.
+// Returns the name of a value in the object table. Returns an empty text if the value has no name.
 std::string name_in_words(std::uint16_t object, std::int32_t value) {
   std::string text(host::value_name(object, value));
   std::ranges::replace(text, '_', ' ');
   return text;
 }
 
-// Returns the text of the store's state after an emergency message store_failed: the state, the
-// first parameter that does not have its stored value or keeps an earlier default, and the number
-// of other such parameters.
+// Returns the text for the manufacturer bytes of an emergency message store_failed: the state of
+// the store, the first parameter without its stored value or with an earlier default, and the
+// number of further parameters of this kind.
 std::string store_text(std::span<const std::uint8_t> manufacturer) {
   std::string text = ": " + host::enum_text(AXIS_OBJ_STORE_STATE, manufacturer[0]);
   std::ranges::replace(text, '_', ' ');

@@ -13,10 +13,11 @@ std::string mode_text(std::int64_t mode);
 // Returns the name of an NMT state, such as "operational".
 std::string nmt_text(std::int64_t state);
 // Returns the text of an emergency message, such as "EMCY 8130h heartbeat lost". `manufacturer` has
-// the five bytes after the error register. With store_failed, these bytes tell which stored
-// parameters are not active: "EMCY 5530h store failed: loaded partly, force_tare and 2 more".
+// the five bytes after the error register. For store_failed, these bytes contain the stored
+// parameters that are not active, so the text is, for example, "EMCY 5530h store failed: loaded
+// partly, force_tare and 2 more".
 std::string emergency_text(std::uint16_t code, std::span<const std::uint8_t> manufacturer);
-// Returns eight hexadecimal digits.
+// Returns a hash as eight hexadecimal digits.
 std::string hash_text(std::int64_t hash);
 
 }  // namespace forceaxis::nodes

@@ -15,7 +15,6 @@ struct Injection {
   double duplicate = 0;  // share, 0 to 1, of the sent records that are sent twice
   std::uint64_t seed = 1;
   // Tick whose first sent record has one inverted bit.
-  // correct.
   std::optional<std::int64_t> flip_tick;
   // Number of the inverted bit: 0 to 63 in the fields encoder, adc0 and adc1, or 0 to 15 in the DAC
   // code.
