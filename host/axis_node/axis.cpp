@@ -16,12 +16,14 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int kTicksPerFlush = 1500;  // The journal is written to its file once a second.
-// Limit of frames that wait for the interface. Further frames are lost, as on a bus that is down.
+// Number of ticks between two calls of JournalWriter::flush(), equal to 1 s.
+constexpr int kTicksPerFlush = 1500;
+// Largest number of frames that wait for the CAN interface. Further frames are lost.
 constexpr std::size_t kMostUnsent = 256;
 
-// Returns the serial number of a node without --serial. It is computed from the name of the host,
-// and its last byte is the axis. So it is the same in every run, and all nodes of a run differ.
+// Returns the serial number of a node without the option --serial. The number is computed from the
+// host name, and its last byte is the axis number. So a node has the same serial number in every
+// run, and the nodes of a run have different serial numbers.
 std::uint32_t serial_of(int axis) {
   std::array<char, 256> name{};
   gethostname(name.data(), name.size() - 1);
@@ -64,7 +66,8 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
            std::span<const std::string> overrides, const AxisOptions &options,
            const std::string &suffix)
     : number_(number), experiment_(experiment) {
-  // Files are opened last: if the bus cannot be opened, they do not change.
+  // Files are opened after the CAN interface, so that no file changes if the interface cannot be
+  // opened.
   if (!options.can.empty()) can_ = std::make_unique<CanPort>(options.can);
   if (!options.store.empty()) {
     store_ = open_store(options.store + suffix);
@@ -94,7 +97,7 @@ Axis::Axis(int number, int first_axis, const host::Experiment &experiment,
     };
   }
   firmware_ = std::make_unique<host::FirmwareSide>(experiment, firmware);
-  // Each entry has the tick before which it is applied.
+  // Each journal entry has the number of the tick before which the input is passed to the firmware.
   handlers_.frame = [this](const can_frame_t &frame) {
     if (journal_) journal_->can(coming(), frame);
     fw_can_receive(axis(), &frame);
@@ -164,7 +167,8 @@ std::string Axis::json() {
   return o.text();
 }
 
-// Reports a broken journal once as a warning, because stopping the axis could be dangerous.
+// Reports a broken journal once. This is only a warning, because a stop of the axis could be
+// dangerous.
 void Axis::report_broken_journal() {
   if (!journal_broken() || std::exchange(reported_broken_, true)) return;
   std::cerr << "axis_node: " << journal_file_
@@ -172,9 +176,9 @@ void Axis::report_broken_journal() {
 }
 
 void Axis::transmit(ModbusPort *modbus) {
-  // The output of the firmware is fetched in every tick, with or without a bus, as in a replay.
-  // Frames wait if the queue of the interface is full. If the interface is down, they are
-  // discarded, because they would be outdated.
+  // The frames of the firmware are fetched in every tick, also without a bus, so that a replay
+  // gives the same result. Frames wait if the queue of the CAN interface is full. Frames are
+  // discarded while the interface is down, because they would be outdated later.
   const bool off = !can_ || can_->is_off();
   if (off) unsent_.clear();
   for (can_frame_t frame; fw_can_transmit(axis(), &frame);) {

@@ -1,5 +1,5 @@
 #pragma once
-// One axis of axis_node: its firmware, its bus, its store and its journal.
+// One axis of axis_node: the firmware, the buses, the store and the journal of this axis.
 #include <cstdint>
 #include <deque>
 #include <memory>
@@ -15,15 +15,15 @@
 
 namespace forceaxis::nodes {
 
-// The options that only axis_node has.
+// The options of axis_node that plant_node does not have.
 struct AxisOptions {
-  std::string can;     // CAN interface of the axes; empty: no CANopen
-  std::string modbus;  // serial device of the axes; empty: no Modbus
+  std::string can;     // CAN interface of all axes; empty: no CANopen
+  std::string modbus;  // serial device of all axes; empty: no Modbus
   int modbus_baud = 115200;
   std::string store;
   std::string journal;
-  std::optional<int> node_id;           // node id of the first axis; default: its axis number
-  std::optional<std::uint32_t> serial;  // serial number of the first axis
+  std::optional<int> node_id;  // Node id of the first axis. The default is the number of this axis.
+  std::optional<std::uint32_t> serial;  // CANopen serial number of the first axis.
   double hold_s = 0;
   bool serve = false;
   bool real_time = false;  // count late ticks
@@ -31,8 +31,8 @@ struct AxisOptions {
   bool buses() const { return !can.empty() || !modbus.empty(); }
 };
 
-// Checks the files of --store and --journal before any file is opened, so a run that cannot start
-// neither creates nor changes a file. Throws sim::InputError.
+// Checks the files of --store and --journal. This check is made before any file is opened, so that
+// a run that cannot start does not create or change a file. Throws sim::InputError.
 void expect_files(const AxisOptions &options, const std::string &suffix);
 
 struct StoreCloser {
@@ -41,27 +41,29 @@ struct StoreCloser {
 
 class Axis {
  public:
-  // Opens bus, store and journal. `suffix` is appended to the names of their files. The experiment
-  // must exist as long as the axis. Throws sim::InputError, TransportError and canopen::CanError.
+  // Opens CAN interface, store and journal. `suffix` is appended to the file names of store and
+  // journal. The experiment must exist as long as the axis. Throws sim::InputError, TransportError
+  // and canopen::CanError.
   Axis(int number, int first_axis, const host::Experiment &experiment,
        std::span<const std::string> overrides, const AxisOptions &options,
        const std::string &suffix);
 
   // Applies the data that the buses have received, then computes the next tick of the firmware.
   host::LinkOutputs tick(const host::LinkInputs &in, ModbusPort *modbus);
-  // Computes a tick without sensor values: the drive is disabled and the DAC code is 0. The tick is
-  // not part of the trace.
+  // Computes a tick without sensor values, in which the drive is disabled and the DAC code is 0.
+  // This tick is not part of the trace.
   host::LinkOutputs lose_sensors(ModbusPort *modbus);
   void receive_modbus(std::span<const std::uint8_t> bytes);
 
-  // To be called after the last tick. Closes hash and journal and returns the report.
+  // Completes hash and journal, and returns the report of the axis as JSON. To be called after the
+  // last tick.
   std::string json();
 
   bool journal_broken() const { return journal_ && !journal_->good(); }
   int number() const { return number_; }
   std::int64_t coming() const { return firmware_->next_tick(); }
 
-  std::string lost;  // text of the axis' reaction to the silence of the plant
+  std::string lost;  // text for the report: reaction of the axis to the silence of the plant
 
  private:
   fw_t *axis() { return firmware_->axis(); }
@@ -78,8 +80,8 @@ class Axis {
   std::string journal_file_;
   bool reported_broken_ = false;
   std::unique_ptr<store_file_t, StoreCloser> store_;
-  std::unique_ptr<store_file_t, StoreCloser> archive_;  // archive of incidents, in a file next to
-                                                        // the store
+  // Incident archive of the black box, in a second file next to the store.
+  std::unique_ptr<store_file_t, StoreCloser> archive_;
   std::unique_ptr<host::JournalWriter> journal_;
   std::unique_ptr<CanPort> can_;
   CanPort::Handlers handlers_;

@@ -1,5 +1,5 @@
-// axis_node: the firmware of one or several axes in a process of its own, in lock-step with a
-// plant.
+// The program axis_node: the firmware of one or several axes, in lock-step with the plants in
+// another process.
 #include <poll.h>
 #include <unistd.h>
 
@@ -33,8 +33,8 @@ using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
 constexpr milliseconds kServe{100};
-// Time after the last tick in which the axis answers repeated inputs. If the last answer is lost,
-// the plant repeats its inputs at least every 100 ms.
+// Time after the last tick for which the axis answers repeated inputs. If the last answer is lost,
+// the plant repeats the inputs at least every 100 ms.
 constexpr milliseconds kLinger{250};
 
 // Checks that the node ids of all axes are in the range of CANopen.
@@ -52,7 +52,7 @@ void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) 
   }
 }
 
-// Returns whether standard input has data or was closed.
+// Returns true if standard input has data or was closed.
 bool asked_on_input() {
   pollfd input{STDIN_FILENO, POLLIN, 0};
   return poll(&input, 1, 0) == 1;
@@ -65,8 +65,8 @@ void receive_modbus(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort 
   }
 }
 
-// Serves the buses after the plant has become silent, one tick per 1/1500 s of the wall clock, so
-// that clients can read the fault.
+// Computes ticks without sensor values after the plant has become silent, 1500 ticks per second of
+// the wall clock, so that clients on the buses can read the fault.
 void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, double seconds) {
   const auto start = Clock::now();
   const auto ticks = static_cast<std::int64_t>(seconds * sim::kTickRateHz);
@@ -77,15 +77,16 @@ void hold(std::vector<std::unique_ptr<Axis>> &axes, nodes::ModbusPort *modbus, d
   }
 }
 
-// The firmware's end of a session. It handles suspensions of this process and a silent plant.
+// The firmware's end of a session, which continues after a suspension of this process and after a
+// silence of the plant.
 class Session {
  public:
   Session(const nodes::NodeOptions &options, std::vector<std::unique_ptr<Axis>> &axes,
           nodes::ModbusPort *modbus)
       : options_(options), axes_(axes), modbus_(modbus), stall_(options.link.timeouts.running) {}
 
-  // To be called before each tick. If this process was suspended, every axis first computes a tick
-  // without sensor values.
+  // If this process was suspended, every axis computes a tick without sensor values. To be called
+  // before each tick.
   void before_tick(int axis) {
     check_self();
     if (!begun_) {
@@ -101,8 +102,8 @@ class Session {
            ", the axis disabled");
   }
 
-  // Serves until the session ends, by a signal or because plant_node has ended. Then the axes are
-  // disabled. Returns the axes whose plant has never sent a record, with bit axis - 1 for each.
+  // Serves the plants until a signal is received or plant_node has ended, then disables the axes.
+  // Returns the axes whose plant has never sent a record, with bit axis - 1 set for each axis.
   unsigned serve(host::AxisExchange &exchange) {
     while (stopped == 0 && ended.empty()) {
       const unsigned silent = exchange.serve(absent_ != 0 ? milliseconds{1} : kServe);
@@ -116,7 +117,7 @@ class Session {
   }
 
   host::Interruptions interruptions;
-  std::string ended;  // reason for the end of the session; empty if a signal ended it
+  std::string ended;  // reason for the end of the session; empty if a signal ended the session
 
  private:
   static unsigned bit(int axis) { return 1U << (axis - 1); }
@@ -128,7 +129,7 @@ class Session {
   }
   void report(const std::string &text) const { std::cerr << "axis_node: " << text << std::endl; }
 
-  // Returns whether this process was suspended.
+  // Returns true if this process was suspended since the last call.
   bool check_self() {
     const auto stalled = stall_.poll();
     if (!stalled) return false;
@@ -146,8 +147,8 @@ class Session {
     }
   }
 
-  // To be called if the plant of these axes is silent. If plant_node has ended, the session ends;
-  // otherwise the axes wait.
+  // Ends the session if plant_node has ended; otherwise the axes wait. To be called if the plants
+  // of these axes are silent.
   void lose(unsigned axes) {
     for (const auto &axis : axes_) {
       const unsigned of = bit(axis->number());
@@ -167,7 +168,7 @@ class Session {
     absent_ |= newly;
   }
 
-  // Computes the ticks without sensor values that are due by the wall clock.
+  // Computes the ticks without sensor values that are due at the present time.
   void hold() {
     constexpr std::chrono::nanoseconds kTick{2000000 / 3};
     const Clock::time_point now = Clock::now();
@@ -183,15 +184,17 @@ class Session {
   nodes::ModbusPort *modbus_;
   host::StallWatch stall_;
   bool begun_ = false;
-  // Axes for which this machine can check whether plant_node still runs; bit axis - 1 for each.
+  // Bit axis - 1 is set if the plant_node of this axis runs on this machine, so that its end can be
+  // detected.
   unsigned visible_ = 0;
-  unsigned absent_ = 0;  // axes with a silent plant; bit axis - 1 for each
+  unsigned absent_ = 0;  // bit axis - 1 is set if the plant of this axis is silent
   Clock::time_point silent_since_{}, due_{};
 };
 
 using Axes = std::vector<std::unique_ptr<Axis>>;
 
-// Text after the name of a file of one axis: empty if the run has one axis only.
+// Returns the suffix for the file names of one axis, such as ".2". Returns an empty text if the run
+// has only one axis.
 std::string suffix_of(std::size_t axes, int number) {
   return axes > 1 ? "." + std::to_string(number) : std::string();
 }
@@ -208,7 +211,7 @@ Axes make_axes(const nodes::NodeOptions &options, const AxisOptions &own,
   return axes;
 }
 
-// Disables an axis whose plant is silent, and sends the plant its outputs.
+// Disables an axis whose plant is silent, and sends the outputs of the axis to the plant.
 void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport) {
   const host::LinkOutputs out = axis.lose_sensors(modbus);
   transport.send({&out, 1});
@@ -221,13 +224,13 @@ void lose(Axis &axis, nodes::ModbusPort *modbus, host::AxisTransport &transport)
                   .text();
 }
 
-// What a run without a session has seen of its plants.
+// Result of serve_run().
 struct Served {
-  unsigned silent = 0;  // bits axis - 1 for each axis with a silent plant
+  unsigned silent = 0;  // bit axis - 1 is set if the plant of this axis was silent
   std::uint64_t lost_records = 0;
 };
 
-// Serves a run that is no session, from its first tick to the last one or to a signal.
+// Serves the plants of a run that is not a session, until the last tick or until a signal.
 Served serve_run(Axes &axes, nodes::ModbusPort *modbus, host::AxisTransport &transport,
                  host::AxisExchange &exchange) {
   Served served;
@@ -243,14 +246,15 @@ Served serve_run(Axes &axes, nodes::ModbusPort *modbus, host::AxisTransport &tra
   return served;
 }
 
-// Answers repeated inputs after the last tick.
+// Answers repeated inputs for the time kLinger after the last tick.
 void linger(const AxisOptions &own, host::AxisExchange &exchange) {
   while (stopped == 0 && exchange.quiet() < kLinger && !(own.serve && asked_on_input())) {
     exchange.serve(own.serve ? milliseconds{2} : milliseconds{50});
   }
 }
 
-// Why a run failed, and what to do; empty if it did not fail. `ticks`: whether one ever came.
+// Returns a text with the reason of a failed run and the remedy. Returns an empty text if the run
+// did not fail. `ticks` is true if at least one tick was received.
 std::string failure_of(const host::LinkTimeouts &timeouts, unsigned silent, bool ticks,
                        bool ended_early) {
   if (ended_early) {
@@ -296,7 +300,7 @@ int report(const nodes::NodeOptions &options, const AxisOptions &own, const Axes
   return stopped != 0 && session == nullptr ? 128 + stopped : 1;
 }
 
-// Executes one run, from the line "ready" to the report.
+// Executes one run: prints the line "ready", serves the plants and prints the report.
 int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   expect_node_ids(options, own);
   const std::vector<host::Experiment> experiments = nodes::load_experiments(options);
@@ -338,8 +342,8 @@ int run(const nodes::NodeOptions &options, const AxisOptions &own) {
   return report(options, own, axes, session ? &*session : nullptr, exchange, served, injected);
 }
 
-// Executes the runs that are requested on standard input. Each line has the run number, the
-// experiment and the overrides, separated by tabs. A failed run is reported as {"error": ...,
+// Executes the runs that are requested on standard input. Each line contains the run number, the
+// experiment and the overrides, separated by tabs. After a failed run, the report is {"error": ...,
 // "status": 1 or 2}, and the next line is read.
 int serve(const nodes::NodeOptions &base, const AxisOptions &own) {
   for (std::string line; std::getline(std::cin, line);) {

@@ -19,7 +19,7 @@ constexpr std::size_t kModbusBytes = 1024;
 
 }  // namespace
 
-// The socket receives remote frames too, because the node of the firmware processes them.
+// Remote frames are received too, because the firmware processes them.
 CanPort::CanPort(const std::string &interface)
     : socket_(interface, {.filter = {0, CAN_EFF_FLAG},
                           .errors = CAN_ERR_CRTL | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED,
@@ -31,16 +31,18 @@ void CanPort::set_state(std::uint8_t state, const Handlers &handlers) {
   handlers.state(state);
 }
 
-// Ten times the number of frames that a bus of 1 Mbit/s carries in a tick.
+// Largest number of frames passed to the firmware in one tick. The value is ten times the number of
+// frames that a bus of 1 Mbit/s transmits in a tick.
 constexpr int kFramesPerTick = 64;
 
 void CanPort::receive(const Handlers &handlers) {
-  // If the interface was down, it is checked every kCallsPerCheck calls.
+  // While the interface is down, its state is checked every kCallsPerCheck calls.
   if (state_ == CAN_BUS_OFF && ++calls_ % kCallsPerCheck == 0 && socket_.is_up()) {
     set_state(CAN_BUS_ACTIVE, handlers);
   }
-  // Many frames must not delay the tick. The remaining frames wait for the next tick. Frames for
-  // which the socket has no memory are counted as lost.
+  // The number of frames is limited, because many frames must not delay the tick. The remaining
+  // frames wait until the next tick. If the memory of the socket is full, further frames are
+  // dropped and counted.
   for (int i = 0; i < kFramesPerTick; ++i) {
     can_frame frame;
     const int n = socket_.receive({&frame, 1});
@@ -117,7 +119,7 @@ std::span<const std::uint8_t> ModbusPort::receive() {
 void ModbusPort::send(std::span<const std::uint8_t> bytes) {
   while (!bytes.empty()) {
     const ssize_t n = write(device_, bytes.data(), bytes.size());
-    // The serial line is blocked. The bytes are lost, and the client repeats its request.
+    // If the serial line is blocked, the bytes are lost, and the client repeats its request.
     if (n <= 0) return;
     bytes = bytes.subspan(static_cast<std::size_t>(n));
   }

@@ -1,5 +1,6 @@
 #pragma once
-// Publishes the plants of a linked run for monitors: SIM_CLOCK and SIM_TRUTH.
+// Publishes the plants of a linked run on the LCM channels SIM_CLOCK and SIM_TRUTH, for monitor
+// programs.
 #include <chrono>
 #include <optional>
 
@@ -10,12 +11,13 @@ namespace forceaxis::nodes {
 
 class LivePlants {
  public:
-  // Throws the exceptions of lcm_bus::SimChannels.
+  // Throws the same exceptions as the constructor of lcm_bus::SimChannels.
   explicit LivePlants(const std::string &url) : lcm_(url) {}
 
-  // Publishes the clock and the true signals of every axis at this tick.
+  // Publishes the simulated time and the true signals of every axis at this tick.
   void show(const host::LinkMoment &moment);
-  // Publishes a change of a session as text. `paused` is true while the plants wait for axis_node.
+  // Publishes a text that a session is interrupted or continues. `paused` is true while the plants
+  // wait for axis_node.
   void report(std::int64_t tick, bool paused, const std::string &text);
   // Publishes that the run ended at `tick`. `why` is empty unless the run failed.
   void end(std::int64_t tick, const std::string &why);

@@ -1,4 +1,4 @@
-// plant_node: the plants of one or several axes, in lock-step with an axis_node.
+// The program plant_node: the plants of one or several axes, in lock-step with axis_node.
 #include <unistd.h>
 
 #include <algorithm>

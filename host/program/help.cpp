@@ -8,10 +8,11 @@ namespace forceaxis::nodes {
 namespace {
 
 constexpr std::size_t kWidth = 80;
-constexpr std::size_t kOptionWidth = 30;  // width of the column of option names, in characters
+// Width of the column with the option names, in characters.
+constexpr std::size_t kOptionWidth = 30;
 
-// Breaks a text into lines with `indent` blanks at the start, within the width of the page. A line
-// break in the text begins a new paragraph.
+// Divides a text into lines of at most kWidth characters, each with `indent` blanks at the start. A
+// line break in the text starts a new paragraph.
 std::vector<std::string> wrapped(const std::string &text, std::size_t indent) {
   std::vector<std::string> lines;
   std::istringstream paragraphs(text);
@@ -31,8 +32,8 @@ std::vector<std::string> wrapped(const std::string &text, std::size_t indent) {
   return lines;
 }
 
-// Returns the value of an option, and the text in brackets with its range and default: "INT:INT in
-// [1 - 6]" gives "INT" and "1 - 6", "TEXT:{lcm,socketcan}" gives "TEXT" and "lcm,socketcan".
+// Returns the type of an option and its permitted values. For example, "INT:INT in [1 - 6]" gives
+// "INT" and "1 - 6", and "TEXT:{lcm,socketcan}" gives "TEXT" and "lcm,socketcan".
 std::pair<std::string, std::string> value_of(const CLI::Option &option) {
   const std::string full = option.get_type_name();
   const std::size_t colon = full.find(':');

@@ -4,8 +4,8 @@
 
 namespace forceaxis::nodes {
 
-// Formats --help as the verbs of `forceaxis` do: usage, description, options, example, in 80
-// columns. A line break in a description begins a new paragraph.
+// Formats the text of --help like the commands of `forceaxis`: usage, description, options and
+// example in 80 columns. A line break in a description starts a new paragraph.
 class Help : public CLI::Formatter {
  public:
   std::string make_help(const CLI::App *app, std::string name,

@@ -1,5 +1,5 @@
 #pragma once
-// Writes one JSON object on one line. The keys have the order in which they were added.
+// Writes a JSON object on one line. The keys have the order of the calls that have added them.
 #include <cmath>
 #include <concepts>
 #include <cstdio>
@@ -8,7 +8,7 @@
 
 namespace forceaxis::nodes {
 
-// Returns the text as a JSON string with its quotes.
+// Returns the text as a JSON string in quotes.
 inline std::string json_text(std::string_view text) {
   std::string out = "\"";
   for (const char c : text) {
@@ -55,7 +55,7 @@ class JsonObject {
   std::string text_;
 };
 
-// Appends a value to the text of a JSON list without its brackets, "a, b".
+// Appends a value to a list in the form "a, b", which is a JSON list without brackets.
 inline void append(std::string &list, std::string_view value) {
   if (!list.empty()) list += ", ";
   list += value;

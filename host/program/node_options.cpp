@@ -16,8 +16,8 @@ std::chrono::milliseconds milliseconds_of(double seconds) {
   return std::chrono::milliseconds(static_cast<std::int64_t>(seconds * 1000 + 0.5));
 }
 
-// Splits "3:NAME=VALUE": returns the axis, or 0 for all axes, and the index at which the name
-// begins.
+// Parses the prefix of an override such as "3:NAME=VALUE". Returns the axis number, or 0 for all
+// axes, and the index of the first character of the name.
 std::pair<int, std::size_t> axis_prefix(const std::string &set) {
   const bool prefixed =
       set.size() > 2 && std::isdigit(static_cast<unsigned char>(set[0])) != 0 && set[1] == ':';
@@ -113,7 +113,7 @@ std::vector<std::string> overrides_of(const NodeOptions &o, int axis) {
     const std::size_t at = axis_prefix(set).second;
     return set.substr(at, set.find('=', at) - at);
   };
-  // A value for one axis takes precedence over the value for all axes.
+  // An override for one axis takes precedence over an override for all axes.
   const auto shadowed = [&](const std::string &set) {
     return axis_prefix(set).first == 0 &&
            std::any_of(o.sets.begin(), o.sets.end(), [&](const std::string &other) {

@@ -1,5 +1,5 @@
 #pragma once
-// A variant of CLI::Range that refuses "nan". CLI::Range accepts it for real numbers.
+// A variant of CLI::Range for real numbers that refuses "nan". CLI::Range accepts "nan".
 #include <CLI/CLI.hpp>
 #include <cmath>
 #include <string>

@@ -40,7 +40,8 @@ void end_by_signals() {
   sigemptyset(&signals);
   sigaddset(&signals, SIGINT);
   sigaddset(&signals, SIGTERM);
-  // A separate thread receives the signals, so that they do not interrupt system calls.
+  // A separate thread receives the signals, so that a signal does not interrupt system calls of
+  // other threads.
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::thread([signals] {
     for (int signal = 0; sigwait(&signals, &signal) == 0;) {

@@ -1,5 +1,6 @@
 #pragma once
-// The end of axis_node, plant_node and gateway: one line on standard error and an exit status.
+// Functions for the end of the programs axis_node, plant_node and gateway, with one line on
+// standard error and an exit status.
 #include <CLI/CLI.hpp>
 #include <atomic>
 #include <functional>
@@ -7,22 +8,22 @@
 
 namespace forceaxis::nodes {
 
-// An error in the command line, with exit status 2.
+// An error in the command line. The exit status of the program is 2.
 struct UsageError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Runs a program. An exception becomes one line on standard error and an exit status: 2 if the user
-// must change an input, 1 if the run has failed.
+// Runs a program. After an exception, prints one line on standard error and returns the exit status
+// 2 if the user must change an input, or 1 if the run has failed.
 int guarded(const char *name, const std::function<int()> &program);
 
-// Prints an error of CLI11 as one line and returns 2. Prints the help and returns 0 if the user has
-// asked for it.
+// Prints an error of CLI11 as one line and returns 2. If the user has requested the help, prints
+// the help and returns 0.
 int refuse(const char *name, const CLI::App &app, const CLI::ParseError &error);
 
-// Number of the signal that ends the program after it has written its report; 0 before the signal.
-// After end_by_signals(), SIGINT and SIGTERM set it. A second signal ends the program at once, with
-// exit status 128 + signal.
+// Number of the received signal SIGINT or SIGTERM; 0 before the first signal. The program then
+// writes its report and ends. end_by_signals() starts the reception of the signals. A second signal
+// ends the program immediately with the exit status 128 + signal.
 extern std::atomic<int> stopped;
 void end_by_signals();
 

@@ -1,5 +1,5 @@
-// The loops that `forceaxis bench` times: the plant alone, plant with firmware, and sweeps of the
-// plant on several threads. No Python code runs within a timed loop.
+// The loops whose time `forceaxis bench` measures: the plant alone, the plant with firmware, and
+// sweeps of the plant on several threads. No Python code runs in these loops.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -44,12 +44,13 @@ std::size_t place_of(const std::vector<std::string> &names, const std::string &n
   return static_cast<std::size_t>(found - names.begin());
 }
 
-// The control law of the benchmark in integers: 2 N per ADC count, `gain` DAC codes per count.
+// The control law of the benchmark in integers, with 2 N per ADC count and `gain` DAC codes per
+// count.
 int integer_law(int n, int gain, int setpoint_N) {
   return std::clamp((gain * (setpoint_N - 2 * n) + 1) >> 1, -2048, 2047);
 }
 
-// The control law of the benchmark with any gain and any set-point, kf = gain q / 2.
+// The control law of the benchmark for any gain and any set-point, as doubles.
 int double_law(int n, double gain, double setpoint_N) {
   const double code = std::floor(0.5 * gain * (setpoint_N - 2.0 * n) + 0.5);
   return static_cast<int>(code < -2048.0 ? -2048.0 : code > 2047.0 ? 2047.0 : code);
@@ -70,8 +71,8 @@ class BenchCase {
     zero_ = model.adc[0].value().zero_code;
   }
 
-  // Computes one run of 3000 ticks. Returns f, xr, xw, i and n of each tick before the control
-  // update.
+  // Computes one run of 3000 ticks. Returns the values of f, xr, xw, i and n at each tick, before
+  // the control law is computed.
   py::dict run(int gain, int setpoint_N, bool firmware) {
     py::array_t<double> force(kTicks + 1), robot(kTicks + 1), workpiece(kTicks + 1),
         current(kTicks + 1);
@@ -137,9 +138,9 @@ class BenchCase {
     return d;
   }
 
-  // Computes side x side runs with evenly spaced gains and set-points, both ends included. Returns
-  // metrics only. Each thread gets its next run from one counter. All runs start from copies of one
-  // plant and share its modes.
+  // Computes side x side runs with evenly spaced gains and set-points, including the ends of the
+  // ranges. Returns only metrics. Each thread takes the number of its next run from a common
+  // counter. All runs start with copies of one plant and share the cache of modes.
   py::dict sweep(std::pair<double, double> gains, std::pair<double, double> setpoints_N, int side,
                  unsigned threads) {
     const auto runs = static_cast<std::size_t>(side) * static_cast<std::size_t>(side);
@@ -159,7 +160,8 @@ class BenchCase {
     double wall_s = 0, cpu_s = 0;
     {
       const py::gil_scoped_release release;
-      // This plant has a cache of its own, so that the measured time includes building the modes.
+      // This plant has its own cache of modes, so that the measured time includes the time to build
+      // the modes.
       const Plant start(std::make_shared<ModeCache>(experiment_.model));
       std::atomic<std::size_t> next{0};
       std::mutex mutex;

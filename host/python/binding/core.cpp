@@ -1,5 +1,5 @@
-// The Python interface of the run in one process: experiments are its input, NumPy arrays are its
-// output.
+// The Python interface for runs in one process. The inputs are experiments, the outputs are NumPy
+// arrays.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -48,7 +48,8 @@ Criterion criterion_from(const py::dict &d) {
   c.peak_force_max_percent = limit("peak_force_max_percent");
   c.contact_losses_max = limit("contact_losses_max");
   c.saturated_max_s = limit("saturated_max_s");
-  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));  // true, or names of contacts
+  // `contact_held` is true or a list of names.
+  c.contact_held = static_cast<bool>(py::bool_(d["contact_held"]));
   return c;
 }
 
@@ -107,7 +108,7 @@ std::vector<std::string> contact_names(const forceaxis::sim::Model &model) {
   return names;
 }
 
-// Returns the table [expect], or None.
+// Returns the table [expect] of an experiment, or None if the file has no such table.
 py::object expect_of(const Experiment &e) {
   return e.expect ? py::object(::to_dict(*e.expect)) : py::none();
 }
@@ -120,7 +121,7 @@ py::dict plot_of(const Experiment &e) {
   return d;
 }
 
-// Returns the reason for which the experiment cannot be run with its [verdict], or None.
+// Returns the reason why the table [verdict] of the experiment cannot be evaluated, or None.
 py::object not_evaluable(const Experiment &e) {
   try {
     forceaxis::host::expect_evaluable(e);
@@ -130,7 +131,7 @@ py::object not_evaluable(const Experiment &e) {
   }
 }
 
-// Returns the inputs of an experiment without running it.
+// Returns the inputs of an experiment without a run.
 py::dict inputs(const std::filesystem::path &file, const std::vector<std::string> &overrides,
                 const std::optional<std::string> &text) {
   const Experiment e = forceaxis::host::load_experiment(file, overrides, text);
@@ -163,7 +164,7 @@ py::dict inputs(const std::filesystem::path &file, const std::vector<std::string
   return d;
 }
 
-// Experiment files that are read only once.
+// A cache of experiment files, so that each file is read only once.
 class Experiments {
  public:
   ExperimentFile &operator[](const std::string &file) {
@@ -182,7 +183,7 @@ struct Outcome {
   std::optional<Criterion> criterion;
   std::vector<std::string> overridden;
   RunResult run;
-  // Error of a failed run; the other members are then not set.
+  // Text of the error if the run has failed. The other members are then not set.
   std::string error;
 };
 
@@ -203,8 +204,8 @@ py::dict to_dict(const Outcome &o) {
   return d;
 }
 
-// Computes many runs and returns only metrics and verdicts. The runs are independent, so the number
-// of threads changes no result.
+// Computes many runs and returns only metrics and verdicts. The results do not depend on the number
+// of threads, because the runs are independent.
 py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::object &progress,
                   bool keep_going, const py::object &finished, Experiments *experiments) {
   Experiments own;
@@ -213,10 +214,10 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   std::vector<Outcome> outcomes(jobs.size());
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
-  std::mutex mutex;  // guards the next three variables
+  std::mutex mutex;  // protects the next three variables of this function
   std::condition_variable changed;
   std::exception_ptr failure;
-  std::vector<std::size_t> fresh;  // runs that are complete and not yet reported
+  std::vector<std::size_t> fresh;  // numbers of complete runs that are not reported yet
   unsigned working = std::max(1U, std::min(threads, static_cast<unsigned>(jobs.size())));
 
   const auto run_job = [&](std::size_t i) {
@@ -279,7 +280,7 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   return py::cast(results);
 }
 
-// Returns the four characters that the first word of a record has in memory.
+// Returns the first word of a record as four characters, in the order of the bytes in memory.
 std::string magic_text(std::uint32_t magic) {
   std::string text;
   for (int shift = 0; shift < 32; shift += 8) text += static_cast<char>(magic >> shift & 0xFF);

@@ -1,5 +1,5 @@
 #pragma once
-// Converts the energy audit to Python.
+// Converts the energy balance to Python.
 #include <pybind11/pybind11.h>
 
 #include "sim/hybrid/plant.hpp"

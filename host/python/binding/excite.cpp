@@ -1,5 +1,5 @@
-// The system under test of the signal analyzer: either the plant alone, driven by a voltage with a
-// fine time step, or the plant with the running firmware, whose excitation mode generates the
+// The system that the signal analyzer measures. This is the plant alone, driven by a voltage with a
+// small time step, or the plant with the running firmware, whose excitation mode generates the DAC
 // codes.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -34,7 +34,7 @@ struct AxisDeleter {
   void operator()(fw_t *axis) const { axis_host_destroy(axis); }
 };
 
-// Limit of the magnitude of any recorded value. A larger value is not a valid measurement.
+// Largest valid magnitude of a recorded value.
 constexpr double kLargest = 1e15;
 
 class Excited {
@@ -81,7 +81,7 @@ class Excited {
     const axis_object_meta_t &meta = forceaxis::host::object_meta(*number);
     const double raw = std::floor(value / meta.scale + 0.5);
     const bool fits = raw >= static_cast<double>(meta.min) && raw <= static_cast<double>(meta.max);
-    // An unsigned 32-bit object is passed with the same bits.
+    // The value of an unsigned 32-bit object is passed as a signed value with the same bits.
     const auto bits = static_cast<std::uint32_t>(fits ? static_cast<std::int64_t>(raw) : 0);
     if (!fits || fw_object_write(axis_.get(), FW_SOURCE_LOCAL, *number,
                                  static_cast<std::int32_t>(bits)) != FW_OK)
@@ -92,7 +92,7 @@ class Excited {
     static const std::vector<std::string> kCodes = {"adc0", "adc1", "encoder", "dac_code"};
     if (!axis_) power_up();
     std::vector<std::string> names;
-    // Index of the code of each column, or -1 if the column is the next signal.
+    // For each column, the index in kCodes, or -1 if the column is the next signal in `names`.
     std::vector<int> code(columns.size(), -1);
     for (std::size_t i = 0; i < columns.size(); ++i) {
       const auto found = std::find(kCodes.begin(), kCodes.end(), columns[i]);
@@ -132,8 +132,8 @@ class Excited {
     return rows;
   }
 
-  // Returns the number of samples of the last volts() or codes() in which each switching element
-  // had each state.
+  // Returns, for each state of each element, the number of samples in this state during the last
+  // call of volts() or codes().
   std::map<std::string, std::int64_t> states() const {
     std::map<std::string, std::int64_t> counts;
     for (const auto &[mode, count] : met_)
@@ -141,7 +141,8 @@ class Excited {
     return counts;
   }
 
-  // Returns the resolution in bits of ADC 0 and ADC 1; 0 if the model does not have the ADC.
+  // Returns the number of bits of ADC 0 and ADC 1. The number is 0 if the model does not have the
+  // ADC.
   std::vector<int> adc_bits() const {
     std::vector<int> bits;
     for (const auto &adc : plant_->model().adc) bits.push_back(adc ? adc->bits : 0);
@@ -149,8 +150,8 @@ class Excited {
   }
 
  private:
-  // The ADCs of a plant may have different resolutions. The firmware has one parameter for both,
-  // which is set to the higher one.
+  // Powers up the firmware. The ADCs of a plant can have different resolutions, but the firmware
+  // has only one parameter for the resolution, which is set to the higher resolution.
   void power_up() {
     if (plant_->parts() != 1) throw std::invalid_argument("the firmware's tick has one part");
     axis_.reset(axis_host_create());
@@ -172,8 +173,8 @@ class Excited {
     return places;
   }
 
-  // Builds the texts of the mode only after an element has changed its state, because this takes
-  // much time.
+  // Counts a sample for the present states of all elements. The texts of the states are built only
+  // after a change of a state, because building them takes much time.
   void count_mode() {
     const std::int64_t changes = plant_->crossings() + plant_->jumps();
     if (changes != changes_) here_ = met_.try_emplace(plant_->mode(), 0).first;
@@ -189,7 +190,7 @@ class Excited {
   }
 
   std::unique_ptr<Plant> plant_;
-  // Number of samples for each set of states of all elements.
+  // Number of samples for each combination of the states of all elements.
   std::map<std::vector<std::string>, std::int64_t> met_;
   std::map<std::vector<std::string>, std::int64_t>::iterator here_;
   std::int64_t changes_ = -1;

@@ -1,4 +1,4 @@
-// State space of a plant in one mode, and frequency responses, for forceaxis.linear.
+// State-space form of a plant in one mode, and frequency responses, for forceaxis.linear.
 #include "sim/linear/linear.hpp"
 
 #include <pybind11/complex.h>
@@ -40,8 +40,8 @@ py::dict linear(const std::filesystem::path &file, const std::vector<std::string
   return d;
 }
 
-// Returns the parameters of the drive by their keys. Only parameters that act in the linear range
-// around zero error are included.
+// Returns the parameters of the drive with their keys, without the parameters that act only outside
+// the linear range around the error 0.
 py::dict drive_values(const forceaxis::sim::Drive &drive) {
   using py::literals::operator""_a;
   if (const auto *perfect = std::get_if<forceaxis::sim::PerfectDrive>(&drive.type))
@@ -57,7 +57,7 @@ py::dict drive_values(const forceaxis::sim::Drive &drive) {
                   "b_m"_a = motor.b_m, "k_current"_a = motor.k_current, "k_amp"_a = motor.k_amp);
 }
 
-// Returns the data of a model that an analysis needs besides the equations.
+// Returns the data of a model, other than the equations, that a linear analysis needs.
 py::dict facts(const std::filesystem::path &file, const Overrides &overrides) {
   const Model model = load(file, overrides);
   const auto name = [&](int body) {

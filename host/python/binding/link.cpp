@@ -1,4 +1,4 @@
-// The plant's end of a run whose firmware is another process.
+// The plant's end of a run whose firmware runs in another process.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
@@ -93,7 +93,8 @@ py::tuple run_on_chip(const std::filesystem::path &file, const std::vector<std::
   return py::make_tuple(std::move(result), report);
 }
 
-// Largest number of ticks for which a replay keeps the trace: ten minutes, about 100 MB.
+// Largest number of ticks for which a replay stores the trace. This number is ten minutes of ticks,
+// about 100 MB.
 constexpr std::int64_t kLongestTrace = 900'001;
 
 py::tuple replay(const std::filesystem::path &file) {

@@ -1,5 +1,5 @@
-// A simulated axis for commissioning: firmware and plant in one process. The caller accesses its
-// objects as over a bus, and its time advances only on request.
+// A simulated axis for commissioning, with firmware and plant in one process. The caller reads and
+// writes objects as over a bus. The simulated time advances only when the caller requests this.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -51,7 +51,7 @@ class LiveAxis {
     config_.hardware = "simulator";
     firmware_ = std::make_unique<FirmwareSide>(
         experiment_, forceaxis::host::FirmwareOptions{.config = &config_});
-    can_frame_t start{};  // NMT command "start" to all nodes
+    can_frame_t start{};  // NMT command "start" for all nodes
     start.length = 2;
     start.data[0] = 1;
     fw_can_receive(firmware_->axis(), &start);

@@ -1,5 +1,5 @@
 #pragma once
-// Loads a model with the overrides of a Python caller.
+// Loads a model with the overrides that a Python program has given.
 #include <filesystem>
 #include <map>
 #include <string>
@@ -13,8 +13,8 @@
 // with a quantity or the name of another parameter.
 using Overrides = std::map<std::string, std::variant<double, std::string>>;
 
-// Returns the model of a file with these overrides. Throws InputError. An override that nothing in
-// the model uses has no effect and is an error too.
+// Returns the model of a file with these overrides. Throws InputError, also for an override of a
+// parameter that the model does not use.
 inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overrides &overrides) {
   std::vector<forceaxis::sim::Override> values;
   for (const auto &[name, value] : overrides) values.push_back({name, value});

@@ -1,5 +1,5 @@
-// Passes the metadata of the object table to Python, where forceaxis.objects makes named tuples of
-// them.
+// Passes the metadata of the object table to Python. forceaxis.objects converts the metadata to
+// named tuples.
 #include <pybind11/pybind11.h>
 
 #include <string_view>

@@ -1,5 +1,5 @@
 #pragma once
-// The functions that add the parts of the Python module, with one file for each part.
+// Each of these functions adds one part to the Python module. Each part is in one file.
 #include <pybind11/pybind11.h>
 
 void add_bench(pybind11::module_ &m);    // bench.cpp

@@ -1,5 +1,5 @@
-// The plant without firmware for Python: DAC codes are its input, sensor codes and true signals are
-// its output. Python code can implement control laws and checks with it.
+// The plant without firmware for Python. The inputs are DAC codes, the outputs are sensor codes and
+// true signals. With this plant, control laws and checks can be written in Python.
 #include "sim/hybrid/plant.hpp"
 
 #include <pybind11/numpy.h>

@@ -1,5 +1,5 @@
 #pragma once
-// Converts a finished run to a Python object, with helper functions for the conversion.
+// Functions that convert the result of a run to Python objects.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -24,7 +24,7 @@ pybind11::array_t<T> column(const Rows &rows, Get get) {
   return values;
 }
 
-// settle_s is None if the force does not settle.
+// Converts the controlled force to Python. settle_s is None if the force does not settle.
 inline pybind11::dict to_dict(const forceaxis::host::HeldForce &f) {
   pybind11::dict d;
   d["setpoint_N"] = f.setpoint_N;
@@ -63,7 +63,8 @@ inline pybind11::dict to_dict(const forceaxis::host::Metrics &m) {
   return d;
 }
 
-// An infinite value, of a force that never settles, becomes None.
+// Converts missed limits to Python. An infinite value, for a force that never settles, becomes
+// None.
 inline pybind11::list to_list(const std::vector<forceaxis::host::Missed> &missed) {
   pybind11::list list;
   for (const auto &m : missed) {
@@ -97,8 +98,8 @@ inline pybind11::object to_dict(const std::optional<forceaxis::host::Criterion> 
   return d;
 }
 
-// Maps each column of codes to its physical quantity: quantity = (code - zero) * per_code, in
-// `unit`.
+// Returns the physical quantity for each column of codes. The value in `unit` is (code - zero) *
+// per_code.
 inline pybind11::dict converters_of(const forceaxis::sim::Model &model) {
   pybind11::dict d;
   const auto add = [&d](const char *column, const std::string &signal, std::string_view unit,
@@ -125,7 +126,7 @@ struct Result {
   forceaxis::host::Experiment experiment;
   forceaxis::host::RunResult run;
 
-  // Returns the values of a traced object in its unit.
+  // Returns the values of a traced object in the unit of the object.
   template <class T>
   pybind11::array_t<T> object_column(std::size_t place, const axis_object_meta_t &meta) const {
     const std::size_t rows = run.records.size();
@@ -167,7 +168,7 @@ struct Result {
     return d;
   }
 
-  // Returns the objects of [trace] and their units.
+  // Returns the objects in the table [trace] with their units.
   pybind11::dict objects() const {
     pybind11::dict d;
     for (const std::uint16_t object : experiment.traced) {
@@ -231,7 +232,7 @@ struct Result {
   }
 };
 
-// Returns the names of the model parameters that [set] or --set overrides.
+// Returns the names of the model parameters that the table [set] or the option --set overrides.
 inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   std::vector<std::string> names;
   for (const auto &p : model.parameters) {
@@ -240,7 +241,8 @@ inline std::vector<std::string> overridden(const forceaxis::sim::Model &model) {
   return names;
 }
 
-// Returns whether Python has been interrupted, for runs that release the interpreter's lock.
+// Returns true if the user has interrupted Python. To be used in runs that release the lock of the
+// interpreter.
 inline bool interrupted() {
   const pybind11::gil_scoped_acquire acquire;
   return PyErr_CheckSignals() != 0;

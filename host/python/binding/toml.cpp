@@ -33,7 +33,7 @@ double quantity(const std::string &text) {
   throw forceaxis::sim::InputError("quantity", text, "expected a number with a unit");
 }
 
-// Returns "> 0", "0 to 600", or an empty text.
+// Returns the permitted range of a key, such as "> 0" or "0 to 600", or an empty text.
 std::string range_of(const forceaxis::sim::KeyFormat &key) {
   using forceaxis::sim::Sign;
   if (!key.dimension) return "";
@@ -51,7 +51,7 @@ std::string range_of(const forceaxis::sim::KeyFormat &key) {
   }
 }
 
-// Adds a table and the tables within it, in the order of their declaration.
+// Adds a table, followed by the tables that it contains in the order of their declaration.
 void add_tables(py::list &tables, const std::string &path, const std::string &header,
                 const forceaxis::sim::TableFormat &format) {
   py::list keys;
