@@ -32,7 +32,7 @@ __all__ = [
     "run_many",
 ]
 
-# {public name: the module that defines it}.
+# {public name: the module that defines the name}
 _MODULES = {
     "beam": "forceaxis.linear.beam",
     "linear": "forceaxis.linear",

@@ -9,7 +9,7 @@ import sys
 
 
 def main() -> None:
-    """The program `forceaxis`."""
+    """Runs the program `forceaxis`."""
     interrupted = False
 
     def interrupt(*_: object) -> None:
@@ -18,8 +18,8 @@ def main() -> None:
         raise KeyboardInterrupt
 
     def unraisable(what: "sys.UnraisableHookArgs") -> None:
-        # Python ignores an exception that is raised in a destructor, so the interrupt is sent
-        # again.
+        # Python ignores an exception that is raised in a destructor, therefore the interrupt is
+        # raised again.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         else:
@@ -27,8 +27,8 @@ def main() -> None:
 
     try:
         sys.unraisablehook = unraisable
-        # A shell that starts this program in the background makes it ignore the signal; this is
-        # kept.
+        # A shell that starts this program in the background also makes the program ignore SIGINT.
+        # In this case SIGINT stays ignored.
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, interrupt)
         from forceaxis.cli.main import main as command_line
@@ -36,7 +36,7 @@ def main() -> None:
         command_line()
     except SystemExit:
         raise
-    except BaseException:  # an interrupted import of a module may raise any exception
+    except BaseException:  # an interrupt during the import of a module may cause any exception
         if not interrupted:
             raise
         sys.stderr.write("forceaxis: interrupted\n")
@@ -47,17 +47,17 @@ def main() -> None:
 
 
 def axis_node() -> None:
-    """The program `axis_node`: the firmware on a bus."""
+    """Runs the program `axis_node`: the firmware on a bus."""
     _become("axis_node")
 
 
 def plant_node() -> None:
-    """The program `plant_node`: the plant on a bus."""
+    """Runs the program `plant_node`: the simulated plant on a bus."""
     _become("plant_node")
 
 
 def gateway() -> None:
-    """The program `gateway`: CANopen master, LCM, Modbus TCP."""
+    """Runs the program `gateway`: CANopen master, LCM and Modbus TCP."""
     _become("gateway")
 
 

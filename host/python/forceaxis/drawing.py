@@ -1,5 +1,5 @@
-"""The common style of all figures and pages: colours, axes, legends, titles, numbers; writes
-figures to files."""
+"""The common style of all figures and pages (colours, axes, legends, titles, numbers), and
+functions that write figures to files."""
 
 import base64
 import io
@@ -31,7 +31,7 @@ FAINT = "#8a95a0"
 GRID = "#c8d0d8"
 THIN = {"linewidth": 0.9}
 
-# Colours of a verdict: of lines and marks, of areas.
+# Colours of a verdict, for lines and marks, and for areas.
 VERDICT = {
     "stable": "#2f8f78",
     "unstable": GOT,
@@ -49,13 +49,14 @@ AREA = {
 
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
-SVG_BYTES_MAX = 400_000  # bytes of an SVG in a page; a figure with more becomes a PNG
-# Characters that would end an attribute, begin a fragment or begin an escape in a data URI.
+SVG_BYTES_MAX = 400_000  # largest size of an SVG in a page in bytes; a larger figure becomes a PNG
+# Escapes for characters that would end an attribute, or begin a fragment or an escape, in a data
+# URI.
 URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
 def style(ax: Axes) -> None:
-    """Sets the style of figures: light grid, no frame, small type."""
+    """Sets the style of the axes of a figure: light grid, no frame, small type."""
     ax.set_axisbelow(True)
     ax.grid(True, linewidth=0.3, color=GRID)
     ax.spines[["top", "right"]].set_visible(False)
@@ -67,13 +68,13 @@ def style(ax: Axes) -> None:
 
 
 def legend(where: Axes | Figure, **more: Any) -> Legend:
-    """Adds a legend to axes or to a figure: small, without a frame."""
+    """Adds a small legend without a frame to axes or to a figure."""
     return where.legend(**({"fontsize": 7, "frameon": False} | more))
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Labels a logarithmic axis with numbers without powers of ten; at 1, 2 and 5 of each decade if
-    it has less than two decades."""
+    """Labels a logarithmic axis with numbers without powers of ten. An axis of less than two
+    decades has labels at 1, 2 and 5 of each decade."""
     low, high = sorted(axis.get_view_interval())
     short = high < 100 * low
     axis.set_major_locator(matplotlib.ticker.LogLocator(subs=(1, 2, 5) if short else (1,)))
@@ -82,8 +83,8 @@ def plain_ticks(axis: Axis) -> None:
 
 
 def decibels(ax: Axes, unit: str = "") -> Axes:
-    """Adds a scale in dB relative to 1 `unit` on the right of a logarithmic axis with final
-    limits."""
+    """Adds a scale in dB relative to 1 `unit` on the right side of a logarithmic axis. The limits
+    of the axis must not change afterwards."""
     right = ax.twinx()
     low, high = (20 * np.log10(edge) for edge in ax.get_ylim())
     right.set_ylim(low, high)
@@ -96,22 +97,22 @@ def decibels(ax: Axes, unit: str = "") -> Axes:
 
 
 def name_of(file: Path | str) -> str:
-    """Name of an axis' file in a figure: the file's name, or that of its folder if all files have
-    the same name."""
+    """Returns the name that a figure shows for the file of an axis: the name of the folder for a
+    file "model", otherwise the name of the file."""
     file = Path(file)
     return file.resolve().parent.name if file.stem == "model" else file.stem
 
 
 def check_name(path: Path | str | None) -> None:
-    """Raises InputError for a file name to which no figure can be written; to be called before the
-    computation."""
+    """Raises InputError if a figure cannot be written to a file of this name. A caller checks the
+    name before the computation."""
     if path is not None and Path(path).suffix not in SUFFIXES:
         raise ParameterError("out", f"{path}: expected a file ending in {', '.join(SUFFIXES)}")
 
 
 def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float = DPI) -> None:
-    """Writes a figure as `kind`, by default the suffix of `path`; equal figures give equal
-    bytes."""
+    """Writes a figure to a file. `kind` is the file format, by default the suffix of `path`. Equal
+    figures give equal bytes."""
     if kind is None:
         check_name(path)
         kind = Path(path).suffix[1:]
@@ -121,15 +122,15 @@ def save(figure: Figure, path: Path | str, kind: str | None = None, dpi: float =
 
 
 def uri(figure: Figure) -> str:
-    """The figure as a data URI for a page; the figure is closed. It has no background, so that it
-    shows the light or dark background of the page."""
+    """Returns the figure as a data URI for a page, and closes the figure. The figure has no
+    background, so that the light or dark background of the page is visible."""
     text, image = io.StringIO(), io.BytesIO()
     with plt.rc_context({"svg.hashsalt": "forceaxis", "svg.fonttype": "none"}):
         figure.savefig(text, format="svg", metadata={"Date": None}, transparent=True)
     plt.close(figure)
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
-    # Coordinates in the SVG are rounded to a hundredth of a point; written numbers are not
+    # Coordinates in the SVG are rounded to a hundredth of a point. Numbers in texts are not
     # rounded.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
     if len(svg) <= SVG_BYTES_MAX:
@@ -139,12 +140,12 @@ def uri(figure: Figure) -> str:
 
 
 def page_style() -> str:
-    """The common style sheet of all pages."""
+    """Returns the common style sheet of all pages."""
     return resources.files("forceaxis").joinpath("page.css").read_text(encoding="utf-8")
 
 
 def finish(figure: Figure, ax: Axes, title: str) -> None:
-    """Sets title and layout; pyplot no longer lists the figure."""
+    """Sets title and layout of a figure, and removes the figure from the list of pyplot."""
     ax.set_title(title, fontsize=9, loc="left", color=INK, parse_math=False)
     figure.tight_layout()
     plt.close(figure)

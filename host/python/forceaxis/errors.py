@@ -1,10 +1,10 @@
-"""Errors of the library that a caller can distinguish by their type."""
+"""Errors of the library, with a type for each error that a caller has to distinguish."""
 
 from forceaxis._core import InputError
 
 
 class ParameterError(InputError):
-    """A value that a parameter of the library does not accept.
+    """Error: a parameter of the library has a value that is not accepted.
 
     `parameter` is the name of the parameter, and `text` says what was expected of its value. The
     command line prints the option that sets this parameter instead of the name.
@@ -16,6 +16,6 @@ class ParameterError(InputError):
         self.text = text
 
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
-        # Without this method, an error from a worker process cannot be created again in this
-        # process.
+        # Without this method, an error that a worker process raises could not be transferred to
+        # this process.
         return type(self), (self.parameter, self.text)

@@ -1,4 +1,5 @@
-"""The objects of the firmware with which _core was compiled, and the bits of its Modbus map."""
+"""The objects of the firmware for which the module _core was compiled, and the bits of the Modbus
+map of the firmware."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +9,8 @@ from forceaxis import _core
 
 @dataclass(frozen=True)
 class AxisObject:
-    """One parameter, signal or command; engineering value = raw * scale."""
+    """One parameter, signal or command of the firmware. The engineering value is the raw value
+    times `scale`."""
 
     number: int
     name: str
@@ -24,15 +26,16 @@ class AxisObject:
     access: str
     writable: str
     enum: tuple[str, ...]
-    index: int  # CANopen
+    index: int  # CANopen index
     sub: int
-    modbus: int  # first register, holding for rw, input for ro; -1: no register
-    stored: bool  # saved by the parameter store
-    title: str  # CANopen's name
-    node_id: bool  # True for a COB-ID to whose default value the node id is added
-    mappable: int  # 0: in no PDO, 1: in PDOs that its access permits, 2: in TPDOs only
-    quantity: str  # quantity of a count: "force", "encoder"; "" if the unit defines the quantity
-    # names of special raw values of an object that is not an enumeration
+    # first register: holding register for rw, input register for ro; -1 without a register
+    modbus: int
+    stored: bool  # True if the parameter store contains the object
+    title: str  # name of the object in CANopen
+    node_id: bool  # True for a COB-ID whose default value is a number plus the node id
+    mappable: int  # 0: in no PDO, 1: in all PDOs that its access permits, 2: in TPDOs only
+    quantity: str  # quantity of a count: "force" or "encoder"; "" if the unit defines the quantity
+    # names of special raw values, for an object that is not an enumeration
     values: tuple[tuple[int, str], ...]
 
 
@@ -52,20 +55,20 @@ DISCRETES = tuple(AxisBit(**bit) for bit in _core.discretes())
 
 
 def certificate(bank_crc: int, adc_bits: int, force_scale: float) -> dict[str, int]:
-    """{object: raw value} of the certificate of a bank with this CRC, for an ADC of `bits` bits and
-    a force_scale in uN; the number of the bank is added to the names."""
+    """Returns {object: raw value} of the certificate of a bank with the checksum CRC, for an ADC of
+    `bits` bits and a force_scale in uN. The number of the bank is appended to these names."""
     return _core.certificate(bank_crc, adc_bits, force_scale)
 
 
 def default(name: str) -> float:
-    """Default of an object as an engineering value."""
+    """Returns the default value of an object as an engineering value."""
     known = BY_NAME[name]
     return known.default * known.scale
 
 
 def unit_in_words(known: AxisObject) -> str:
-    """The unit of an object as text for a user, with the quantity of its counts or codes. A count
-    of force is a count of an 8-bit ADC."""
+    """Returns the unit of an object as text for a user, with the quantity of its counts or codes. A
+    force count is a count of an 8-bit ADC."""
     unit = "" if known.unit == "1" else known.unit
     of_force = known.quantity == "force"
     force, encoder = "count of force", "encoder count"

@@ -1,5 +1,5 @@
-"""Folder of the models and experiments: sim/ of the checkout, or the copy inside an installed
-wheel."""
+"""Folders of models and experiments (sim/ of the checkout, or the copy in an installed wheel), and
+functions that write files."""
 
 import contextlib
 import errno
@@ -17,13 +17,14 @@ EXPERIMENTS = SIM / "experiments"
 MODELS = SIM / "models"
 MEASUREMENTS = SIM / "measurements"
 
-# Files that are generated for other programs: data sheet, DBC, Modbus map.
+# Generated files for other programs: data sheet, DBC, Modbus map.
 _generated = _package.parents[2] / "firmware/objects/generated"
 OBJECT_FILES = _generated if _generated.is_dir() else _package / "objects_files"
 
 
 def display(path: Path | str) -> str:
-    """The path as text, relative to the current folder if the path is below that folder."""
+    """Returns the path as text. The text is relative to the current folder if the path is below
+    that folder."""
     path = Path(path).resolve()
     try:
         return str(path.relative_to(Path.cwd()))
@@ -32,15 +33,15 @@ def display(path: Path | str) -> str:
 
 
 def quoted(path: Path | str) -> str:
-    """The path as text for a shell, with quotes if it contains blanks."""
+    """Returns the path as text for a shell, with quotes if the path contains blanks."""
     return shlex.quote(display(path))
 
 
 @contextlib.contextmanager
 def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
-    """Context with paths to write to. If the block ends without an exception (Ctrl-C is an
-    exception), they become the files `names` of the folder, which is created. Otherwise no file is
-    written and no folder remains. Raises OSError."""
+    """Context that yields temporary paths to write to. If the block ends without an exception
+    (Ctrl-C is an exception), the written files become the files `names` of the folder, which is
+    created. Otherwise no file is written and no new folder remains. Raises OSError."""
     fresh = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
@@ -60,12 +61,12 @@ def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
             path.unlink(missing_ok=True)
         if fresh:
             with contextlib.suppress(OSError):
-                folder.rmdir()  # fails if the folder contains the files
+                folder.rmdir()  # fails if the folder contains the files that were written
 
 
 def replace_text(file: Path | str, text: str) -> None:
-    """Replaces the content of a file completely or not at all. The file keeps its mode, and a link
-    remains a link. Raises OSError."""
+    """Replaces the content of a file. After an error the file still has its old content. The mode
+    of the file is kept, and a symbolic link remains a link. Raises OSError."""
     file = Path(file).resolve()
     temporary = file.with_name(f".{file.name}.{os.getpid()}")
     try:

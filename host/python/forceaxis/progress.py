@@ -1,5 +1,5 @@
-"""Progress of a long computation. A verb shows it on a terminal; without a terminal it prints the
-phases."""
+"""Progress of a long computation. A verb of the command line shows the progress on a terminal;
+without a terminal the verb prints the phases."""
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sized
@@ -7,13 +7,13 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-shown = ""  # such as "34/98 experiments"
+shown = ""  # text about the present progress, such as "34/98 experiments"
 _tell: Callable[[str], None] | None = None  # of told()
 
 
 @contextlib.contextmanager
 def told(tell: Callable[[str], None]) -> Iterator[None]:
-    """Context in which tell(phase) is called at the beginning of each phase."""
+    """Context in which tell(phase) is called at the beginning of each phase of a computation."""
     global _tell
     before, _tell = _tell, tell
     try:
@@ -24,7 +24,8 @@ def told(tell: Callable[[str], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def phase(text: str) -> Iterator[None]:
-    """Context of one phase of a computation that takes seconds, such as "designing the bank"."""
+    """Context of one phase of a computation, such as "designing the bank". A phase takes
+    seconds."""
     global shown
     if _tell is not None:
         _tell(text)
@@ -36,9 +37,8 @@ def phase(text: str) -> Iterator[None]:
 
 
 def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yields the items one by one and updates `shown`, the text with the number of items that are
-    done. what: plural name of the items; total: number of items, needed if `items` has no length.
-    """
+    """Yields the items one by one and writes the number of finished items to `shown`. what: plural
+    name of the items; total: number of items, needed if `items` has no length."""
     global shown
     if total is None and isinstance(items, Sized):
         total = len(items)
@@ -53,8 +53,9 @@ def each(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]
 
 @contextlib.contextmanager
 def bar(title: str, total: int) -> Iterator[Callable[[int, int], None]]:
-    """Context of a progress bar on standard error, shown only on a terminal. Yields a function that
-    sets the number of steps that are done; its second argument, the total, has no effect."""
+    """Context of a progress bar on standard error, which only a terminal shows. Yields a function
+    that sets the number of finished steps; the second argument of this function, the total, has no
+    effect."""
     from rich.console import Console
     from rich.progress import Progress
 

@@ -1,4 +1,4 @@
-"""Converts results to JSON and back. Every result is a frozen dataclass.
+"""Converts results to JSON and JSON to results. Every result is a frozen dataclass.
 
     @dataclass(frozen=True)
     class Margins:
@@ -30,43 +30,47 @@ from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, overrid
 from forceaxis._core import InputError
 
 T = TypeVar("T")
-JsonObject: TypeAlias = dict[str, Any]  # an object of a JSON file or of the output of a verb
+JsonObject: TypeAlias = dict[str, Any]  # an object in a JSON file or in the output of a verb
 KEY, OMIT_NONE, INLINE = "json_key", "json_omit_none", "json_inline"
 TYPE_WORDS: dict[type, str] = {
     float: "a number", int: "an integer", str: "a text", bool: "true or false", NoneType: "null",
 }  # fmt: skip
-SHOWN_CHARACTERS = 40  # of an unexpected value in a message
+SHOWN_CHARACTERS = 40  # number of characters of an unexpected value that a message shows
 
 
 def json_field(
     *, key: str | None = None, omit_none: bool = False, inline: bool = False, **given: Any
 ) -> Any:
-    """A field of a result. key: name in JSON that replaces the name of the field; omit_none: no key
-    in JSON while the value is None, which is then the default; inline: the keys of the value, which
-    is a result or None, replace the field. given: arguments of dataclasses.field."""
+    """Returns a field of a result. key: name of the field in JSON, if different; omit_none: True if
+    a value None has no key in JSON (the default value of the field is then None); inline: True if
+    the keys of the value, a result or None, replace the field. given: arguments of
+    dataclasses.field."""
     if omit_none:
         given.setdefault("default", None)
     return dataclasses.field(metadata={KEY: key, OMIT_NONE: omit_none, INLINE: inline}, **given)
 
 
 def json_key(field: "dataclasses.Field[Any]") -> str:
-    """The key of a result's field in JSON."""
+    """Returns the key in JSON of a field of a result."""
     return field.metadata.get(KEY) or field.name
 
 
 class _UnexpectedValue(ValueError):
-    """A value of JSON does not have the type of its field. The text states both."""
+    """Error: a value in JSON does not have the type of its field. The text states the expected type
+    and the value."""
 
 
 def _is_scalar_union(kind: type) -> bool:
-    """Whether a type is a union of texts, numbers and bools, whose values JSON can distinguish."""
+    """Returns True if a type is a union of texts, numbers and bools, whose values JSON can
+    distinguish."""
     kinds = set(get_args(kind)) - {NoneType}
     is_union = get_origin(kind) in (Union, UnionType)
     return is_union and len(kinds) > 1 and kinds <= {bool, int, float, str}
 
 
 def _read_scalar(value: Any, kind: Any) -> bool | int | float | str | None:
-    """`value`, if its type is `kind` or in the union `kind`. An integer is also a number."""
+    """Returns `value` if it has the type `kind`, or one of the types of a union `kind`. An integer
+    is also accepted as a number."""
     kinds = get_args(kind) or (kind,)
     if type(value) in kinds or (type(value) is int and float in kinds):
         return float(value) if kind is float else value
@@ -78,7 +82,7 @@ def _read_scalar(value: Any, kind: Any) -> bool | int | float | str | None:
 
 
 def _reason(error: BaseException, _: type | None) -> str:
-    """The text for an error of cattrs at one key of JSON."""
+    """Returns the text for an error of cattrs at one key in JSON."""
     if isinstance(error, _UnexpectedValue):
         return str(error)
     if isinstance(error, KeyError):
@@ -89,7 +93,7 @@ def _reason(error: BaseException, _: type | None) -> str:
 
 
 def _overrides(kind: type) -> dict[str, Any]:
-    """How cattrs converts the fields of a result."""
+    """Returns the rules by which cattrs converts the fields of a result."""
     return {
         field.name: override(
             rename=field.metadata.get(KEY),
@@ -100,7 +104,8 @@ def _overrides(kind: type) -> dict[str, Any]:
 
 
 def _to_dict(kind: type) -> Any:
-    # Types that are given as texts, and those behind `Any`, follow from the value itself.
+    # cattrs selects the conversion by the type of the value where the type of the field is a text
+    # or `Any`.
     with_all_fields: Any = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
     inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
 
@@ -138,13 +143,14 @@ _converter.register_structure_hook(Path, lambda value, _: Path(value))
 
 
 def to_json(result: Any) -> Any:
-    """The result as an argument for json.dumps: dicts, lists, texts, numbers, bools and None."""
+    """Returns the result as an argument for json.dumps: dicts, lists, texts, numbers, bools and
+    None."""
     return _converter.unstructure(result)
 
 
 def from_json(kind: type[T], table: Any, where: str = "") -> T:
-    """The result of type `kind` from a `table` that to_json made. Raises InputError, whose text
-    begins with `where`, for a missing or unknown key and for a value of another type."""
+    """Returns the result of type `kind` from a `table` that to_json made. Raises InputError with a
+    text that begins with `where`, for a missing or unknown key and for a value of another type."""
     try:
         return _converter.structure(table, kind)
     except (cattrs.BaseValidationError, ValueError, TypeError, AttributeError) as error:

@@ -1,4 +1,5 @@
-"""Reads TOML files with the reader that is also used for models and experiments."""
+"""Reads TOML files with the same reader as models and experiments, and writes values as TOML
+text."""
 
 import datetime
 import difflib
@@ -13,23 +14,24 @@ TomlValue = str | int | float | bool | datetime.date | list["TomlValue"] | dict[
 
 
 def read(path: Path | str) -> dict[str, Any]:
-    """The tables of a file. Raises InputError with file, line and the expected content."""
+    """Returns the tables of a TOML file. Raises InputError with file, line and the expected
+    content."""
     return _core.read_toml(str(path))
 
 
 def read_text(text: str) -> dict[str, Any]:
-    """The tables of a text. Raises InputError."""
+    """Returns the tables of a TOML text. Raises InputError."""
     return _core.parse_toml(text)
 
 
 def write_text(value: Mapping[str, Any]) -> str:
-    """A table as TOML text, with its tables written inline and NumPy values as plain values. Raises
-    TypeError for a value that TOML cannot represent."""
+    """Returns a table as TOML text, with inner tables written inline and NumPy values as plain
+    values. Raises TypeError for a value that TOML cannot represent."""
     return "".join(f"{value_text(str(key))} = {value_text(item)}\n" for key, item in value.items())
 
 
 def value_text(value: Any) -> str:
-    """A value as TOML text. Raises TypeError for a value that TOML cannot represent."""
+    """Returns a value as TOML text. Raises TypeError for a value that TOML cannot represent."""
     if hasattr(value, "tolist"):  # of NumPy
         value = value.tolist()
     match value:
@@ -52,8 +54,8 @@ def value_text(value: Any) -> str:
 def expect_keys(
     table: Iterable[str], known: Sequence[str], fail: Callable[[str, str], NoReturn], kind: str = ""
 ) -> None:
-    """Reports all unknown keys at once by fail(key, message), which raises. kind: text that
-    describes the known keys, in place of their list."""
+    """Reports all unknown keys of a table in one call of fail(key, message), which raises an
+    exception. kind: text that describes the known keys in place of a list of these keys."""
     unknown = [key for key in table if key not in known]
     if not unknown:
         return

@@ -1,4 +1,4 @@
-"""The versions of program, firmware, object table, types and file formats."""
+"""The versions of program, firmware, object table, message types and file formats."""
 
 import hashlib
 from importlib.metadata import version
@@ -7,7 +7,8 @@ from forceaxis import _core, objects
 
 
 def rows() -> list[tuple[str, str]]:
-    """Pairs of a name and its version: program, firmware, object table, LCM types, file formats."""
+    """Returns pairs of a name and its version: program, firmware, object table, LCM types, file
+    formats."""
     from forceaxis.bus import messages
 
     types = (getattr(messages, name) for name in sorted(vars(messages)) if name.endswith("_t"))

@@ -8,13 +8,14 @@ from pathlib import Path
 OptionValue = str | int | float | Path | None
 
 # Characters that would control a terminal: control characters of ASCII and Latin-1, line and
-# paragraph separators, and those that change the direction of writing.
+# paragraph separators, and characters that change the direction of writing.
 _OBEYED = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def plain(value: float, digits: int = 3) -> str:
-    """A number with `digits` significant digits as text. Thousands are separated from five digits
-    on (28,890). Below 1e3 an exponent is used as by %g, and from 1e7 on always."""
+    """Returns a number with `digits` significant digits as text. Numbers with five or more digits
+    have separators of thousands (28,890). Numbers below 1e3 have an exponent where %g has one, and
+    numbers from 1e7 on always have an exponent."""
     rounded = float(f"{value:.{digits}g}")
     if not 1e3 <= abs(rounded) < 1e7:
         return f"{value:.{digits}g}"
@@ -24,26 +25,28 @@ def plain(value: float, digits: int = 3) -> str:
 
 
 def printable(text: str, keep: str = "") -> str:
-    """A text that came from a bus or a file, for a terminal: each character that would
-    act on the terminal is shown as an escape (ESC as `\\x1b`). The characters of `keep` stay."""
+    """Returns a text from a bus or a file as text for a terminal. Each character that would control
+    the terminal becomes a visible escape (ESC becomes `\\x1b`). The characters of `keep` are not
+    changed."""
     return _OBEYED.sub(lambda c: c[0] if c[0] in keep else ascii(c[0])[1:-1], text)
 
 
 def counted(number: int, noun: str) -> str:
-    """ "1 mode", "2 modes"."""
+    """Returns a number with a noun in singular or plural: "1 mode", "2 modes"."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: "; did you mean NAME?", or an empty text."""
+    """Returns the end of a message about an unknown name: "; did you mean NAME?", or an empty
+    text."""
     meant = difflib.get_close_matches(name, list(known), 2, 0.65)
     return f"; did you mean {' or '.join(meant)}?" if meant else ""
 
 
 def option_words(**options: OptionValue | Sequence[OptionValue]) -> list[str]:
-    """Arguments of a Python function as options of a command line: lcm_url="x" becomes --lcm-url x.
-    True gives the option without a value, a list gives the option once for each value, and None,
-    False and an empty text give no option."""
+    """Returns the arguments of a Python function as options of a command line: lcm_url="x" becomes
+    --lcm-url x. The value True gives the option without a value, and a list gives the option once
+    for each element. None, False and an empty text give no option."""
     words = []
     for name, given in options.items():
         option = f"--{name.replace('_', '-')}"

@@ -172,7 +172,7 @@ class AxisClient(Closable):
 
     def take(self) -> axis_event_t:
         """Acquires the axis: LCM becomes the command source of the axis. The program stays the
-        owner as long as it writes within the time of the watchdog."""
+        owner until it writes nothing for the time in `watchdog`."""
         return self._command(axis_command_t.KIND_TAKE)
 
     def release(self) -> axis_event_t:

@@ -102,9 +102,9 @@ def _job(can_id: int, data: bytes, count: int, period_us: int) -> bytes:
 
 
 class WatchdogKeeper(Keeper):
-    """Writes the present value of the object `watchdog` several times within the time of the
-    watchdog. The firmware ignores a write that does not come from the owner of the axis, so an axis
-    that another client has acquired is not affected.
+    """Prevents a time-out of the watchdog of an axis: writes the present value of the object
+    `watchdog` several times within the watchdog time. The firmware ignores a write that does not
+    come from the owner of the axis, so an axis that another client has acquired is not affected.
 
     read() returns the watchdog in ms, write(ms) writes it; this thread calls both. `unchanged` is
     locked from reading to writing. A caller that changes the watchdog must hold this lock.

@@ -21,7 +21,8 @@ from forceaxis.cli.models import TIMINGS, check_drawing, drawn, present
 
 
 def over_options(verb: Callback) -> Callback:
-    """Add the options --over (tolerances of parameters) and --modes (states of the model)."""
+    """Add the options --over (tolerances of parameters) and --modes (states of elements of the
+    model) to a verb."""
     verb = click.option(
         "--modes",
         type=click.Choice(["visited", "all", "nominal"]),

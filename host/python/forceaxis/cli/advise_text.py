@@ -20,7 +20,7 @@ FS = (
     "gain margin 2.3 and |S| <= 2"
 )
 FIRMWARE_GAIN_MAX = 256  # of force_gain
-NAME_WIDTH_MIN = 20  # characters of the name of a change
+NAME_WIDTH_MIN = 20  # smallest number of characters for the name of a change
 
 
 def short(value: float | None) -> str:
@@ -35,7 +35,7 @@ class Column:
 
     head: str
     note: str = ""
-    is_optional: bool = False  # left out first where the terminal is narrow
+    is_optional: bool = False  # True if the column is left out when the terminal is too narrow
 
 
 def describe(result: Advice, width: int | None = None) -> str:
@@ -84,8 +84,8 @@ def describe(result: Advice, width: int | None = None) -> str:
 
 
 def _limit_lines(result: Advice) -> list[str]:
-    """Return the lines about the states of the model, the limiting mode of vibration and the
-    critical gain."""
+    """Return the lines about the states of the model, the mode of vibration that limits the
+    bandwidth, and the critical gain."""
     base, mode = result.present, result.limiting_mode
     lines = [f"mode         {result.mode_text}"] if result.mode_text else []
     if isinstance(mode, LimitingMode):

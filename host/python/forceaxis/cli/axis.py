@@ -81,7 +81,7 @@ def lines(axis: Axis, values: Mapping[str, float | str]) -> Iterator[str]:
 
 
 def assignments(words: Sequence[str]) -> dict[str, str]:
-    """Return {NAME: VALUE} for a list of texts "NAME=VALUE". Raises InputError for other texts."""
+    """Return {NAME: VALUE} from a list of texts "NAME=VALUE". Raises InputError for other texts."""
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
@@ -162,7 +162,7 @@ def table_of(rows: Sequence[ScannedAxis]) -> Iterator[str]:
     row, at most 76 characters wide."""
     cells = [["id", "name", "version", "table", "state", "fault"]]
     for row in rows:
-        # The text of a version can contain object table and commit after the version number.
+        # The text of a version may also contain object table and commit after the version number.
         version = row.version and row.version.split(" ")[0]
         values = (row.id, row.name, version, row.table, row.state, row.fault)
         cells.append(["-" if v is None else str(v).replace("_", " ") for v in values])
@@ -250,7 +250,7 @@ def reset(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "reset", as_json)
 
 
-NEGATIVE = {"ignore_unknown_options": True}  # -500 is an argument
+NEGATIVE = {"ignore_unknown_options": True}  # so that -500 is an argument and not an option
 
 
 @axis.command(

@@ -76,7 +76,7 @@ def calibrate(given: Sequence[str], connection: AxisConnection, as_json: bool) -
 
 
 def point(text: str) -> tuple[float, float]:
-    """Return the measured force in counts and the reference force in N of a text "COUNT,N". Raises
+    """Return (measured force in counts, reference force in N) from a text "COUNT,N". Raises
     InputError for another text."""
     try:
         count, newton = text.split(",")
@@ -86,7 +86,7 @@ def point(text: str) -> tuple[float, float]:
 
 
 def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
-    """Ask the user for reference forces until the user enters an empty line, at most `most` times.
+    """Ask the user for reference forces, at most `most` times, until the user enters an empty line.
     Yield each calibration point as (measured force in counts, reference force in N)."""
     from forceaxis.axis import actions
 

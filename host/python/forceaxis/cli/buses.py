@@ -153,7 +153,7 @@ def source_of(
 
 
 def encoder_mm(model: str) -> float:
-    """Return the length in mm of one encoder count, from the encoder of `model`. Raises InputError
+    """Return the length of one encoder count in mm, from the encoder of `model`. Raises InputError
     if the model has no encoder."""
     from forceaxis.linear import system
 
@@ -166,8 +166,8 @@ def encoder_mm(model: str) -> float:
 
 
 def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
-    """Serve the monitor to web browsers until a signal ends the program; the exit status is 128 +
-    the number of the signal."""
+    """Serve the monitor to web browsers until a signal ends the program. The exit status is 128
+    plus the number of the signal."""
     try:
         from forceaxis.bus import monitor_web
     except ImportError:

@@ -28,17 +28,18 @@ if TYPE_CHECKING:
 
     from forceaxis.experiments.link import LinkOptions
 
-    # What a verb can print as JSON.
+    # A value that a verb can print as JSON.
     Scalar = str | float | bool | Path | None
     Printable = DataclassInstance | Scalar | Mapping[str, "Printable"] | Sequence["Printable"]
 
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
-# Longest first sentence of a help text in characters; click replaces the rest by dots.
+# Longest first sentence of a help text in characters. The library click replaces the rest of a
+# longer sentence by dots.
 FIRST_SENTENCE_LENGTH = 300
 
 
-# Control sequences that the program itself sends to a terminal: colours (click.style), and the
+# Control sequences that the program itself sends to a terminal: the colours of click.style, and the
 # start of the progress line of `waiting`.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
@@ -46,7 +47,7 @@ OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\
 class Printed(io.TextIOWrapper):
     """A standard stream for output to a terminal. Control sequences in texts from buses and files
     are printed as visible characters, so that they cannot change the terminal. The colours of the
-    program itself still work."""
+    program are still shown."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__(
@@ -63,7 +64,7 @@ class Printed(io.TextIOWrapper):
 
 @contextlib.contextmanager
 def printed_streams() -> Iterator[None]:
-    """Replace standard output and standard error by `Printed` streams for a `with` block. Binary
+    """Replace standard output and standard error by `Printed` streams during a `with` block. Binary
     output is not changed."""
     before = sys.stdout, sys.stderr
     streams = [Printed(s) if hasattr(s, "buffer") else s for s in before]
@@ -74,17 +75,18 @@ def printed_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
         for stream in streams:
             if isinstance(stream, Printed):
-                stream.detach()  # otherwise the file of the earlier stream would be closed
+                # otherwise the end of this stream would close the file of the earlier stream
+                stream.detach()
 
 
-# {parameter of the library: its option}, for parameters whose option has a different name.
+# {parameter of the library: option}, for options whose name differs from the parameter.
 OTHER_NAMES = {"states": "--mode", "overrides": "--set", "forces_N": "--force"}
 
 
 def option_of(command: click.Command, parameter: str) -> str | None:
     """Return the name of the option of `command` that sets a parameter of the library, such as
-    "--gain" for "gain". For an argument of the command, return the name that its help shows.
-    Return None if the command has no such option or argument."""
+    "--gain" for "gain". If an argument of the command sets the parameter, return the name of the
+    argument in the help. Otherwise return None."""
     wanted = OTHER_NAMES.get(parameter, "--" + parameter.lower().replace("_", "-"))
     for known in command.params:
         if wanted in known.opts:
@@ -101,8 +103,8 @@ def option_of(command: click.Command, parameter: str) -> str | None:
 
 
 def with_options(command: click.Command, error: InputError) -> str:
-    """Return the message of `error` for a user of the command line: names of parameters of the
-    library, between backticks or at the head of the message, become options of `command`."""
+    """Return the message of `error` with the names of options of `command` in place of parameters
+    of the library. The message contains a parameter between backticks or at its beginning."""
     text = str(error)
     if isinstance(error, ParameterError):
         text = f"{option_of(command, error.parameter) or error.parameter}: {error.text}"
@@ -110,13 +112,14 @@ def with_options(command: click.Command, error: InputError) -> str:
 
 
 def options_in(command: click.Command, text: str) -> str:
-    """Return the text with the options of `command` instead of parameters between backticks."""
+    """Return the text with the names of options of `command` in place of parameters between
+    backticks."""
     return re.sub(r"`(\w+)`", lambda named: option_of(command, named[1]) or named[0], text)
 
 
 class Verb(click.Command):
-    """A verb of the command line. Its help prints an example with the line breaks of the source,
-    and its error messages name options instead of parameters of the library."""
+    """A verb of the command line. The help of the verb prints an example with the line breaks of
+    the source, and its error messages name options instead of parameters of the library."""
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
@@ -136,7 +139,7 @@ class Verb(click.Command):
 
 class Slow(Verb):
     """A verb whose computation can last many seconds. A terminal shows the progress until the verb
-    prints its result."""
+    prints the result."""
 
     def invoke(self, ctx: click.Context) -> Any:
         with waiting(self.name):
@@ -144,13 +147,14 @@ class Slow(Verb):
 
 
 def done_waiting() -> None:
-    """Clear the progress line on the terminal. A verb calls this before it prints its result."""
+    """Clear the progress line on the terminal. A verb calls this function before it prints a
+    result."""
     if stop := click.get_current_context().meta.get("forceaxis.waiting"):
         stop()
 
 
 def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterable[str]) -> None:
-    """Write a list of verbs to the help, each with the first sentence of its own help."""
+    """Write a list of verbs to the help, each with the first sentence of the help of the verb."""
     group = cast(click.Group, context.command)
     found = [(name, cast(click.Command, group.get_command(context, name))) for name in verbs]
     formatter.write_dl(
@@ -159,7 +163,7 @@ def listed(context: click.Context, formatter: click.HelpFormatter, verbs: Iterab
 
 
 class Verbs(click.Group):
-    """A verb that has verbs of its own, such as `axis` with `axis move`."""
+    """A group of verbs, such as `axis` with the verb `axis move`."""
 
     command_class = Verb
     format_epilog = Verb.format_epilog
@@ -215,8 +219,8 @@ class File(click.Path):
 
 
 class Kind(click.Choice[str]):
-    """Type of the option --link, the kinds of a link between firmware and plant. The module of the
-    links is loaded only for a verb that has this option."""
+    """Type of the option --link, which selects the link between firmware and plant. The module of
+    the links is loaded only for a verb that has this option."""
 
     def __init__(self) -> None:
         from forceaxis.experiments import link
@@ -225,9 +229,9 @@ class Kind(click.Choice[str]):
 
 
 class Subject(click.ParamType[str | Path]):
-    """Type of an argument for a file that the verb reads. The user gives the path of the file, or,
-    for a file in one of `folders`, its name without ".toml". The verb receives the text as typed,
-    or a Path if `as_path` is True."""
+    """Type of an argument for a file that the verb reads. The user gives the path of the file, or
+    only its name without ".toml" for a file in one of `folders`. The verb receives the text that
+    the user has given, or a Path if `as_path` is True."""
 
     name = "file"
 
@@ -235,8 +239,8 @@ class Subject(click.ParamType[str | Path]):
         self.folders, self.as_path = folders, as_path
 
     def files(self) -> dict[str, Path]:
-        """Return {name without ".toml": path} of all files in the folders. If a name occurs in two
-        folders, the file of the first folder is returned."""
+        """Return {name without ".toml": path} for all files in the folders. If a name occurs in two
+        folders, the path is in the first folder."""
         return {p.stem: p for f in reversed(self.folders) for p in sorted(f.glob("*.toml"))}
 
     def convert(
@@ -282,14 +286,14 @@ class Override(click.ParamType[str]):
 
 
 def set_option(text: str) -> Callable[[Callback], Callback]:
-    """Return the decorator that adds the option --set with the help `text` to a verb."""
+    """Return a decorator that adds the option --set to a verb. `text` is the help of the option."""
     return click.option(
         "--set", "overrides", multiple=True, type=Override(), metavar="NAME=VALUE", help=text
     )
 
 
 def mode_option(name: str) -> Callable[[Callback], Callback]:
-    """Return the decorator that adds the option --mode to a verb. The function of the verb receives
+    """Return a decorator that adds the option --mode to a verb. The function of the verb receives
     the states of elements as the parameter `name`."""
     return click.option(
         "--mode",
@@ -316,8 +320,8 @@ class Parameter(click.ParamType[str]):
 
 
 class Object(click.ParamType[str]):
-    """Type of an argument for the name of a firmware object, or with `end="="` for a text
-    NAME=VALUE with a writable object. A shell can complete the names."""
+    """Type of an argument for the name of a firmware object. With `end="="`, the argument is a text
+    NAME=VALUE, and the object must be writable. A shell can complete the names."""
 
     name = "object"
 
@@ -335,7 +339,7 @@ class Object(click.ParamType[str]):
 
 def completed(ctx: click.Context, text: str) -> list[str]:
     """Return all texts with which a shell can complete `--set TEXT`: names of firmware objects with
-    their named values, parameters of the model, duration and window of the verdict."""
+    their named values, parameters of the model, and the duration and the window of the verdict."""
     from forceaxis import objects
 
     name, equals, _ = text.partition("=")
@@ -349,12 +353,12 @@ def completed(ctx: click.Context, text: str) -> list[str]:
 
 
 def _parameters(ctx: click.Context) -> list[str]:
-    """Return "NAME=" for each parameter of the model that the command line names. Return an empty
-    list if there is no model or if it cannot be read."""
+    """Return "NAME=" for each parameter of the model on the command line. Return an empty list if
+    the command line has no model or if the model cannot be read."""
     from forceaxis import _core, toml
     from forceaxis.linear import plant_facts, settings
 
-    # The last option has no value yet, therefore click leaves the arguments in `args`.
+    # The last option has no value yet, therefore click has left the arguments in `args`.
     arguments = [p.name for p in ctx.command.params if isinstance(p, click.Argument)] + [
         "model",
         "sim",
@@ -411,8 +415,9 @@ def linked(command: Callback) -> Callback:
 
 
 def link_of(kind: str | None, lcm_url: str, link_can: str, inject: str) -> "LinkOptions | None":
-    """Return the settings of the link to a separate firmware process, or None without --link. If
-    the kernel has no CAN, the verb is started again in a guest kernel that has it."""
+    """Return the settings of the link to a separate firmware process, or None without the option
+    --link. If the kernel does not support CAN, the verb is started again in a guest kernel that
+    supports CAN."""
     if kind is None:
         return None
     from forceaxis.experiments import link
@@ -430,17 +435,17 @@ COLOURS = {
 
 
 def coloured(text: str, word: str | None = None) -> str:
-    """Return `text` with the colour of a result such as "stable" or "failed". `word` is the result
-    if `text` contains more. Without a colour for the result, or if the environment variable
-    NO_COLOR is set, `text` is returned as it is."""
+    """Return `text` in the colour of the result `word`, such as "stable" or "failed". Without
+    `word`, `text` itself is the result. If the result has no colour or the environment variable
+    NO_COLOR is set, return `text` without a colour."""
     colour = COLOURS.get((word or text).strip())
     plain = os.environ.get("NO_COLOR") or not colour
     return text if plain else click.style(text, fg=colour, bold=True)
 
 
 def fitted(text: str, indent: int = 0) -> str:
-    """Wrap a line to the width of the terminal and indent its continuation lines by `indent`
-    characters. Without a terminal the line is returned as it is."""
+    """Wrap a line to the width of the terminal and indent the continuation lines by `indent`
+    characters. Without a terminal, return the line unchanged."""
     if not sys.stdout.isatty():
         return text
     width = max(shutil.get_terminal_size().columns, 40)
@@ -449,20 +454,21 @@ def fitted(text: str, indent: int = 0) -> str:
 
 
 def fitted_lines(text: str) -> str:
-    """Wrap the text of lines "key          text" to the width of the terminal. Rows of a table,
-    which contain two spaces in their text, are not wrapped."""
+    """Wrap the text of lines "key text" to the width of the terminal. A row of a table, which is a
+    text with two spaces in sequence, is not wrapped."""
     return "\n".join(
         line if "  " in line[13:].strip() else fitted(line, 13) for line in text.splitlines()
     )
 
 
 def show(rows: Iterable[tuple[str, str]]) -> None:
-    """Print rows of (key, text), one line each. On a terminal long texts are wrapped, and the
-    verdict is coloured."""
+    """Print rows of (key, text), one line for each row. On a terminal, long texts are wrapped and
+    the verdict is coloured."""
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
-        if key not in ("trace hash", "axis hash", "again", "files"):  # the user copies these
+        # the user copies these texts, so they must not be wrapped
+        if key not in ("trace hash", "axis hash", "again", "files"):
             line = fitted(line, 13)
         if key == "verdict":
             word = text.partition(":")[0]
@@ -481,7 +487,8 @@ def print_json(result: "Printable") -> None:
 def print_result(
     result: "Printable", as_json: bool, text: Callable[[], str], out: Path | None = None
 ) -> None:
-    """Print a result as JSON, or the text that `text` returns and the folder `out` of the files."""
+    """Print a result as JSON, or as the text that `text` returns, followed by the folder `out` of
+    the files."""
     if as_json:
         print_json(result)
         return
@@ -492,8 +499,8 @@ def print_result(
 
 
 def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -> list[str]:
-    """Return the lines of a table. The columns with the indices `to_the_left` are aligned to the
-    left, all others to the right."""
+    """Return the lines of a table. Columns with an index in `to_the_left` are aligned to the left,
+    all other columns to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -506,8 +513,8 @@ def aligned(rows: Sequence[Sequence[str]], to_the_left: Container[int] = (0,)) -
 
 @contextlib.contextmanager
 def waiting(what: str | None) -> Iterator[None]:
-    """Show the progress of the verb `what` on standard error during a `with` block. A terminal
-    shows one line that is updated, from two seconds on; a file gets one line for each phase."""
+    """Show the progress of the verb `what` on standard error during a `with` block. On a terminal,
+    one line is updated, beginning after two seconds. A file gets one line for each phase."""
     if not sys.stderr.isatty():
         with progress.told(lambda phase: click.echo(f"{what}: {phase}", err=True)):
             yield

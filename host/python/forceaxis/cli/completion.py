@@ -21,8 +21,8 @@ def _script(shell: str) -> str:
 
 
 def _places(shell: str) -> tuple[Path, Path | None]:
-    """Return the path of the completion script of a shell, and the start-up file of the shell that
-    has to read the script. Fish needs no start-up file; the second value is then None."""
+    """Return the path of the completion script of a shell, and the path of the start-up file that
+    has to load the script. Fish needs no start-up file; its second value is None."""
     home = Path.home()
     data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local/share")
     if shell == "fish":

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class Newtons(click.ParamType[tuple[float, ...]]):
-    """Type of an option for one or more forces in N with commas between them, as "30,75"."""
+    """Type of an option for one or more forces in N, separated by commas, such as "30,75"."""
 
     name = "newtons"
 
@@ -191,7 +191,8 @@ def design(
         return
     write_page = None
     if out:
-        from forceaxis.pages import design as page  # imports Matplotlib
+        # the module imports Matplotlib, which takes time
+        from forceaxis.pages import design as page
 
         write_page = page.write
     with progress_on(sys.stderr) as progress:
@@ -205,7 +206,7 @@ def design(
 def _identified(
     order: "DesignOrder", measured: tuple[str, ...], priors: tuple[str, ...]
 ) -> "DesignOrder":
-    """Fit the model to the measured responses. Return `order` with the fitted parameters and with
+    """Fit the model to the measured responses. Return `order` with the fitted parameters, and with
     their confidence intervals as tolerances. Raises Refusal if the fit is rejected."""
     from forceaxis.commission import damper_fit, known
     from forceaxis.commission.refusal import Refusal
@@ -245,8 +246,8 @@ def _pareto(order: "DesignOrder", pareto: str, out: Path | None, as_json: bool) 
 
 @contextlib.contextmanager
 def progress_on(stream: TextIO) -> Iterator[Callable[[str], None] | None]:
-    """Provide a function for a `with` block that shows its text as the progress line of a terminal.
-    Provide None if `stream` is no terminal."""
+    """Provide a function for a `with` block. The function shows its text as the progress line of a
+    terminal. Provide None if `stream` is no terminal."""
     if not stream.isatty():
         yield None
         return

@@ -47,8 +47,9 @@ def describe(outcome: DesignOutcome, width: int | None = None) -> str:
 
 
 def _figures(outcome: DesignOutcome) -> list[str]:
-    """Return two tables: bandwidth and margins of the P law and of the designed bank for the worst
-    plant of the set, and the same for each structure that was tried."""
+    """Return two tables for the worst plant of the set. The first table shows bandwidth and margins
+    of the P law and of the designed bank, and the second table shows these figures for each
+    structure of the law."""
     table = [["", "fS Hz", "fT Hz", "Ms", "a tick late", "gain margin", "phase margin"]]
     for name, law in (("P", outcome.p), ("design", outcome.worst)):
         table.append([name, *map(number, law.row)])
@@ -62,8 +63,8 @@ def _figures(outcome: DesignOutcome) -> list[str]:
 
 
 def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
-    """Return the table of the simulated contacts. A terminal narrower than the table gets a table
-    with fewer columns."""
+    """Return the table of the simulated contacts. On a terminal that is too narrow, the table has
+    fewer columns."""
     if not outcome.rows:
         return []
     rows = cases(outcome.rows)
@@ -81,7 +82,7 @@ def _simulated(outcome: DesignOutcome, width: int | None) -> list[str]:
 
 
 def _set_lines(outcome: DesignOutcome) -> list[str]:
-    """Return the lines about the states of the model in the linear analysis, its other states in
+    """Return the lines about the states of the model in the linear analysis, the other states in
     the set of plants, and the dry friction in the simulated contacts."""
     text = outcome.working.text
     lines = [f"mode         {text}"] if text else []

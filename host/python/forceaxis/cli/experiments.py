@@ -150,8 +150,8 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
 def named(
     context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, str]:
-    """Return {NAME: VALUE} for the texts "NAME=VALUE" of an option. Raises InputError for a text of
-    another form and for a name that occurs twice."""
+    """Return {NAME: VALUE} from the texts "NAME=VALUE" of an option. Raises InputError for a text
+    of another form, and for a name that occurs twice."""
     given: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -267,8 +267,9 @@ def sweep(
 
 
 def outcome_text(outcome: "RegressionOutcome", coloured: Callable[[str], str] = str) -> str:
-    """Return the text about one test of `forceaxis test`: a line with its status, a line for each
-    figure that differs, and where the curves are drawn. `coloured` adds colour to the status."""
+    """Return the text about one test of `forceaxis test`: a line with the status, a line for each
+    figure that differs, and a line with the place of the curves. `coloured`: True if the status has
+    a colour."""
     line = f"{coloured(f'{outcome.status:7}')}  {outcome.name}"
     line += "".join(f"\n           warning: {text}" for text in outcome.warnings)
     if outcome.status != "failed":

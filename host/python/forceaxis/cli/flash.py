@@ -12,7 +12,7 @@ from forceaxis.cli.common import Verb, as_json, print_result
 
 
 class Address(click.ParamType[int]):
-    """Type of an option for a memory address of 32 bits, hexadecimal (0x08000000) or decimal."""
+    """Type of an option for a 32-bit memory address, hexadecimal (0x08000000) or decimal."""
 
     name = "address"
 
@@ -101,8 +101,8 @@ def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
 
 
 def plan_text(plan: flash.Plan) -> str:
-    """Return a text about the image, the flash sectors that it overwrites, its version and whether
-    the stored parameters are kept."""
+    """Return a text about the image, the flash sectors that are overwritten, the version of the
+    image, and whether the stored parameters are kept."""
     who, image, parameters = plan.identity, plan.image, plan.board.memory.parameters
     options = plan.probe.options
     starts = [sector.start for sector in flash.sectors_of(plan.board)]

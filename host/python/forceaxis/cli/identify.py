@@ -1,4 +1,5 @@
-"""The verbs of `forceaxis identify`: the procedures of the thesis, and fits of model parameters."""
+"""The verbs of `forceaxis identify`: the identification procedures of the thesis, and fits of model
+parameters to measured responses."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Known(click.ParamType["Estimate"]):
-    """Type of an option for a known value above 0, typed as VALUE or VALUE+-ERROR. The 95 %
+    """Type of an option for a known value above 0, given as VALUE or VALUE+-ERROR. The 95 %
     confidence interval is VALUE-ERROR to VALUE+ERROR."""
 
     name = "VALUE[+-ERROR]"
@@ -69,7 +70,7 @@ def identify() -> None:
 
 
 def show(result: Printable, as_json: bool, rows: Iterable[tuple[str, str | Estimate]]) -> None:
-    """Print the result of an identification as JSON, or as the lines of `rows` (name, text)."""
+    """Print the result of an identification as JSON, or as the lines `rows` of (name, text)."""
     print_result(result, as_json, lambda: "\n".join(f"{name:12} {text}" for name, text in rows))
 
 

@@ -31,8 +31,8 @@ CONNECTIONS = "--axis N, --can INTERFACE, --modbus URL or --sim EXPERIMENT"
 
 @dataclass(frozen=True)
 class AxisConnection:
-    """Connection to one axis: the values of the options --axis, --can, --modbus and --sim and of
-    the options that belong to them."""
+    """Connection to one axis: the values of the options --axis, --can, --modbus and --sim, and of
+    further options for these connections."""
 
     axis: int | None = None
     lcm_url: str | None = None
@@ -43,7 +43,7 @@ class AxisConnection:
     sim: Path | None = None
     overrides: tuple[str, ...] = ()
     store: str = ""
-    model: str | None = None  #: model whose encoder converts counts to mm
+    model: str | None = None  #: path of a model whose encoder converts counts to mm
 
     def link(self) -> Link:
         """Connect to the axis and return the open link. Raises InputError for wrong options and
@@ -142,8 +142,8 @@ OPTIONS = (
 
 
 def options(command: Verb) -> Verb:
-    """Add the options of a connection to a verb. The function of the verb receives their values as
-    a `AxisConnection`, which may select no axis or several."""
+    """Add the options of a connection to a verb. The function of the verb receives the values of
+    the options as an `AxisConnection`, which may select no axis or several axes."""
 
     @functools.wraps(command)
     def with_connection(*arguments: Any, **given: Any) -> None:
@@ -161,7 +161,7 @@ def options(command: Verb) -> Verb:
 
 def live(command: Verb) -> Verb:
     """Add the options of a connection to a verb that needs exactly one axis. The function of the
-    verb receives their values as a `AxisConnection`."""
+    verb receives the values of the options as an `AxisConnection`."""
 
     @functools.wraps(command)
     def with_one(*arguments: Any, connection: AxisConnection, **others: Any) -> None:
@@ -216,7 +216,8 @@ def connected(connection: AxisConnection) -> Iterator[Axis]:
 
 def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
     """Print a warning if force_scale of the axis was never set, because forces in N are then wrong.
-    A simulated axis gets no warning here, because its link compares the scale with the model."""
+    A simulated axis gets no warning from this function, because its connection compares force_scale
+    with the model."""
     from forceaxis.axis import quantity
 
     found = axis.get("force_scale", "calibration_date")
@@ -232,8 +233,8 @@ def warn_of_newtons(axis: Axis, connection: AxisConnection) -> None:
 
 @contextlib.contextmanager
 def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
-    """Connect to an axis and own the axis for a `with` block. At the end of the block the axis is
-    disabled and released. `shared`: see Axis.acquire()."""
+    """Connect to an axis and acquire the axis for a `with` block. At the end of the block the axis
+    is disabled and released. `shared`: see Axis.acquire()."""
     with connected(connection) as axis:
         axis.acquire(shared)
         yield axis
@@ -241,8 +242,8 @@ def owned(connection: AxisConnection, shared: bool = False) -> Iterator[Axis]:
 
 @contextlib.contextmanager
 def errors(connection: AxisConnection | None = None) -> Iterator[None]:
-    """Print one line and exit with status 1 if the axis refuses a request or does not respond
-    during a `with` block."""
+    """During a `with` block: if the axis refuses a request or does not respond, print one line and
+    exit with status 1."""
     from forceaxis.axis.link import NoAnswer, Refused
 
     try:

@@ -1,5 +1,5 @@
-"""The program `forceaxis`: it loads the module of a verb and runs the verb. Its exit status is 0 on
-success, 1 if the run or check failed, 2 for wrong usage or input."""
+"""The program `forceaxis`, which loads the module of a verb and runs the verb. The exit status is 0
+on success, 1 if the run or check failed, and 2 for wrong usage or input."""
 
 import importlib
 import os
@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import cast
 
-# The matrices are small. On a busy computer several threads of the BLAS library wait for each other
-# and need fifty times as long as one thread. NumPy reads this variable when it is loaded.
+# With small matrices, several threads of the BLAS library wait for each other on a busy computer
+# and need fifty times as long as one thread. NumPy reads this variable when NumPy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
@@ -33,7 +33,7 @@ Keep it from breaking in CI
   forceaxis test press              status 1 and the figures if one changed"""
 
 # {group: {verb: module of this folder whose list VERBS contains the verb}}. A module MODULE is
-# loaded when one of its verbs is used, and with it the modules MODULE_..., which add verbs to it.
+# loaded when one of its verbs is used. Modules MODULE_..., which add verbs, are then also loaded.
 GROUPS = {
     "An axis and its runs": {
         "new": "new",
@@ -74,8 +74,8 @@ GROUPS = {
 }
 MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
 
-# Exceptions that end a verb with one line and exit status 1. They are listed by name, so that the
-# modules of the classes need not be loaded.
+# Exceptions that end a verb with one line and exit status 1. The exceptions are listed by name, so
+# that their modules need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
     "forceaxis.experiments.link.LinkError",
@@ -108,7 +108,8 @@ class Program(click.Group):
             return None
         name = MODULES[cmd_name]
         for found in pkgutil.iter_modules(forceaxis.cli.__path__):
-            if found.name.endswith("_text"):  # has no verbs, only functions for the printed text
+            # a module "..._text" has no verbs, only functions for printed text
+            if found.name.endswith("_text"):
                 continue
             if found.name.startswith(f"{name}_"):
                 importlib.import_module(f"forceaxis.cli.{found.name}")
@@ -157,8 +158,8 @@ def cli(context: click.Context) -> None:
 
 
 def with_help(error: click.ClickException) -> str:
-    """Return the message of a usage error. If the message does not say what was expected, it gets a
-    hint to `--help`."""
+    """Return the message of a usage error. If the message does not state what was expected, a hint
+    to `--help` is added."""
     text = error.format_message()
     context = getattr(error, "ctx", None)
     if re.search(r"\bexpected\b", text):
@@ -169,8 +170,8 @@ def with_help(error: click.ClickException) -> str:
 
 
 def with_table(message: str) -> str:
-    """Return `message` with a hint if it is about an unknown name in the table [set] of a file and
-    another table of the file format has this name. Return other messages as they are."""
+    """Return `message` with a hint if the table [set] of a file has an unknown name, and another
+    table of the file format has the same name. Return other messages unchanged."""
     wrong = re.search(r'set\.(\w+): expected one of the parameters .* got "\1"; correct', message)
     if wrong:
         from forceaxis.experiments.points import meant
@@ -180,18 +181,18 @@ def with_table(message: str) -> str:
 
 
 def main() -> None:
-    """Run the program `forceaxis`. Control sequences from buses and files cannot reach the
-    terminal."""
+    """Run the program `forceaxis`. Terminal control characters in texts from buses and files are
+    not sent to the terminal."""
     with printed_streams():
         command_line()
 
 
 def command_line() -> None:
-    """Run the verb that sys.argv names. An expected error prints one line on standard error and
-    exits with status 1, 2 or 130 (Ctrl-C)."""
+    """Run the verb that sys.argv names. After an expected error, print one line on standard error
+    and exit with status 1, 2 or 130 (Ctrl-C)."""
     try:
         for text in sys.argv:
-            text.encode()  # raises UnicodeError for an argument that is not UTF-8
+            text.encode()  # raises UnicodeError if an argument is not valid UTF-8
         cli(standalone_mode=False)
     except click.exceptions.Abort:
         fail("interrupted", status=130)

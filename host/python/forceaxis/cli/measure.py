@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 def band(
     context: click.Context, option: click.Parameter, text: str | None
 ) -> tuple[float, float] | None:
-    """Return the two frequencies in Hz of a text "LOW:HIGH". Raises InputError for other texts."""
+    """Return the two frequencies in Hz from a text "LOW:HIGH". Raises InputError for other
+    texts."""
     if text is None:
         return None
     try:
@@ -46,8 +47,8 @@ def band(
 
 
 def newtons(context: click.Context, option: click.Parameter, text: str | None) -> tuple[float, ...]:
-    """Return the forces in N of a text such as "30,75". Raises InputError for another text or if a
-    force is not above 0."""
+    """Return the forces in N from a text such as "30,75". Raises InputError for another text, or if
+    a force is not above 0."""
     if text is None:
         return ()
     try:

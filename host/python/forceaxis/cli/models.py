@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 
 def check_drawing(out: Path | None) -> None:
-    """Raise InputError if `out` has no suffix of a figure file. A verb calls this before a long
-    computation."""
+    """Raise InputError if the suffix of `out` is not that of a figure file. A verb calls this
+    function before a long computation."""
     if out:
         from forceaxis import drawing
 
@@ -45,8 +45,8 @@ def check_drawing(out: Path | None) -> None:
 
 
 def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
-    """Write the figure that `make` draws to the file `out`, or draw nothing if `out` is None.
-    `make` is called with the module linear.plots, which is loaded only for a figure."""
+    """Write the figure that make(plots) draws to the file `out`. If `out` is None, draw nothing.
+    `plots` is the module linear.plots, which is loaded only for a figure."""
     if out:
         from forceaxis import drawing
         from forceaxis.linear import plots
@@ -57,7 +57,7 @@ def draw(out: Path | None, make: Callable[[ModuleType], "Figure"]) -> None:
 def present(
     result: Result, as_json: bool, describe: Callable[[Result], str], out: Path | None = None
 ) -> None:
-    """Print the result of a verb, as a JSON object or as the text of `describe` and the path of the
+    """Print the result of a verb as a JSON object, or as the text of `describe` and the path of the
     figure `out`."""
     done_waiting()
     if as_json:
@@ -121,7 +121,7 @@ def law_options(verb: Callback) -> Callback:
     )(verb)
 
 
-# {parameter of the verb's function, which click writes in lower case: parameter of the law}
+# {parameter of the verb's function in lower case, as click writes names: parameter of the law}
 LAW_PARAMETERS = {
     name.lower(): name
     for name in (
@@ -137,8 +137,8 @@ LAW_PARAMETERS = {
 
 
 def requests_loop(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb the parameter `request`, a LoopRequest. It is made from the values of all options
-    that are no parameters of the verb itself."""
+    """Give a verb the parameter `request`, a LoopRequest. The LoopRequest is made from all options
+    that are not parameters of the verb's own function."""
     own = inspect.signature(verb).parameters
 
     @functools.wraps(verb)
@@ -430,8 +430,8 @@ def _overlay(
     as_json: bool,
     measured: tuple[str, ...],
 ) -> None:
-    """Draw measured points over the response of the model. Input, output, states and timing of the
-    model are those of the measurement."""
+    """Draw measured points over the response of the model. The model has the same input, output,
+    states and timing as the measurement."""
     from forceaxis import linear
     from forceaxis.cli import text_models
     from forceaxis.identify import overlay

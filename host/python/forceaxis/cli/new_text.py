@@ -6,7 +6,9 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
 
 LIMIT_NAMED_BELOW = (
-    1.5  # times the bandwidth of the P law; below this the text says what limits the bank
+    # Ratio of the bandwidths of bank and P law. Below this ratio, the text states what limits the
+    # bandwidth of the bank.
+    1.5
 )
 
 
@@ -38,7 +40,7 @@ def _bank(bought: BankForAxis | NoBank | None) -> list[tuple[str, str]]:
     times = ""
     if before is not None and bought.p_static_error is not None:
         reached = "|S| never below -3 dB"
-        if before > 1.01 * LOWEST_HZ:  # |S| of P is below -3 dB at a low frequency
+        if before > 1.01 * LOWEST_HZ:  # with law P, |S| is below -3 dB at a low frequency
             reached, times = f"bandwidth fS {before:.3g} Hz", f", {after / before:.2g} times P's"
         rows.append(
             ("P", f"force_gain {bought.p_force_gain:.4g}, {reached}, static error up to "

@@ -21,7 +21,7 @@ FILES = {
 
 
 def file_options(verb: Callback) -> Callback:
-    """Add an option for each kind of file that describes the objects."""
+    """Add an option to a verb for each kind of file that describes the objects."""
     for kind, (_, content) in reversed(FILES.items()):
         option = click.option(
             f"--{kind}", type=File(), metavar="FILE", help=f"Write the {content}."
@@ -31,8 +31,8 @@ def file_options(verb: Callback) -> Callback:
 
 
 def addresses(o: objects.AxisObject) -> tuple[str, str]:
-    """Return the CANopen address and the Modbus register of an object as texts. The second text is
-    empty if the object has no register."""
+    """Return the CANopen address and the Modbus register of an object as two texts. The second text
+    is empty if the object has no register."""
     space = "h" if o.access == "rw" else "i"
     return f"{o.index:04x}:{o.sub:x}", f"{space} {o.modbus:04x}" if o.modbus >= 0 else ""
 
@@ -53,7 +53,8 @@ def line(o: objects.AxisObject) -> str:
     canopen, modbus = addresses(o)
     text = f"{o.meaning} [{span(o)}{writable(o)}]"
     whole = f"{o.name:26} {canopen:7} {modbus:6} {o.access:3} {text}"
-    if not sys.stdout.isatty():  # other programs get one line for each object
+    # without a terminal, each object is printed on one line for other programs
+    if not sys.stdout.isatty():
         return whole
     width = max(60, shutil.get_terminal_size().columns)
     return textwrap.fill(whole, width, subsequent_indent=" " * 28, break_on_hyphens=False)

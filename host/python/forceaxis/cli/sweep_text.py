@@ -36,7 +36,8 @@ def rows(done: Sweep) -> list[summary.Row]:
 
 
 def isolated_text(point: IsolatedPoint) -> str:
-    """Return a text about a point whose verdict differs from the verdict of its neighbours."""
+    """Return a text about a point of a sweep whose verdict differs from the verdicts of its
+    neighbours."""
     at = text_of(point.values)
     if point.around:
         return f"{at}: {point.verdict}, as are {point.alike} of {point.around} points around it"
@@ -44,7 +45,8 @@ def isolated_text(point: IsolatedPoint) -> str:
 
 
 def boundary_text(boundary: Boundary, name: str) -> str:
-    """Return a text about the stability boundary of one point. name: the searched parameter."""
+    """Return a text about the stability boundary at one point of a sweep. name: the parameter whose
+    boundary was searched."""
     what = (
         f"{name}: stable at {boundary.stable:.6g}, "
         f"{WORDS[boundary.beyond]} at {boundary.unstable:.6g}"
@@ -55,5 +57,5 @@ def boundary_text(boundary: Boundary, name: str) -> str:
 
 
 def text_of(values: Row) -> str:
-    """Return the values of a point as text."""
+    """Return the values of a point of a sweep as text."""
     return ", ".join(f"{name} = {value:g}" for name, value in values.items())

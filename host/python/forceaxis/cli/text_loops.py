@@ -38,7 +38,7 @@ def mode_lines(mode: Working | None) -> list[str]:
     return [f"mode         {mode.text}"] if mode else []
 
 
-# {control law that is no mode of the firmware: how the firmware can compute it}
+# {control law that no mode of the firmware has: text about how the firmware can compute the law}
 IN_FIRMWARE = {
     "pi": "runs this law as a bank with an integral: `forceaxis design`",
     "lead": "runs this law as a bank with a section: `forceaxis design`",
@@ -47,7 +47,7 @@ IN_FIRMWARE = {
 }
 
 
-# Texts for a bandwidth of 0 Hz, which has its cause in a large static error of the control law.
+# Texts for a bandwidth of 0 Hz, which is the result of a large static error of the control law.
 AT_REST = {
     "fS_Hz": "above it from 0 Hz on: a static error of 71 % or more",
     "fT_Hz": "below it from 0 Hz on: a static error of 29 % or more",
@@ -83,8 +83,8 @@ def describe_limit(result: LimitResult) -> str:
 
 
 def describe_nyquist(result: NyquistResult) -> str:
-    """Return the text of `forceaxis nyquist` for one loop: as `forceaxis limit` at the gain of the
-    plot."""
+    """Return the text of `forceaxis nyquist` for one loop, with the content of `forceaxis limit` at
+    the gain of the plot."""
     return describe_limit(replace(result.limit, at=result.at))
 
 
@@ -158,7 +158,7 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
     """Return the lines about a set of plants: the ranges of its parameters, and its modes."""
     spans = [f"{n} {r.low:.6g}..{r.high:.6g}" for n, r in analysed.over.ranges.items()]
     modes = [Member({}, m).label() for m in analysed.over.modes]
-    if analysed.loop.working:  # describes the nominal mode, which is the first
+    if analysed.loop.working:  # the line describes the nominal mode, which is the first mode
         modes[0] = analysed.loop.working.text
     return [
         f"set          {', '.join(spans) or 'the nominal values'}",
@@ -167,8 +167,8 @@ def _set_lines(analysed: AnalysedSet) -> list[str]:
 
 
 def worst_lines(at: WorstAtGain, unit: str) -> list[str]:
-    """Return the lines about the worst value of each figure over a set of plants, each with its
-    plant; unit: of the gain."""
+    """Return the lines about the worst value of each figure over a set of plants, each with the
+    plant that has this value. unit: unit of the gain."""
     own = f", force_gain {at.firmware_gain:.5g}" if at.firmware_gain else ""
     head = f"at           {at.gain:.6g} {unit}{own}: "
     if not at.stable:

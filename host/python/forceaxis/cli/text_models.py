@@ -61,8 +61,8 @@ def describe_bode(result: LoopBode | PlantBode) -> str:
 
 
 def describe_measured(result: MeasuredBode) -> str:
-    """Return the text of `forceaxis bode --measured`: the curves, and whether the model explains
-    each measurement."""
+    """Return the text of `forceaxis bode --measured`: the curves, and for each measurement whether
+    the model explains it."""
     lines = [describe_bode(result)]
     for row in result.measured:
         found = row.comparison

@@ -61,8 +61,8 @@ def tables_(
 
 
 def tables_text(result: tables.TablesResult) -> str:
-    """Return lines: each cell whose simulated verdict differs, with the reason; the fitted
-    constants; the number of cells that agree."""
+    """Return the lines about the stability tables: each cell whose simulated verdict differs, with
+    the reason; the fitted constants; the number of cells that agree."""
     lines = []
     for cell in result.cells:
         if cell.agrees:
@@ -142,7 +142,7 @@ def session(out: Path, as_json: bool) -> None:
     link.under_vcan(link.LinkOptions("socketcan"))
     from forceaxis.thesis import session as thesis_session
 
-    # SIGTERM has the effect of an interrupt: the programs are ended and the journal is complete.
+    # SIGTERM acts as an interrupt, so that the programs end and the journal is complete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
     def report(step: str) -> None:
@@ -159,7 +159,7 @@ def session(out: Path, as_json: bool) -> None:
 
 
 def session_text(found: "SessionResult") -> str:
-    """Return the observed values of a session as lines with units."""
+    """Return the values that were observed in a session as lines with units."""
     from forceaxis.thesis import session as thesis_session
 
     scales = thesis_session.scales()
@@ -201,8 +201,8 @@ def check_thesis(as_json: bool) -> None:
 
 
 def claims_text(result: "claims.CheckedClaims") -> str:
-    """Return two lines for each number of the thesis: whether it agrees, and its value in the
-    thesis and here."""
+    """Return two lines for each number of the thesis. They state whether the number agrees, its
+    value in the thesis, and its value here."""
     from forceaxis.thesis import claims
 
     lines = []
