@@ -964,320 +964,320 @@ enum {
 };
 
 typedef struct {
-  uint32_t excitation_frequency; /* frequency of the sine, and start frequency of a sweep; below 750 Hz [3.49246e-07 Hz] */
-  int32_t excitation_sweep; /* rate at which the frequency of the sine rises; above 750 Hz the frequency aliases, and the sweep starts again only at the end of excitation_period [0.0005238689 Hz/s] */
-  int32_t excitation_period; /* ticks after which the waveform starts again, the noise with the same values; 0 means that the waveform does not start again [tick] */
+  uint32_t excitation_frequency; /* frequency of the sine, or start frequency of the frequency sweep; below 750 Hz [3.49246e-07 Hz] */
+  int32_t excitation_sweep; /* rate at which the frequency of the sine rises; above 750 Hz the frequency aliases; the sweep restarts only at the end of excitation_period [0.0005238689 Hz/s] */
+  int32_t excitation_period; /* number of ticks after which the waveform restarts, the noise with equal values; 0 means that the waveform does not restart [tick] */
   int32_t force_setpoint; /* set-point f_d of the force, in counts of an 8-bit ADC [1/256 count] */
-  int32_t force_tare; /* force that is subtracted from the measured force, in counts of an 8-bit ADC [1/256 count] */
-  int32_t position_setpoint; /* set-point of the position in position mode; a value that was written before the mode begins acts when the mode begins; the axis stops at a soft limit before the set-point [count] */
+  int32_t force_tare; /* tare: force that is subtracted from the measured force, in counts of an 8-bit ADC [1/256 count] */
+  int32_t position_setpoint; /* position set-point in position mode. A value written before position mode begins acts when position mode begins. The axis does not pass a soft limit on its path to the set-point [count] */
   uint32_t profile_velocity_max; /* speed limit of the trapezoidal profile [1/65536 count/tick] */
   uint32_t profile_acceleration_max; /* acceleration limit of the trapezoidal profile [1/65536 count/tick^2] */
-  int32_t position_min; /* soft limit: below this position no negative code is output; the smallest value means no limit [count] */
-  int32_t position_max; /* soft limit: above this position no positive code is output; the largest value means no limit [count] */
-  int32_t following_error_max; /* largest distance between position and set-point in position mode; 0 means off [count] */
-  int32_t speed_max; /* largest speed while a mode is active; 0 means off [count/tick] */
-  int32_t force_max; /* largest magnitude of the force while a mode is active; 0 means off [1/256 count] */
-  int32_t contact_force; /* magnitude of the measured force above which the axis counts as in contact [1/256 count] */
-  int32_t tare_band; /* largest permitted magnitude of force_tare; 0 means no limit, and force_tare may then be written while the axis is enabled [1/256 count] */
-  int16_t open_loop_code; /* DAC code that is output in open-loop mode, and mean value of the output in excitation mode [code] */
-  uint16_t excitation_amplitude; /* largest magnitude of the excitation; the noise is distributed uniformly between its negative and positive value [code] */
-  uint16_t excitation_seed; /* start value of the waveform: each seed gives another noise; the start phase of the sine in 1/65536 turn [1] */
-  uint16_t excitation_hold; /* ticks for which each value of the noise is output, which limits its bandwidth; a new number acts after the present value [tick] */
+  int32_t position_min; /* soft limit: below this position the firmware outputs no negative DAC code; the smallest value means no limit [count] */
+  int32_t position_max; /* soft limit: above this position the firmware outputs no positive DAC code; the largest value means no limit [count] */
+  int32_t following_error_max; /* largest permitted distance between position and set-point in position mode; 0 means off [count] */
+  int32_t speed_max; /* largest permitted speed while a mode is active; 0 means off [count/tick] */
+  int32_t force_max; /* largest permitted magnitude of the measured force while a mode is active; 0 means off [1/256 count] */
+  int32_t contact_force; /* magnitude of the measured force above which the axis is in contact [1/256 count] */
+  int32_t tare_band; /* largest permitted magnitude of force_tare; with 0 there is no limit, and force_tare may be written while the axis is enabled [1/256 count] */
+  int16_t open_loop_code; /* DAC code that is output in open-loop mode; in excitation mode, mean value of the output [code] */
+  uint16_t excitation_amplitude; /* largest magnitude of the excitation; noise is distributed uniformly between the negative and the positive amplitude [code] */
+  uint16_t excitation_seed; /* start value of the excitation waveform: seed of the noise, or start phase of the sine in 1/65536 turn [1] */
+  uint16_t excitation_hold; /* number of ticks for which each noise value is output, which limits the bandwidth of the noise; a new number acts after the present value [tick] */
   uint16_t force_gain; /* gain k_f of the explicit force law [1/256 code/count] */
-  uint16_t force_zero_code; /* ADC code of zero force: 0 for an unsigned code, 2^(adc_bits-1) for a signed code [1] */
-  uint16_t position_gain; /* gain k_p of the position law; 0 means that the axis follows no position: it does not move in the position, velocity and homing modes, and does not approach a contact in force modes 4 and 10 [1/256 code/count] */
-  uint16_t velocity_gain; /* gain k_d of the position law, on the velocity in counts per tick [1/256 code tick/count] */
+  uint16_t force_zero_code; /* ADC code at zero force: 0 for an unsigned code, 2^(adc_bits-1) for a signed code [1] */
+  uint16_t position_gain; /* gain k_p of the position law. With 0 the position law does not move the axis: not in the position, velocity and homing modes, and not in the approach of force modes 4 and 10 [1/256 code/count] */
+  uint16_t velocity_gain; /* gain k_d of the position law, a factor of the velocity in counts per tick [1/256 code tick/count] */
   uint16_t output_limit; /* largest magnitude of the DAC code; 2048 means the full range of the DAC [code] */
-  uint8_t mode; /* requested mode; set back to disabled by a fault [enum] */
+  uint8_t mode; /* requested native mode; a fault changes the mode to disabled [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
-  int8_t force_sign; /* sign of the measured force, +1 or -1; select it so that compression is positive [1] */
+  int8_t force_sign; /* sign of the measured force, +1 or -1; with the correct sign a compression gives a positive measured force [1] */
   uint8_t adc_bits; /* resolution of both ADC channels; a code of 2^adc_bits or more is a fault [1] */
-  uint8_t profile_enable; /* whether the axis moves to a new position set-point at once or along the trapezoidal profile [enum] */
-  uint8_t latency_ticks; /* ticks from reading the sensors until the code that is computed from them is output [tick] */
-  uint8_t bump_decay_shift; /* exponent n: after a change of mode or gain a bias keeps the output continuous and decays by 2^-n in each tick; 0 means that the bias is removed at once [1] */
+  uint8_t profile_enable; /* type of motion to a new position set-point, as a step or along the trapezoidal profile [enum] */
+  uint8_t latency_ticks; /* number of ticks from reading the sensors to the output of the DAC code that is computed from these sensor values [tick] */
+  uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias: after a change of mode or gain, the bias keeps the output continuous and decays by 2^-n in each tick; 0 means no bias [1] */
 } axis_params_t;
 
 typedef struct {
-  uint32_t tick_count; /* ticks since power-up, modulo 2^32 [tick] */
-  int32_t position; /* encoder count, modulo 2^32 [count] */
+  uint32_t tick_count; /* number of ticks since power-up, modulo 2^32 [tick] */
+  int32_t position; /* encoder count of the axis, modulo 2^32 [count] */
   int32_t velocity; /* difference of the last two encoder counts [count/tick] */
   int32_t force; /* measured force after zero code, sign and tare, in counts of an 8-bit ADC [1/256 count] */
-  int32_t profile_position; /* set-point of the position law; outside position mode the position itself [count] */
+  int32_t profile_position; /* set-point of the position law; outside position mode, the position of the axis [count] */
   int32_t profile_velocity; /* speed of the trapezoidal profile [1/65536 count/tick] */
   int32_t position_error; /* profile_position minus position, modulo 2^32 [count] */
-  int32_t bump_bias; /* present bias in the output that keeps it continuous after a change of mode or gain [1/65536 code] */
+  int32_t bump_bias; /* bias that is added to the output now, so that the output is continuous after a change of mode or gain [1/65536 code] */
   int32_t force_integral; /* output of the integral of the force law [1/65536 code] */
   uint16_t force_raw; /* ADC code of the force sensor [1] */
   uint16_t current_raw; /* ADC code of the motor current [1] */
   int16_t dac_code; /* DAC code that was output in the latest tick [code] */
-  int16_t command_code; /* code computed in the latest tick, before any limit; with latency_ticks 1 it is output one tick later [code] */
-  uint8_t active_mode; /* mode of the latest tick [enum] */
-  uint8_t fault; /* first fault since the last reset [enum] */
-  uint8_t limit_reason; /* limit that bounds dac_code in the latest tick [enum] */
-  uint8_t digital_inputs; /* bits: 0 enable chain closed, 1 positive limit switch, 2 negative limit switch, 3 index [1] */
+  int16_t command_code; /* DAC code that the control law computed in the latest tick, before any limit; with latency_ticks 1 this code is output one tick later [code] */
+  uint8_t active_mode; /* native mode that was active in the latest tick [enum] */
+  uint8_t fault; /* latched fault: the first fault since the last reset of a fault [enum] */
+  uint8_t limit_reason; /* limit that bounded dac_code in the latest tick [enum] */
+  uint8_t digital_inputs; /* digital inputs as bits: bit 0 enable chain closed, bit 1 positive limit switch, bit 2 negative limit switch, bit 3 index pulse, bit 4 home switch [1] */
 } axis_signals_t;
 
 typedef struct {
-  uint32_t bank_integral[4]; /* rate of the integral, per second; 0 means no integral [2.235174e-05 1/s] */
-  uint32_t bank_crc[4]; /* CRC-32 of the bank's other values as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
-  int32_t bank_coefficient[60]; /* b0, b1, b2, a1, a2 of each section, a0 = 1 [1/67108864 1] */
-  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, the version of the force law and the signature of the objects that the law uses; the tool that designed the bank writes it; 0 means no certificate [1] */
-  uint32_t certificate_parts[4]; /* one byte of each part of certificate_hash, so that certificate_state can name the part that differs: bank, ADC, scale, law, lowest byte first [1] */
-  uint16_t bank_gain[4]; /* gain of the filtered force error, in codes per count of an 8-bit ADC [1/256 code/count] */
-  uint16_t bank_velocity_gain[4]; /* damping by the encoder's velocity, in codes per count in a tick [1/256 code tick/count] */
-  uint16_t certificate_date[4]; /* day on which the bank was designed, days since 1984-01-01 [1] */
-  uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function over all tolerances of the certificate [1/1000 1] */
+  uint32_t bank_integral[4]; /* integral rate of the bank, per second; 0 means no integral action [2.235174e-05 1/s] */
+  uint32_t bank_crc[4]; /* CRC-32 of all other values of the bank as 32-bit words, least significant byte first, in the order of their sub-indices [1] */
+  int32_t bank_coefficient[60]; /* coefficients b0, b1, b2, a1, a2 of each second-order section of the bank; a0 is 1 [1/67108864 1] */
+  uint32_t certificate_hash[4]; /* CRC-32 of bank_crc, adc_bits, force_scale, the version of the force law, and a hash of names, types, units and scales of the objects that the law uses. The tool that designed the bank writes this CRC. 0 means no certificate [1] */
+  uint32_t certificate_parts[4]; /* one byte for each part of certificate_hash, with which the firmware determines the part that certificate_state shows; from the lowest byte up: bank, ADC, scale, law [1] */
+  uint16_t bank_gain[4]; /* gain of the bank for the filtered force error, in DAC codes per count of an 8-bit ADC [1/256 code/count] */
+  uint16_t bank_velocity_gain[4]; /* velocity gain of the bank: damping in DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
+  uint16_t certificate_date[4]; /* day on which the bank was designed, in days since 1984-01-01 [1] */
+  uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function for all plants within the tolerances of the certificate [1/1000 1] */
   uint16_t certificate_stiffness[4]; /* tolerance of the stiffness of the workpiece for which the bank was designed [per mille] */
   uint16_t certificate_mass[4]; /* tolerance of the mass of the workpiece for which the bank was designed [per mille] */
-  uint16_t uncertified_force; /* share of force_limit that bounds the demanded force in every mode that controls force while no certificate matches the law [per mille] */
-  uint16_t uncertified_output; /* largest magnitude of the code of the force law while no certificate matches the law, in addition to output_limit; 2048 means no limit [code] */
-  uint8_t force_bank; /* selected bank of the force law; 0 means the law with force_gain alone. A bank can be selected only while its bank_state is valid, and cannot be written while it is selected [1] */
-  uint8_t bank_sections[4]; /* number of second-order sections that filter the force error [1] */
-  uint8_t certificate_required; /* whether the drive also restricts bank 0, the force law with force_gain alone, which has no certificate [enum] */
+  uint16_t uncertified_force; /* largest demanded force without a matching certificate, in per mille of force_limit, in every mode that controls force [per mille] */
+  uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law without a matching certificate, in addition to output_limit; 2048 means no limit [code] */
+  uint8_t force_bank; /* number of the selected bank of the force law; 0 means the law with force_gain alone. A bank can be selected only if its bank_state is valid; the selected bank cannot be written [1] */
+  uint8_t bank_sections[4]; /* number of second-order sections of the bank, which filter the force error [1] */
+  uint8_t certificate_required; /* 1 restricts the force law also for bank 0, which is the law with force_gain alone and has no certificate [enum] */
 } law_params_t;
 
 typedef struct {
-  uint8_t bank_state[4]; /* whether the bank can be selected, or the reason why not [enum] */
-  uint8_t certificate_state[4]; /* whether the certificate matches the bank, or which part of the certificate differs [enum] */
+  uint8_t bank_state[4]; /* state of the bank, or the reason why the bank cannot be selected [enum] */
+  uint8_t certificate_state[4]; /* result of the comparison of the certificate with bank, ADC, scale and law: a match, or the first part that differs [enum] */
 } law_signals_t;
 
 typedef struct {
-  uint32_t recorder_signal[8]; /* object recorded in this channel: CANopen index times 256 plus sub-index; 0 means none [1] */
+  uint32_t recorder_signal[8]; /* object that this channel records: CANopen index times 256 plus sub-index; 0 means none [1] */
   uint32_t recorder_trigger_source; /* object whose value triggers the recording: CANopen index times 256 plus sub-index [1] */
-  int32_t recorder_trigger_level; /* raw value of the trigger level; for a source of type u32 its 32 bits. A rising edge goes from below the level to the level or above it, a falling edge from above the level to the level or below it [1] */
-  uint16_t recorder_decimation; /* ticks from one sample to the next [tick] */
+  int32_t recorder_trigger_level; /* trigger level as a raw value; for a source of type u32, its 32 bits. A rising edge goes from below the level to the level or above. A falling edge goes from above the level to the level or below [1] */
+  uint16_t recorder_decimation; /* number of ticks from one sample to the next [tick] */
   uint16_t recorder_pretrigger; /* number of samples before the trigger that a recording keeps [1] */
   uint16_t recorder_length; /* number of samples of a recording; 0 means as many samples as the buffer has room for [1] */
-  uint8_t recorder_trigger_edge; /* direction in which recorder_trigger_source must pass recorder_trigger_level; excitation_start triggers in the tick in which the first value of the excitation acts, whatever source and level are [enum] */
+  uint8_t recorder_trigger_edge; /* direction in which the value of recorder_trigger_source must cross recorder_trigger_level. With excitation_start the trigger is the first tick of the excitation; source and level are not used [enum] */
 } recorder_params_t;
 
 typedef struct {
-  uint32_t recorder_count; /* number of samples that a client can read [1] */
-  uint32_t recorder_capacity; /* number of samples that the present recording will have when it is complete [1] */
-  uint32_t recorder_trigger_index; /* index of the first sample at or after the trigger [1] */
+  uint32_t recorder_count; /* number of samples of the recording that a client can read [1] */
+  uint32_t recorder_capacity; /* number of samples that the recording has when it is complete [1] */
+  uint32_t recorder_trigger_index; /* index of the first sample of the recording at or after the trigger [1] */
   uint8_t recorder_state; /* state of the recorder [enum] */
 } recorder_signals_t;
 
 typedef struct {
-  uint32_t following_error_window; /* largest following error; 4294967295 means off [count] */
-  uint32_t position_window; /* distance from the target below which the target counts as reached [count] */
+  uint32_t following_error_window; /* largest permitted following error; 4294967295 means off [count] */
+  uint32_t position_window; /* distance from the target position within which the drive reports the target as reached [count] */
   int32_t target_position; /* position to which the axis shall move [count] */
   int32_t home_offset; /* position that homing assigns to the reference position [count] */
-  int32_t position_limit_min; /* smallest target position; a smaller target is replaced by this limit; the smallest value of the object means no limit; in force modes only position_min (2016h) acts [count] */
-  int32_t position_limit_max; /* largest target position; a larger target is replaced by this limit; the largest value of the object means no limit; in force modes only position_max (2017h) acts [count] */
-  uint32_t encoder_increments; /* encoder counts in encoder_revolutions motor revolutions [count] */
-  uint32_t encoder_revolutions; /* motor revolutions in which the encoder counts encoder_increments [1] */
-  uint32_t gear_motor_revolutions; /* motor revolutions in gear_shaft_revolutions revolutions of the driving shaft [1] */
-  uint32_t gear_shaft_revolutions; /* revolutions of the driving shaft in gear_motor_revolutions motor revolutions [1] */
-  uint32_t feed; /* position units of the user in feed_shaft_revolutions revolutions of the driving shaft; 0: the unit of the user is the encoder count [1] */
-  uint32_t feed_shaft_revolutions; /* revolutions of the driving shaft to which feed refers [1] */
-  uint32_t position_unit; /* name of the user's position unit by CiA 303-2, 0xFA010000 is um; changes no value [1] */
-  uint32_t velocity_unit; /* name of the user's velocity unit by CiA 303-2, 0xFA010300 is um/s; changes no value [1] */
+  int32_t position_limit_min; /* smallest target position; the drive uses this limit in place of a smaller target. The smallest value means no limit. In force modes only position_min (2016h) acts [count] */
+  int32_t position_limit_max; /* largest target position; the drive uses this limit in place of a larger target. The largest value means no limit. In force modes only position_max (2017h) acts [count] */
+  uint32_t encoder_increments; /* number of encoder counts in encoder_revolutions motor revolutions [count] */
+  uint32_t encoder_revolutions; /* number of motor revolutions in which the encoder counts encoder_increments [1] */
+  uint32_t gear_motor_revolutions; /* number of motor revolutions in gear_shaft_revolutions revolutions of the driving shaft [1] */
+  uint32_t gear_shaft_revolutions; /* number of revolutions of the driving shaft in gear_motor_revolutions motor revolutions [1] */
+  uint32_t feed; /* number of user units of position in feed_shaft_revolutions revolutions of the driving shaft; with 0 the user unit is the encoder count [1] */
+  uint32_t feed_shaft_revolutions; /* number of revolutions of the driving shaft in which the axis moves by feed [1] */
+  uint32_t position_unit; /* code of the user unit of position by CiA 303-2, for example 0xFA010000 for um; has no effect on values [1] */
+  uint32_t velocity_unit; /* code of the user unit of velocity by CiA 303-2, for example 0xFA010300 for um/s; has no effect on values [1] */
   uint32_t velocity_max; /* largest magnitude of every target velocity and profile velocity [count/s] */
-  uint32_t trajectory_velocity; /* speed of the profile position mode [count/s] */
-  uint32_t trajectory_acceleration; /* acceleration of the profiles [count/s^2] */
-  uint32_t trajectory_deceleration; /* deceleration of the profiles and of the slow-down ramp [count/s^2] */
+  uint32_t trajectory_velocity; /* largest speed of a motion in profile position mode [count/s] */
+  uint32_t trajectory_acceleration; /* acceleration in the profile modes [count/s^2] */
+  uint32_t trajectory_deceleration; /* deceleration in the profile modes and of the slow-down ramp [count/s^2] */
   uint32_t quick_stop_deceleration; /* deceleration of the quick-stop ramp [count/s^2] */
   int32_t target_velocity; /* velocity that the axis shall reach [count/s] */
-  int32_t velocity_offset; /* velocity that is added to the velocity demand in the cyclic modes of position and velocity [count/s] */
-  uint32_t rated_force; /* force that corresponds to 1000 per mille [mN] */
-  uint32_t force_slope; /* rate at which the force mode changes the demanded force [per mille/s] */
+  int32_t velocity_offset; /* velocity that the cyclic modes of position and velocity add to the velocity demand [count/s] */
+  uint32_t rated_force; /* rated force: the force that corresponds to 1000 per mille [mN] */
+  uint32_t force_slope; /* largest rate at which mode 4 changes the demanded force [per mille/s] */
   uint32_t force_scale; /* force of one count of an 8-bit ADC [uN] */
-  uint32_t approach_velocity_max; /* speed with which the force modes approach the workpiece before contact [count/s] */
-  uint32_t stiffness; /* gain from position error to force in the stiffness and impedance modes, force counts per encoder count [1/65536 count/count] */
-  uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, force counts per encoder count in a tick [1/256 count tick/count] */
-  uint32_t homing_travel; /* largest distance from the start of homing [count] */
-  uint32_t homing_timeout; /* longest duration of homing [ms] */
+  uint32_t approach_velocity_max; /* largest speed of the approach in the force modes [count/s] */
+  uint32_t stiffness; /* gain from position error to force in the stiffness and impedance modes, in force counts per encoder count [1/65536 count/count] */
+  uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, in force counts per encoder count in a tick [1/256 count tick/count] */
+  uint32_t homing_travel; /* largest permitted distance of the axis from the start of homing [count] */
+  uint32_t homing_timeout; /* longest permitted duration of homing [ms] */
   uint32_t homing_retract; /* distance by which homing on contact moves back from the first contact [count] */
-  uint32_t homing_speed[2]; /* speeds of homing: the first one for the search of the switch, the second, slow one for the reference position [count/s] */
-  uint32_t homing_acceleration; /* acceleration of homing [count/s^2] */
-  int32_t interpolation_setpoint; /* target_position under a second address: a write to either object changes both [count] */
-  int32_t excitation_force_max; /* measured force above which the excitation ends in the same tick [1/256 count] */
-  int32_t excitation_force_min; /* measured force below which the excitation ends in the same tick [1/256 count] */
-  uint32_t excitation_travel; /* largest distance of the axis from the position at which the excitation started; a larger distance ends the excitation in the same tick; 0 means off [count] */
-  uint32_t touch_velocity_max; /* largest speed without contact in the modes that press without an approach of their own, -1, -6, -7 and -8; 0 means off [count/s] */
-  uint32_t contact_travel_max; /* largest travel in the direction of pressing after the first contact of a force mode; a larger travel is the fault contact_travel; 0 means off [count] */
-  uint32_t approach_timeout; /* longest time for which a force mode may approach or press without contact; a longer time is the fault no_contact; 0 means off [ms] */
-  uint32_t approach_travel_max; /* largest travel without contact in a force mode; a larger travel is the fault no_contact; 0 means off [count] */
-  int32_t force_ripple_max; /* largest permitted ripple of the measured force within 100 ms while the demanded force does not change; a larger ripple counts as a limit cycle; 0 means off [1/256 count] */
-  uint32_t force_shaper_amplitude[3]; /* amplitudes of the impulses of the force shaper; their sum is 65536 [1/65536 1] */
-  uint32_t motion_shaper_amplitude[3]; /* amplitudes of the impulses of the motion shaper; their sum is 65536 [1/65536 1] */
-  int32_t force_jump_max; /* largest change of the ADC code of the force from one tick to the next; a larger change is the fault force_jump; 0 means off [1/256 count] */
-  int32_t tare_noise; /* largest difference between two ADC codes of the force during the measurement of the tare [1/256 count] */
-  int32_t calibration_reading[8]; /* measured force at a point of the calibration [1/256 count] */
-  int32_t calibration_force[8]; /* force of the reference sensor at this point of the calibration [mN] */
-  uint16_t controlword; /* CiA 402 controlword; each write is carried out at once [1] */
+  uint32_t homing_speed[2]; /* speeds of homing: the first speed for the search of the switch, the second, lower speed for the search of the reference position [count/s] */
+  uint32_t homing_acceleration; /* acceleration and deceleration of the axis during homing [count/s^2] */
+  int32_t interpolation_setpoint; /* target position of the cyclic position mode, a second address of target_position: a write to either object changes both objects [count] */
+  int32_t excitation_force_max; /* largest measured force during the excitation; a larger force ends the excitation in the same tick [1/256 count] */
+  int32_t excitation_force_min; /* smallest measured force during the excitation; a smaller force ends the excitation in the same tick [1/256 count] */
+  uint32_t excitation_travel; /* largest distance from the position at the start of the excitation; a larger distance ends the excitation in the same tick; 0 means off [count] */
+  uint32_t touch_velocity_max; /* largest speed before contact in modes -1, -6, -7 and -8, which have no approach of their own; 0 means off [count/s] */
+  uint32_t contact_travel_max; /* largest travel in the direction of pressing after the first contact in a force mode; a larger travel causes the fault contact_travel; 0 means off [count] */
+  uint32_t approach_timeout; /* longest time for which a force mode may approach or press without contact; a longer time causes the fault no_contact; 0 means off [ms] */
+  uint32_t approach_travel_max; /* largest travel without contact in a force mode; a larger travel causes the fault no_contact; 0 means off [count] */
+  int32_t force_ripple_max; /* largest permitted force ripple within 100 ms while the demanded force is constant; the firmware reports a larger ripple as a limit cycle; 0 means off [1/256 count] */
+  uint32_t force_shaper_amplitude[3]; /* amplitudes of the impulses of the force shaper; the sum of the amplitudes must be 65536 [1/65536 1] */
+  uint32_t motion_shaper_amplitude[3]; /* amplitudes of the impulses of the motion shaper; the sum of the amplitudes must be 65536 [1/65536 1] */
+  int32_t force_jump_max; /* largest permitted change of the ADC code of the force from one tick to the next; a larger change causes the fault force_jump; 0 means off [1/256 count] */
+  int32_t tare_noise; /* largest permitted difference between two ADC codes of the force during the tare measurement [1/256 count] */
+  int32_t calibration_reading[8]; /* measured force at this point of the calibration [1/256 count] */
+  int32_t calibration_force[8]; /* force that the reference sensor showed at this point of the calibration [mN] */
+  uint16_t controlword; /* CiA 402 controlword; the firmware carries out each write immediately [1] */
   int16_t abort_connection_option; /* reaction to the loss of the owner: 0 none, 1 fault, 2 disable voltage, 3 quick stop [1] */
-  int16_t quick_stop_option; /* reaction to a quick stop: 0 disable at once, 1 slow-down ramp and then disable, 2 quick-stop ramp and then disable, 5 and 6 the same ramps but the state quick stop active remains [1] */
-  int16_t shutdown_option; /* reaction to the command shutdown: 0 disable at once, 1 slow-down ramp and then disable [1] */
-  int16_t disable_operation_option; /* reaction to the command disable operation: 0 disable at once, 1 slow-down ramp and then disable [1] */
+  int16_t quick_stop_option; /* reaction to a quick stop: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable; 5 slow-down ramp, 6 quick-stop ramp, both without leaving the state quick stop active [1] */
+  int16_t shutdown_option; /* reaction to the command shutdown: 0 disable immediately; 1 slow-down ramp, then disable [1] */
+  int16_t disable_operation_option; /* reaction to the command disable operation: 0 disable immediately; 1 slow-down ramp, then disable [1] */
   int16_t halt_option; /* reaction to a halt: 1 slow-down ramp, 2 quick-stop ramp [1] */
-  int16_t fault_reaction_option; /* reaction to a fault with valid sensors: 0 disable at once, 1 slow-down ramp and then disable, 2 quick-stop ramp and then disable [1] */
-  uint16_t following_error_timeout; /* time for which the following error may exceed following_error_window [ms] */
-  uint16_t position_window_time; /* time for which the position must stay in position_window before the target counts as reached [ms] */
-  uint16_t velocity_window; /* distance from the target velocity below which the target counts as reached [count/s] */
-  uint16_t velocity_window_time; /* time for which the velocity must stay in velocity_window before the target counts as reached [ms] */
-  uint16_t velocity_threshold; /* speed below which the axis counts as at standstill [count/s] */
-  uint16_t velocity_threshold_time; /* time for which the speed must stay below velocity_threshold before the axis counts as at standstill [ms] */
+  int16_t fault_reaction_option; /* reaction to a fault while the sensors are valid: 0 disable immediately; 1 slow-down ramp, then disable; 2 quick-stop ramp, then disable [1] */
+  uint16_t following_error_timeout; /* longest time for which the following error may exceed following_error_window [ms] */
+  uint16_t position_window_time; /* time for which the position must stay within position_window before the drive reports the target as reached [ms] */
+  uint16_t velocity_window; /* difference from the target velocity within which the drive reports the target as reached [count/s] */
+  uint16_t velocity_window_time; /* time for which the velocity must stay within velocity_window before the drive reports the target as reached [ms] */
+  uint16_t velocity_threshold; /* speed below which the drive reports that the axis is at standstill [count/s] */
+  uint16_t velocity_threshold_time; /* time for which the speed must stay below velocity_threshold before the drive reports that the axis is at standstill [ms] */
   int16_t target_force; /* contact force that the axis shall reach [per mille] */
-  int16_t force_offset; /* force that is added to target_force in the modes force and cyclic force [per mille] */
+  int16_t force_offset; /* force that modes 4 and 10 add to target_force [per mille] */
   uint16_t force_limit; /* largest magnitude of the demanded force in both directions [per mille] */
-  uint16_t force_limit_positive; /* largest demanded force that presses on the workpiece; force_limit applies too [per mille] */
-  uint16_t force_limit_negative; /* largest magnitude of a demanded force that pulls; force_limit applies too [per mille] */
-  uint16_t contact_loss_dwell; /* time for which force modes 4 and 10 continue the force law after a contact loss, before the axis approaches again [ms] */
-  uint16_t contact_loss_cap; /* largest DAC code that presses during contact_loss_dwell; 2048 means no limit [code] */
-  uint16_t excitation_code; /* amplitude of the waveform at the output of the force law [code] */
-  uint16_t excitation_force; /* amplitude of the waveform at the set-point of the force law [1/256 count] */
-  uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 at the start and falls to 0 at the stop [ms] */
-  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window that the firmware reports as a limit cycle; 0 means off [1] */
+  uint16_t force_limit_positive; /* largest demanded force in the direction of compression; force_limit bounds this force too [per mille] */
+  uint16_t force_limit_negative; /* largest magnitude of the demanded force in the direction of tension; force_limit bounds this force too [per mille] */
+  uint16_t contact_loss_dwell; /* time after a contact loss for which modes 4 and 10 continue the force law, before the axis approaches again [ms] */
+  uint16_t contact_loss_cap; /* largest magnitude of the DAC code in the direction of pressing during contact_loss_dwell; 2048 means no limit [code] */
+  uint16_t excitation_code; /* amplitude of the excitation at the output of the force law [code] */
+  uint16_t excitation_force; /* amplitude of the excitation at the force set-point [1/256 count] */
+  uint16_t excitation_ramp; /* time in which the amplitude of the excitation rises from 0 after the start and falls to 0 after the stop [ms] */
+  uint16_t limit_cycle_losses; /* number of contact losses within limit_cycle_window at which the firmware reports a limit cycle; 0 means off [1] */
   uint16_t first_motion_code; /* largest magnitude of the DAC code in the first motion test [code] */
-  uint16_t first_motion_counts; /* encoder counts by which the first motion test must move the axis; eight times as many counts are the fault runaway [count] */
-  uint16_t first_motion_speed; /* speed above which the first motion test ends with the fault runaway [count/tick] */
-  uint16_t force_railed_time; /* time for which the ADC code of the force may be at an end of its range; a longer time is the fault force_railed; 0 means off [ms] */
-  uint16_t force_stuck_travel; /* encoder counts of travel in contact within force_stuck_time without any change of the force code that are the fault force_stuck; 0 means off [count] */
-  uint16_t force_stuck_time; /* time within which the axis must travel by force_stuck_travel for the fault force_stuck [ms] */
-  uint16_t force_disconnected_code; /* magnitude of the DAC code from which an axis counts as pressing: standstill with such a code and without contact is the fault force_disconnected; 0 means off [code] */
-  uint16_t force_disconnected_time; /* time for which the axis must be at standstill for the fault force_disconnected [ms] */
-  uint16_t force_disconnected_travel; /* encoder counts by which the axis may move within force_disconnected_time and still counts as at standstill [count] */
-  uint16_t calibration_linearity_max; /* largest linearity error with which a calibration is accepted [1/100 per mille] */
-  uint16_t calibration_date; /* day of the calibration, days since 1984-01-01; 0 means that the sensor was never calibrated [1] */
-  uint16_t calibration_validity; /* days for which a calibration is valid; 0 means that it does not expire [1] */
-  uint16_t date; /* present day, days since 1984-01-01, which a master writes; 0 means that the day is not known [1] */
-  int8_t modes_of_operation; /* requested mode of operation; negative numbers are modes of the manufacturer [1] */
-  uint8_t polarity; /* bit 7 negates positions and bit 6 negates velocities that a client reads or writes [1] */
-  uint8_t inputs_fitted; /* digital inputs that are wired, bits as in digital_inputs: 2 positive limit switch, 4 negative limit switch, 8 index, 16 home switch; homing methods need them [1] */
-  int8_t homing_method; /* method of homing: -1 contact; 17 and 18 limit switch; 19 to 22 home switch; 33 and 34 index pulse; 35 and 37 present position [1] */
-  uint8_t interpolation_period; /* mantissa of the time between two cyclic set-points; 0 means that each set-point acts at once [1] */
-  int8_t interpolation_exponent; /* power of ten of interpolation_period, in s [1] */
-  uint8_t excitation_point; /* signal to which the waveform is added: the output of the force law, or its set-point [enum] */
-  uint8_t contact_unstable_option; /* reaction to a limit cycle: the warning alone; or half of the force law's gain, at most three times, and then the fault contact_unstable; or this fault at once [enum] */
-  uint8_t limit_cycle_window; /* time within which contact losses are counted for limit_cycle_losses [10 ms] */
-  uint8_t force_ripple_time; /* time for which the force ripple must exceed force_ripple_max before it counts as a limit cycle [100 ms] */
-  uint8_t force_shaper_impulses; /* number of impulses that shape the demanded force in modes 4, 10 and -1; 0 means off [1] */
+  uint16_t first_motion_counts; /* number of encoder counts by which the first motion test must move the axis; a motion of more than eight times this number causes the fault runaway [count] */
+  uint16_t first_motion_speed; /* largest speed in the first motion test; a higher speed causes the fault runaway [count/tick] */
+  uint16_t force_railed_time; /* longest time for which the ADC code of the force may be at an end of its range; a longer time causes the fault force_railed; 0 means off [ms] */
+  uint16_t force_stuck_travel; /* travel in contact, in encoder counts, that causes the fault force_stuck if the ADC code of the force does not change during this travel within force_stuck_time; 0 means off [count] */
+  uint16_t force_stuck_time; /* time within which a travel of force_stuck_travel without a change of the ADC code of the force causes the fault force_stuck [ms] */
+  uint16_t force_disconnected_code; /* magnitude of the DAC code at which the axis must move or be in contact; standstill without contact at such a code causes the fault force_disconnected; 0 means off [code] */
+  uint16_t force_disconnected_time; /* time for which the axis must be at standstill before the fault force_disconnected occurs [ms] */
+  uint16_t force_disconnected_travel; /* largest motion in encoder counts within force_disconnected_time that the firmware still regards as standstill [count] */
+  uint16_t calibration_linearity_max; /* largest permitted linearity error of a calibration [1/100 per mille] */
+  uint16_t calibration_date; /* day of the calibration, in days since 1984-01-01; 0 means that the sensor was never calibrated [1] */
+  uint16_t calibration_validity; /* number of days for which a calibration is valid; 0 means that a calibration does not expire [1] */
+  uint16_t date; /* present day, in days since 1984-01-01, written by a master; 0 means that the day is not known [1] */
+  int8_t modes_of_operation; /* requested mode of operation; negative numbers are manufacturer-specific modes [1] */
+  uint8_t polarity; /* sign of positions and velocities on the bus: bit 7 negates positions, bit 6 negates velocities [1] */
+  uint8_t inputs_fitted; /* digital inputs that are wired, as a sum: 2 positive limit switch, 4 negative limit switch, 8 index pulse, 16 home switch; homing methods need these inputs [1] */
+  int8_t homing_method; /* method of homing: -1 contact, 17 and 18 limit switch, 19 to 22 home switch, 33 and 34 index pulse, 35 and 37 present position [1] */
+  uint8_t interpolation_period; /* time between two cyclic set-points, as a mantissa to the power of ten interpolation_exponent; 0 means that each set-point acts immediately [1] */
+  int8_t interpolation_exponent; /* power of ten of interpolation_period, in seconds [1] */
+  uint8_t excitation_point; /* signal to which the excitation is added: the output of the force law or the force set-point [enum] */
+  uint8_t contact_unstable_option; /* reaction to a limit cycle: a warning only; half of the gain of the force law, at most three times, and then the fault contact_unstable; or the fault contact_unstable immediately [enum] */
+  uint8_t limit_cycle_window; /* duration of the window in which contact losses are counted for limit_cycle_losses [10 ms] */
+  uint8_t force_ripple_time; /* time for which the force ripple must exceed force_ripple_max before the firmware reports a limit cycle [100 ms] */
+  uint8_t force_shaper_impulses; /* number of impulses of the force shaper, which shapes the demanded force in modes 4, 10 and -1; 0 means off [1] */
   uint8_t force_shaper_delay[3]; /* delays of the impulses of the force shaper in ascending order; the first delay is 0 [tick] */
-  uint8_t motion_shaper_impulses; /* number of impulses that shape the trajectory in modes 1, 3, 8, 9 and -5 to -8; 0 means off [1] */
+  uint8_t motion_shaper_impulses; /* number of impulses of the motion shaper, which shapes the trajectory in modes 1, 3, 8, 9 and -5 to -8; 0 means off [1] */
   uint8_t motion_shaper_delay[3]; /* delays of the impulses of the motion shaper in ascending order; the first delay is 0 [tick] */
-  uint8_t first_motion_test; /* whether the first enabling after power-up begins with the first motion test, which checks sensors, amplifier and signs by a small motion; it is on at power-up if the parameter store has no set [enum] */
-  uint8_t tare_averaging; /* exponent n: the tare is the mean over 2^n ticks [1] */
-  uint8_t calibration_points; /* number of points of the calibration, counted from the first element of calibration_reading and calibration_force [1] */
+  uint8_t first_motion_test; /* on makes the first enabling after power-up begin with the first motion test, which checks sensors, amplifier and signs by a small motion. If the store has no parameter set, the value after power-up is on [enum] */
+  uint8_t tare_averaging; /* exponent n of the tare measurement: the tare is the mean over 2^n ticks [1] */
+  uint8_t calibration_points; /* number of calibration points, from the first element of calibration_reading and calibration_force on [1] */
 } drive_params_t;
 
 typedef struct {
-  uint32_t supported_drive_modes; /* bits: 0 pp, 2 pv, 3 tq, 5 hm, 7 csp, 8 csv, 9 cst, 16 manufacturer [1] */
-  int32_t position_demand; /* position set-point of the trajectory in user units [count] */
+  uint32_t supported_drive_modes; /* supported modes of operation as bits: bit 0 pp, bit 2 pv, bit 3 tq, bit 5 hm, bit 7 csp, bit 8 csv, bit 9 cst, bit 16 manufacturer-specific modes [1] */
+  int32_t position_demand; /* position demand of the trajectory in user units [count] */
   int32_t position_internal; /* encoder count of the axis [count] */
   int32_t position_actual; /* actual position in user units [count] */
   int32_t following_error; /* position demand minus actual position [count] */
-  int32_t velocity_sensor; /* velocity over one tick, without a filter [count/s] */
-  int32_t velocity_demand; /* velocity of the trajectory [count/s] */
-  int32_t velocity_actual; /* velocity, mean of the last 16 ticks [count/s] */
-  uint32_t drive_inputs; /* bits: 0 negative limit switch, 1 positive limit switch, 2 index, 16 enable chain [1] */
-  int32_t excitation_value; /* excitation of this tick: in DAC codes at the output of the force law, or in counts of the measured force at its set-point [1/256 1] */
+  int32_t velocity_sensor; /* velocity of the axis over one tick, without a filter [count/s] */
+  int32_t velocity_demand; /* velocity demand of the trajectory [count/s] */
+  int32_t velocity_actual; /* actual velocity of the axis, mean of the last 16 ticks [count/s] */
+  uint32_t drive_inputs; /* digital inputs as bits: bit 0 negative limit switch, bit 1 positive limit switch, bit 2 home switch, bit 16 enable chain, bit 17 index pulse [1] */
+  int32_t excitation_value; /* value of the excitation in this tick: in DAC codes at the output of the force law, or in counts of the measured force at the force set-point [1/256 1] */
   int32_t force_peak; /* largest measured force since the start of force control [1/256 count] */
-  int32_t force_ripple; /* largest minus smallest measured force of the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
-  int32_t first_motion_moved; /* encoder counts from the position at standstill to the position at which first_motion_code_reached was output [count] */
-  int32_t first_motion_force; /* change of the measured force during the motion away from the start in the first motion test [1/256 count] */
+  int32_t force_ripple; /* force ripple: largest minus smallest measured force in the last 100 ms; 0 if force_ripple_max is 0 [1/256 count] */
+  int32_t first_motion_moved; /* travel in encoder counts in the first motion test, from standstill to the position at which first_motion_code_reached was output [count] */
+  int32_t first_motion_force; /* change of the measured force during the motion away from the start position in the first motion test [1/256 count] */
   uint16_t statusword; /* CiA 402 statusword [1] */
-  uint16_t error_code; /* CiA 402 code of the latched fault, 0 without one [1] */
+  uint16_t error_code; /* CiA 402 error code of the latched fault; 0 without a latched fault [1] */
   int16_t force_demand; /* present set-point of the force law [per mille] */
   int16_t force_actual; /* measured contact force [per mille] */
-  int16_t current_actual; /* motor current in per mille of the range of its ADC [per mille] */
+  int16_t current_actual; /* measured motor current in per mille of the range of its ADC [per mille] */
   uint16_t contact_losses; /* number of contact losses since the start of force control [1] */
-  int16_t first_motion_code_reached; /* DAC code at the end of the motion away from the start in the first motion test [code] */
-  uint16_t calibration_linearity; /* largest distance of a calibration point from the straight line, per mille of the span of the reference forces [1/100 per mille] */
+  int16_t first_motion_code_reached; /* DAC code at the end of the motion away from the start position in the first motion test [code] */
+  uint16_t calibration_linearity; /* linearity error: largest distance of a calibration point from the straight line, in per mille of the span of the reference forces [1/100 per mille] */
   int8_t modes_of_operation_display; /* active mode of operation [1] */
-  uint8_t drive_state; /* state of the CiA 402 machine [enum] */
-  uint8_t stopped_by; /* source other than the owner that stopped the axis; the axis cannot be enabled until the owner has sent a controlword that does not enable it [enum] */
-  int8_t homing_methods[11]; /* homing methods that are possible with inputs_fitted; 0 means none [1] */
+  uint8_t drive_state; /* state of the CiA 402 state machine [enum] */
+  uint8_t stopped_by; /* source other than the owner that stopped the axis. The owner can enable the axis again after the owner has sent a controlword that does not enable the axis [enum] */
+  int8_t homing_methods[11]; /* homing methods that are available with the inputs in inputs_fitted; 0 means none [1] */
   uint8_t contact; /* 1 while the magnitude of the measured force is above contact_force [1] */
-  uint8_t excitation_state; /* state of the excitation in a force mode, or the reason for its end or refusal [enum] */
-  uint8_t limit_cycle; /* 1 while a limit cycle is detected: limit_cycle_losses is reached, or the force ripple has exceeded force_ripple_max for force_ripple_time [1] */
+  uint8_t excitation_state; /* state of the excitation in a force mode, or the reason why the excitation ended or was refused [enum] */
+  uint8_t limit_cycle; /* 1 while the firmware detects a limit cycle: by limit_cycle_losses contact losses, or by a force ripple above force_ripple_max for force_ripple_time [1] */
   uint8_t force_saturated; /* 1 while the ADC code of the force is at an end of its range [1] */
   uint8_t gain_halvings; /* number of times that the gain of the force law was halved since the axis was enabled [1] */
-  uint8_t force_shaper_state; /* whether the force shaper is active, or the reason why not [enum] */
-  uint8_t motion_shaper_state; /* whether the motion shaper is active, or the reason why not [enum] */
+  uint8_t force_shaper_state; /* state of the force shaper, or the reason why the shaper is off [enum] */
+  uint8_t motion_shaper_state; /* state of the motion shaper, or the reason why the shaper is off [enum] */
   uint8_t first_motion_result; /* result of the first motion test [enum] */
-  uint8_t tare_state; /* result of the last tare: state of its measurement, or the reason of its refusal [enum] */
-  uint8_t calibration_state; /* result of the last calibration, or the reason of its refusal [enum] */
-  uint8_t calibration_expired; /* 1 if date is later than calibration_date plus calibration_validity [1] */
+  uint8_t tare_state; /* state of the last tare measurement, or the reason why the measurement was refused [enum] */
+  uint8_t calibration_state; /* result of the last calibration, or the reason why the calibration was refused [enum] */
+  uint8_t calibration_expired; /* 1 if the calibration is no longer valid: date is later than calibration_date plus calibration_validity [1] */
 } drive_signals_t;
 
 typedef struct {
   uint32_t sync_cob_id; /* COB-ID of the SYNC messages that the axis receives [1] */
-  uint32_t emcy_cob_id; /* COB-ID of emergency messages; bit 31 set means that none are sent [1] */
-  uint32_t consumer_heartbeat[4]; /* node whose heartbeat is monitored: node id in bits 16 to 22, longest time between two heartbeats in ms in bits 0 to 15 [1] */
-  uint32_t configuration_date; /* day on which the configuration was verified, days since 1984-01-01; a change of a stored parameter sets it to 0 [1] */
-  uint32_t configuration_time; /* time at which the configuration was verified, ms since midnight; a change of a stored parameter sets it to 0 [1] */
-  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests of a gateway for its Modbus clients; bit 31: not valid [1] */
-  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers to a gateway for its Modbus clients; bit 31: not valid [1] */
-  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests of a gateway for its LCM clients; bit 31: not valid [1] */
-  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers to a gateway for its LCM clients; bit 31: not valid [1] */
-  uint32_t rpdo_cob_id[4]; /* COB-ID of the RPDO; bit 31 set means that the RPDO is not valid [1] */
+  uint32_t emcy_cob_id; /* COB-ID of emergency messages; if bit 31 is 1, the axis sends no emergency messages [1] */
+  uint32_t consumer_heartbeat[4]; /* node whose heartbeat the axis monitors: node id in bits 16 to 22, longest time between two heartbeats in ms in bits 0 to 15 [1] */
+  uint32_t configuration_date; /* day on which the configuration was verified, in days since 1984-01-01; a change of a stored parameter sets the day to 0 [1] */
+  uint32_t configuration_time; /* time at which the configuration was verified, in ms since midnight; a change of a stored parameter sets the time to 0 [1] */
+  uint32_t sdo_modbus_receive; /* COB-ID of SDO requests of a gateway for its Modbus clients; if bit 31 is 1, the COB-ID is not valid [1] */
+  uint32_t sdo_modbus_transmit; /* COB-ID of SDO answers to a gateway for its Modbus clients; if bit 31 is 1, the COB-ID is not valid [1] */
+  uint32_t sdo_lcm_receive; /* COB-ID of SDO requests of a gateway for its LCM clients; if bit 31 is 1, the COB-ID is not valid [1] */
+  uint32_t sdo_lcm_transmit; /* COB-ID of SDO answers to a gateway for its LCM clients; if bit 31 is 1, the COB-ID is not valid [1] */
+  uint32_t rpdo_cob_id[4]; /* COB-ID of the RPDO; if bit 31 is 1, the RPDO is not valid [1] */
   uint32_t rpdo_mapping[32]; /* mapped object of the RPDO: index, sub-index and length in bits [1] */
-  uint32_t tpdo_cob_id[4]; /* COB-ID of the TPDO; bit 31 set means that the TPDO is not valid; bit 30 (no remote request) is always 1 [1] */
+  uint32_t tpdo_cob_id[4]; /* COB-ID of the TPDO; if bit 31 is 1, the TPDO is not valid; bit 30 (no remote request) is always 1 [1] */
   uint32_t tpdo_mapping[32]; /* mapped object of the TPDO: index, sub-index and length in bits [1] */
   uint16_t emcy_inhibit_time; /* shortest time from one emergency message to the next [100 us] */
   uint16_t producer_heartbeat_time; /* time from one heartbeat of the axis to the next; 0 means no heartbeat [ms] */
-  uint16_t rpdo_timeout[4]; /* longest time between two RPDOs while the drive is enabled; 0 means not monitored [ms] */
+  uint16_t rpdo_timeout[4]; /* longest permitted time between two RPDOs while the drive is enabled; 0 means that the time is not monitored [ms] */
   uint16_t tpdo_inhibit_time[4]; /* shortest time between two messages of the TPDO [100 us] */
   uint16_t tpdo_event_time[4]; /* longest time between two messages of the TPDO; 0 means no event timer [ms] */
   uint8_t error_history_count; /* number of entries in the error history; a write of 0 clears the history [1] */
   uint8_t sync_counter_overflow; /* largest value of the counter in SYNC messages, 2 to 240; 0 means that SYNC has no counter [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
-  uint8_t rpdo_transmission[4]; /* when the values of the RPDO act: 0 to 240 at the next SYNC, 254 and 255 at once [1] */
-  uint8_t rpdo_mapped[4]; /* number of mapped objects of the RPDO; 0 while its mapping is written [1] */
-  uint8_t tpdo_transmission[4]; /* when the TPDO is sent: 0 at a SYNC after a change, 1 to 240 at every n-th SYNC, 254 and 255 at a change and by the event timer [1] */
-  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC that counts as the first SYNC of the TPDO; 0 means any; without effect while SYNC has no counter [1] */
-  uint8_t tpdo_mapped[4]; /* number of mapped objects of the TPDO; 0 while its mapping is written [1] */
+  uint8_t rpdo_transmission[4]; /* transmission type of the RPDO: with 0 to 240 the received values act at the next SYNC, with 254 and 255 immediately [1] */
+  uint8_t rpdo_mapped[4]; /* number of mapped objects of the RPDO; must be 0 while a master writes rpdo_mapping [1] */
+  uint8_t tpdo_transmission[4]; /* transmission type of the TPDO: with 0 the axis sends the TPDO at the SYNC after a change of a mapped value, with 1 to 240 at every n-th SYNC, with 254 and 255 at a change of a mapped value and by the event timer [1] */
+  uint8_t tpdo_sync_start[4]; /* counter value of the SYNC message that is the first SYNC of the TPDO; 0 means any counter value; has no effect if SYNC messages have no counter [1] */
+  uint8_t tpdo_mapped[4]; /* number of mapped objects of the TPDO; must be 0 while a master writes tpdo_mapping [1] */
 } canopen_params_t;
 
 typedef struct {
   uint32_t device_type; /* device type by CiA 402: a servo drive [1] */
   uint32_t error_history[8]; /* emergency messages, the latest first: error code in bits 0 to 15, fault in bits 16 to 23; an SDO read of an empty entry is refused [1] */
   uint32_t vendor_id; /* vendor number assigned by CiA; 0 means that none is assigned [1] */
-  uint32_t product_code; /* product number: one axis with force control [1] */
+  uint32_t product_code; /* product number of the device: one axis with force control [1] */
   uint32_t revision_number; /* revision of the device: major number in the upper 16 bits, minor number in the lower 16 bits [1] */
-  uint32_t serial_number; /* serial number of the device, which the port provides [1] */
+  uint32_t serial_number; /* serial number of the device, from the code for the board [1] */
   uint32_t sdo_server_receive; /* COB-ID of SDO requests of a CANopen master to the axis [1] */
   uint32_t sdo_server_transmit; /* COB-ID of SDO answers of the axis to a CANopen master [1] */
   uint16_t sync_count; /* number of SYNC messages that were received [1] */
-  uint8_t error_register; /* bits: 0 any error, 1 current, 4 communication, 5 profile, 7 manufacturer [1] */
+  uint8_t error_register; /* error register as bits: bit 0 any error, bit 1 current, bit 4 communication, bit 5 profile, bit 7 manufacturer-specific [1] */
   uint8_t nmt_state; /* NMT state of the CANopen node [1] */
 } canopen_signals_t;
 
 typedef struct {
-  uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the owner is lost [ms] */
-  uint16_t stored_bit_rate; /* CAN bit rate after the next reset of the node: a rate of CiA 301 that the port supports [kbit/s] */
-  uint8_t command_source; /* bus that owns the axis and may write objects; another bus acquires a disabled axis by a write of its own number, and the owner may write the number of another bus [enum] */
-  uint8_t unsupervised_owner; /* reaction to enabling by a canopen master if neither its heartbeat nor an RPDO is monitored [enum] */
-  uint8_t modbus_word_order; /* order of the two registers of a 32-bit object [enum] */
-  uint8_t stored_node_id; /* node id after the next reset of the node, 1 to 127, if the straps of the board select no id [1] */
-  uint8_t blackbox_option; /* whether the black box keeps the signals of the last second before an error; it works only while no recording is running [enum] */
+  uint16_t watchdog; /* longest time between two writes of an owner other than canopen; after a longer time the axis has lost its owner [ms] */
+  uint16_t stored_bit_rate; /* CAN bit rate that the axis uses after the next reset of the node; must be a rate of CiA 301 that the code for the board supports [kbit/s] */
+  uint8_t command_source; /* owner of the axis: the bus that may write objects. Another bus becomes the owner when it writes its number while the axis is disabled. The owner may write the number of another bus to make that bus the owner [enum] */
+  uint8_t unsupervised_owner; /* reaction when a canopen master enables the axis although neither the heartbeat of the master nor an RPDO is monitored [enum] */
+  uint8_t modbus_word_order; /* order of the two Modbus registers of a 32-bit object [enum] */
+  uint8_t stored_node_id; /* node id, 1 to 127, that the axis uses after the next reset of the node if the straps of the board select no node id [1] */
+  uint8_t blackbox_option; /* on makes the black box keep the signals of the last second before an error, as long as no recording is active [enum] */
 } device_params_t;
 
 typedef struct {
   uint32_t object_table_hash; /* first 32 bits of the SHA-256 of the object table: addresses, names, types, units, scales, ranges, access and names of values [1] */
-  uint32_t store_change[8]; /* first parameter that store_change_count counts: CANopen index times 256 plus sub-index; bit 24 is set if an earlier default was kept; 0 means none [1] */
-  uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, its value at the last step of the main loop [tick] */
+  uint32_t store_change[8]; /* first parameter that store_change_count counts, as CANopen index times 256 plus sub-index; bit 24 is 1 if an earlier default was kept; 0 means none [1] */
+  uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, value of tick_count at the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
-  uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last restart had no such cause [1] */
+  uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last reset had another cause [1] */
   uint32_t core_fault_lr; /* return address at the core fault [1] */
   uint32_t core_fault_cfsr; /* register CFSR (fault status) of the core at the core fault [1] */
   uint32_t core_fault_hfsr; /* register HFSR (hard fault status) of the core at the core fault [1] */
-  uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault, valid if CFSR says so [1] */
-  uint16_t store_change_count; /* number of stored parameters that the present object table changed: discarded because their meaning differs, or kept at an earlier default [1] */
+  uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault; valid only if CFSR marks the address as valid [1] */
+  uint16_t store_change_count; /* number of stored parameters that the present object table changes: a parameter with another meaning is discarded, and an earlier default is kept [1] */
   uint16_t overruns; /* number of ticks that started late or were missed [1] */
   uint16_t bit_rate; /* present CAN bit rate [kbit/s] */
   uint16_t can_lost; /* number of CAN frames that were lost because a queue was full [1] */
   uint16_t incident_error_code; /* value of error_code at the incident [1] */
   uint16_t incident_later; /* number of errors after the incident [1] */
-  uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another level, 4 image damaged, 8 RAM failed, 16 supply low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable at the wrong level, 256 tick length differs from the second clock, 512 tick length not compared yet [1] */
+  uint16_t board_state; /* errors of the board as a sum of bits: 1 internal oscillator in use, 2 brown-out reset set to another voltage, 4 image damaged, 8 RAM failed, 16 supply voltage low, 32 ADC reference outside its band, 64 DAC output differs from its code, 128 pin amp_enable differs from its command, 256 tick length differs from the second clock, 512 tick length not compared yet [1] */
   int16_t tick_deviation; /* relative change of the tick length since power-up, measured with a second clock [1/1000 1] */
   uint8_t store_state; /* result of the last action of the parameter store [enum] */
-  uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no id [1] */
-  uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses its buffer until the recorder is stopped [enum] */
+  uint8_t node_id; /* CANopen node id and Modbus unit id of the axis; 255 means no node id [1] */
+  uint8_t blackbox_state; /* state of the black box; recorder means that a recording uses the buffer of the black box until the recorder is stopped [enum] */
   uint8_t incident_fault; /* fault that caused the incident [enum] */
-  uint8_t incident_stored; /* state of the incident that is kept over a power cut: the first incident after power-up, at most one in 24 hours [enum] */
+  uint8_t incident_stored; /* state of the incident that is kept over a power cut. This is the first incident after power-up, at most one incident in 24 hours [enum] */
   uint8_t reset_cause; /* causes of the last reset of the processor as a sum of bits: 2 brown-out, 4 pin, 8 power-up, 16 software, 32 watchdog, 64 window watchdog, 128 low power; 0 means not known [1] */
 } device_signals_t;
 
