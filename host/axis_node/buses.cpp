@@ -19,8 +19,8 @@ constexpr std::size_t kModbusBytes = 1024;
 
 }  // namespace
 
-// Remote frames are received too, because the firmware processes them.
 CanPort::CanPort(const std::string &interface)
+    // Remote frames are received too, because the firmware processes them.
     : socket_(interface, {.filter = {0, CAN_EFF_FLAG},
                           .errors = CAN_ERR_CRTL | CAN_ERR_BUSOFF | CAN_ERR_RESTARTED,
                           .deep = true}) {}

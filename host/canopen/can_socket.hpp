@@ -65,7 +65,7 @@ class CanSocket {
   int fd_;
   bool deep_;
   std::chrono::milliseconds wait_{-1};
-  std::uint32_t dropped_ = 0;  // number of dropped frames by the counter of the kernel, which wraps
+  std::uint32_t dropped_ = 0;  // value of the kernel's counter of dropped frames, which wraps
   std::uint32_t lost_ = 0;     // number of dropped frames since the last call of take_lost()
 };
 

@@ -31,9 +31,9 @@ std::string error_text(const can_frame &frame) {
 
 }  // namespace
 
-// A filter in the kernel discards the frames that receive() ignores, so that these frames take no
-// time of this program.
 CanQueue::CanQueue(const std::string &interface)
+    // A filter in the kernel discards the frames that receive() ignores, so that these frames take
+    // no time of this program.
     : socket_(interface,
               {.filter = {0, CAN_EFF_FLAG | CAN_RTR_FLAG}, .errors = CAN_ERR_MASK, .deep = true}) {}
 

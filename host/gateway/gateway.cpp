@@ -196,7 +196,8 @@ class Gateway {
 
   void watch() {
     every(EventLoop::Clock::now(), kWatchPeriod, [this] {
-      serve_can();  // a heartbeat may be among the received frames
+      // The received frames are processed before the heartbeats are checked.
+      serve_can();
       for (const auto &axis : axes_) axis->node.watch_heartbeat(kWatchPeriod);
       if (modbus_) modbus_->close_overdue(EventLoop::Clock::now());
       report_trouble();

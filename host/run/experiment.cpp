@@ -321,8 +321,8 @@ std::string hash_inputs(const std::filesystem::path &file, const sim::Model &mod
 
 }  // namespace
 
-// A model with the overrides of the table [set], and the cache of the modes of this model.
 struct ExperimentFile::Variant {
+  // A model with the overrides of the table [set], and the cache of the modes of this model.
   std::string key;
   std::once_flag read;
   std::shared_ptr<const sim::Model> model;

@@ -116,7 +116,7 @@ class Scales {
 // A value for an object, and the text in the file from which the value was converted.
 struct Value {
   double number;
-  bool converted;      // true: converted from a quantity, so it is rounded to a raw value
+  bool converted;      // true: the number was converted from a quantity and must be rounded
   std::string origin;  // Text in the file for messages, such as " (\"75 N\")", or empty.
 };
 

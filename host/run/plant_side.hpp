@@ -147,8 +147,8 @@ class PlantSide {
   std::uint16_t adc0_before_ = 0;
   std::uint8_t first_fault_ = kNoFault;
   std::optional<ForceTask> force_task_;
-  std::size_t task_place_ = 0;      // signal index of the force ForceTask::signal
-  std::vector<double> task_force_;  // force ForceTask::signal in N at each tick
+  std::size_t task_place_ = 0;      // index of the signal ForceTask::signal
+  std::vector<double> task_force_;  // value of ForceTask::signal in N at each tick
   Span<int> force_, force_late_;
   Span<std::int64_t> position_, position_late_;
   Metrics metrics_;

@@ -77,7 +77,8 @@ void apply(const Journal::Entry &entry, FirmwareSide &firmware) {
 }
 
 RunResult replay(const Journal &journal, const Experiment &experiment, const RunOptions &options) {
-  Experiment silent = experiment;  // without writes, because the journal contains them
+  // Experiment without writes, because the journal contains the writes.
+  Experiment silent = experiment;
   silent.initial.clear();
   for (Action &action : silent.actions) action.writes.clear();
   RamStore store(journal.store, STORE_FILE_SECTOR_BYTES);

@@ -48,7 +48,8 @@ struct SensorCodes {
   /// where Adc describes the value. The noise depends only on seed, channel and tick, so all
   /// conversions in one tick give the same code.
   std::uint16_t adc[2] = {0, 0};
-  std::uint8_t switches = 0;  ///< states of the limit, home and index switches, as SwitchBit
+  /// States of limit switches, home switch and index pulse, one SwitchBit each.
+  std::uint8_t switches = 0;
 };
 
 /// A change of one element from one discrete state to another.

@@ -41,7 +41,7 @@ struct Wiring {
   /// Selector of a wire with two sums: drive disabled, drive enabled.
   static constexpr int kEnable = -2;
   struct WireNode {
-    int selector;  ///< index of the switch that selects a sum; or kAlways, kEnable
+    int selector;  ///< index of the switch that selects one of the sums, or kAlways or kEnable
     std::vector<Terms> cases;
   };
   struct Switch {
@@ -123,7 +123,7 @@ struct Wiring {
   /// For each state, the name of a body, of a drive's state or of a filter.
   std::vector<std::string> state_names;
   std::vector<double> initial;
-  std::vector<Terms> derivatives;  ///< for each state, the terms of its derivative
+  std::vector<Terms> derivatives;  ///< terms of the sum that is the derivative of each state
   std::vector<int> drive_states;   ///< indices of the states that are 0 while the drive is disabled
   std::vector<WireNode> wires;
   std::vector<Switch> switches;

@@ -34,7 +34,9 @@ struct KeyFormat {
   std::string_view meaning;  ///< meaning of the key, one complete sentence
   std::optional<Dimension> dimension = std::nullopt;
   Sign sign = Sign::any;
-  double low = -kUnlimited;  ///< smallest permitted number; `high` is the largest
+  /// Smallest permitted number.
+  double low = -kUnlimited;
+  /// Largest permitted number.
   double high = kUnlimited;
   /// Number that the reader uses if the file omits the key.
   std::optional<double> fallback = std::nullopt;

@@ -68,11 +68,13 @@ struct Parameter {
   double value = 0.0;
   std::string unit;
   std::string source;
-  std::string file;   ///< name of the file that defines the parameter, or redefines it last
-  bool used = false;  ///< An element of the model refers to the parameter.
-  /// The value of the parameter comes from an override.
+  /// Name of the file that defines the parameter, or redefines it last.
+  std::string file;
+  /// true: an element of the model uses the parameter.
+  bool used = false;
+  /// true: the value of the parameter comes from an override.
   bool overridden = false;
-  /// The model may leave the parameter unused.
+  /// true: the parameter only documents the model and need not be used.
   bool documentation = false;
   /// Expression for the value of the parameter, such as "m / tau". Empty if the file gives a
   /// number.
@@ -109,7 +111,7 @@ struct Spring {
   Ends ends;
   /// Stiffness in N/m, >= 0, as a function of the deflection in m.
   Slopes stiffness;
-  double damping = 0.0;  ///< N s/m, >= 0
+  double damping = 0.0;  ///< constant damping in N s/m, >= 0
 };
 
 struct Damper {
@@ -122,8 +124,8 @@ struct Damper {
 struct Contact {
   std::string name;
   Ends ends;
-  double stiffness = 0.0;  ///< N/m, > 0
-  double damping = 0.0;    ///< N s/m, >= 0
+  double stiffness = 0.0;  ///< contact stiffness in N/m, > 0
+  double damping = 0.0;    ///< contact damping in N s/m, >= 0
   double gap = 0.0;        ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
 };
 
@@ -132,8 +134,10 @@ struct Contact {
 struct Stop {
   std::string name;
   Ends ends;
-  double stiffness = 0.0;  ///< N/m, > 0
-  double damping = 0.0;    ///< N s/m, >= 0
+  /// Contact stiffness in N/m, > 0.
+  double stiffness = 0.0;
+  /// Contact damping in N s/m, >= 0.
+  double damping = 0.0;
   /// Deflection at the lower stop in m; empty: no lower stop; `low` or `high` is given.
   std::optional<double> low;
   std::optional<double> high;  ///< deflection at the upper stop in m, >= low; empty: no upper stop
@@ -177,22 +181,36 @@ struct Gravity {
 /// the velocity of the body relative to the reaction body. While the drive is disabled, i = 0 and F
 /// = -b_m / r_trans^2 * v.
 struct DcMotor {
-  bool input_tach = false;     ///< true: the DAC voltage is added to the tachometer voltage
-  double k_preamp_cmd = 0.0;   ///< V/V
-  double k_preamp_fdbk = 0.0;  ///< V/V, >= 0
-  double a_preamp_fdbk = 0.0;  ///< rad/s, > 0
-  double k_tach = 0.0;         ///< V s/rad, >= 0
-  double k_torque = 0.0;       ///< N m/A, > 0
-  double k_back_emf = 0.0;     ///< V s/rad, >= 0
-  double inductance = 0.0;     ///< key L, H, > 0
-  double resistance = 0.0;     ///< key R, ohm, >= 0
-  double r_trans = 0.0;        ///< m/rad, > 0
-  double b_m = 0.0;            ///< N m s/rad, >= 0
-  double k_current = 0.0;      ///< V/A, >= 0
+  /// true: the DAC voltage is added to the tachometer voltage.
+  bool input_tach = false;
+  /// Gain of the preamplifier for the velocity command in V/V.
+  double k_preamp_cmd = 0.0;
+  /// Gain of the preamplifier for the tachometer voltage in V/V, >= 0.
+  double k_preamp_fdbk = 0.0;
+  /// Corner frequency of the tachometer filter in rad/s, > 0.
+  double a_preamp_fdbk = 0.0;
+  /// Constant of the tachometer in V s/rad, >= 0.
+  double k_tach = 0.0;
+  /// Torque constant of the motor in N m/A, > 0.
+  double k_torque = 0.0;
+  /// Constant of the back EMF in V s/rad, >= 0.
+  double k_back_emf = 0.0;
+  /// Motor inductance in H, > 0 (key L).
+  double inductance = 0.0;
+  /// Motor resistance in ohm, >= 0 (key R).
+  double resistance = 0.0;
+  /// Ratio of the transmission in m/rad, > 0.
+  double r_trans = 0.0;
+  /// Friction of the motor in N m s/rad, >= 0.
+  double b_m = 0.0;
+  /// Gain of the current measurement in V/A, >= 0.
+  double k_current = 0.0;
   /// Largest voltage of the current measurement in V, > 0; empty: not limited.
   std::optional<double> current_feedback_limit;
-  std::optional<double> preamp_limit;  ///< Largest current command in V, > 0; empty: not limited.
-  double k_amp = 0.0;                  ///< V/V, > 0
+  /// Largest current command in V, > 0; empty: not limited.
+  std::optional<double> preamp_limit;
+  /// Gain of the current amplifier in V/V, > 0.
+  double k_amp = 0.0;
   /// Current error in V at which the amplifier gain changes, > 0; empty: constant gain.
   std::optional<double> amp_break;
   /// Amplifier gain above amp_break in V/V, >= 0. Equal to k_amp if amp_break is empty.
@@ -203,17 +221,17 @@ struct DcMotor {
 /// The simple actuator of section 2.3: F' = a_act (k_act (velocity_per_volt u - v) - F). The force
 /// on the body is F, limited to +-force_limit. While the drive is disabled, F = 0.
 struct FirstOrderDrive {
-  double k_act = 0.0;                 ///< N s/m, > 0
-  double a_act = 0.0;                 ///< rad/s, > 0
-  double velocity_per_volt = 0.0;     ///< m/s per V, not 0
-  std::optional<double> force_limit;  ///< limit of the drive force in N, > 0; empty: not limited
+  double k_act = 0.0;                 ///< steady-state force per velocity error in N s/m, > 0
+  double a_act = 0.0;                 ///< corner frequency of the drive force in rad/s, > 0
+  double velocity_per_volt = 0.0;     ///< velocity per command voltage in m/s per V, not 0
+  std::optional<double> force_limit;  ///< largest drive force in N, > 0; empty: not limited
 };
 
 /// A drive without dynamics. Its force is F = force_per_volt u, limited to +-force_limit, or 0
 /// while the drive is disabled.
 struct PerfectDrive {
-  double force_per_volt = 0.0;        ///< N/V, not 0
-  std::optional<double> force_limit;  ///< limit of the drive force in N, > 0; empty: not limited
+  double force_per_volt = 0.0;        ///< drive force per command voltage in N/V, not 0
+  std::optional<double> force_limit;  ///< largest drive force in N, > 0; empty: not limited
 };
 
 struct Drive {

@@ -214,10 +214,10 @@ py::list run_many(const std::vector<Job> &jobs, unsigned threads, const py::obje
   std::vector<Outcome> outcomes(jobs.size());
   std::atomic<std::size_t> next{0};
   std::atomic<bool> stop{false};
-  std::mutex mutex;  // protects the next three variables of this function
+  std::mutex mutex;  // lock for changed, failure and fresh
   std::condition_variable changed;
   std::exception_ptr failure;
-  std::vector<std::size_t> fresh;  // numbers of complete runs that are not reported yet
+  std::vector<std::size_t> fresh;  // indices of the jobs that are complete but not yet reported
   unsigned working = std::max(1U, std::min(threads, static_cast<unsigned>(jobs.size())));
 
   const auto run_job = [&](std::size_t i) {
