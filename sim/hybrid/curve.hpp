@@ -21,7 +21,8 @@ struct Curve {
   };
   std::vector<Segment> segments;
   std::vector<double> breaks;
-  int home = 0;  ///< index of the segment that contains the input 0
+  /// Index of the segment that contains the input 0.
+  int home = 0;
 
   /// Saturation curve: the output is the input, limited to the range -limit to limit.
   static Curve clamp(double limit);

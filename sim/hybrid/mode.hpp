@@ -130,7 +130,8 @@ struct Mode {
   /// stored by columns.
   kernel::Vector grid_dip;
 
-  std::vector<double> slip;  ///< ModeEquations::slip stored by rows; empty if no friction sticks
+  /// ModeEquations::slip stored by rows; empty if no friction sticks.
+  std::vector<double> slip;
 
   /// Matrix, stored by columns, with two rows: the signals of ADC 0 and ADC 1.
   kernel::Vector sensor;
