@@ -18,8 +18,7 @@ def main() -> None:
         raise KeyboardInterrupt
 
     def unraisable(what: "sys.UnraisableHookArgs") -> None:
-        # Python ignores an exception that is raised in a destructor, therefore the interrupt is
-        # raised again.
+        # Python ignores an exception in a destructor, therefore the interrupt is raised again.
         if issubclass(what.exc_type, KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
         else:
@@ -27,8 +26,7 @@ def main() -> None:
 
     try:
         sys.unraisablehook = unraisable
-        # A shell that starts this program in the background also makes the program ignore SIGINT.
-        # In this case SIGINT stays ignored.
+        # If the shell has started this program in the background, SIGINT stays ignored.
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, interrupt)
         from forceaxis.cli.main import main as command_line

@@ -1,4 +1,4 @@
-# What the public modules use of the compiled module; the rest of it is not typed.
+# Types of the names in the compiled module that public modules use. Other names have no types.
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
@@ -51,7 +51,7 @@ class Result:
     def columns(self) -> dict[str, np.ndarray[Any, np.dtype[Any]]]: ...
 
 class Excited:
-    """A plant under excitation."""
+    """A simulated plant to which an excitation is applied."""
 
     states: dict[str, int]
     adc_bits: Sequence[int]
@@ -72,14 +72,14 @@ class Excited:
     ) -> np.ndarray[Any, np.dtype[np.float64]]: ...
 
 class Experiments:
-    """Experiment files as they were first read."""
+    """Experiment files, each with the content that was read first."""
 
 class _Parameter(TypedDict):
     value: float
     unit: str
 
 class ObjectTable(TypedDict):
-    """One object of the firmware, as objects.AxisObject."""
+    """One object of the firmware; for the fields see objects.AxisObject."""
 
     number: int
     name: str
@@ -106,14 +106,14 @@ class ObjectTable(TypedDict):
     values: tuple[tuple[int, str], ...]
 
 class BitTable(TypedDict):
-    """A coil or a discrete input of Modbus, as objects.AxisBit."""
+    """A coil or a discrete input of Modbus; for the fields see objects.AxisBit."""
 
     address: int
     name: str
     meaning: str
 
 class ConverterTable(TypedDict):
-    """A converter of the model: quantity = (code - zero) * per_code, in `unit`."""
+    """A converter of the model, where quantity in `unit` = (code - zero) * per_code."""
 
     signal: str
     unit: str
@@ -122,7 +122,7 @@ class ConverterTable(TypedDict):
     bits: int
 
 class Inputs(TypedDict):
-    """Result of inputs(): an experiment; metrics and tables are dicts as in Result."""
+    """The experiment that inputs() has read. Tables are dicts as in Result."""
 
     title: str
     model: str
@@ -149,7 +149,7 @@ class LiveAxis:
     ) -> np.ndarray[Any, np.dtype[np.int32]]: ...
 
 class BenchCase:
-    """A plant in the loop of the benchmark."""
+    """The simulated plant of a case of the benchmark, with its force loop."""
 
     def __init__(self, file: Path, force: str, robot: str, workpiece: str) -> None: ...
     def run(self, gain: int, setpoint_N: int, firmware: bool = ...) -> dict[str, Any]: ...

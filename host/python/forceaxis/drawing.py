@@ -50,8 +50,7 @@ AREA = {
 SUFFIXES = (".png", ".svg", ".pdf")
 DPI = 150
 SVG_BYTES_MAX = 400_000  # largest size of an SVG in a page in bytes; a larger figure becomes a PNG
-# Escapes for characters that would end an attribute, or begin a fragment or an escape, in a data
-# URI.
+# Escapes for characters that would end an attribute or begin a fragment or escape in a data URI.
 URI_ESCAPES = str.maketrans({"%": "%25", "#": "%23", '"': "%22", "&": "%26", "\n": " ", "\r": " "})
 
 
@@ -130,8 +129,8 @@ def uri(figure: Figure) -> str:
     plt.close(figure)
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
-    # Coordinates in the SVG are rounded to a hundredth of a point. Numbers in texts are not
-    # rounded.
+    # Coordinates in the SVG are rounded to a hundredth of a point.
+    # Numbers in texts are not rounded.
     svg = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(?<=\d\.\d\d)\d+", "", tag[0]), svg)
     if len(svg) <= SVG_BYTES_MAX:
         return "data:image/svg+xml," + svg.translate(URI_ESCAPES)

@@ -16,6 +16,5 @@ class ParameterError(InputError):
         self.text = text
 
     def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
-        # Without this method, an error that a worker process raises could not be transferred to
-        # this process.
+        # Without this method, an error in a worker process could not reach this process.
         return type(self), (self.parameter, self.text)

@@ -104,8 +104,7 @@ def _overrides(kind: type) -> dict[str, Any]:
 
 
 def _to_dict(kind: type) -> Any:
-    # cattrs selects the conversion by the type of the value where the type of the field is a text
-    # or `Any`.
+    # A field whose type is a text or `Any` is converted by the type of its value.
     with_all_fields: Any = make_dict_unstructure_fn(kind, _converter, **_overrides(kind))
     inline = {json_key(f) for f in dataclasses.fields(kind) if f.metadata.get(INLINE)}
 

@@ -24,16 +24,15 @@ FORCE_MAX_COUNTS = 512  # largest value of force_max in force counts
 COAST_MAX_S = 5.0  # longest time in s for which a disabled axis may coast
 # force counts by which the force may exceed its initial value during a retract
 RETRACT_FORCE_COUNTS = 8
-# To release the force, the target decreases to 0 in this number of steps, and the axis has this
-# time in s until the force is released.
+# Number of steps in which a target decreases to 0 to release the force,
+# and longest time in s until the force is released.
 RELEASE_MAX_STEPS, RELEASE_MAX_S = 25, 3.0
 # {mode of operation: the object that sets the target force in this mode}
 FORCE_TARGETS = {
     "force": "target_force", "cyclic_force": "target_force", "force_counts": "force_setpoint"
 }  # fmt: skip
 RETRACT_EXTRA_S = 10.0  # time in s that a retract may take in addition to the time for its distance
-# Force limit of a move in force counts, a quarter of a signed range; a force of this magnitude ends
-# the move.
+# Force limit of a move in force counts, a quarter of a signed range.
 MOVE_COUNTS = 32
 
 

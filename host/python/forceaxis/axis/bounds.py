@@ -37,8 +37,8 @@ class Bound:
     remedy: str
 
 
-# Each class names objects from which bounds are computed. A value is None if the connection cannot
-# access the object.
+# Each class names objects from which bounds are computed.
+# The value of an object is None if the connection cannot access the object.
 
 
 @dataclass(frozen=True)

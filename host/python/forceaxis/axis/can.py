@@ -33,8 +33,7 @@ REQUEST_ID, ANSWER_ID, HEARTBEAT_ID = 0x600, 0x580, 0x700
 TEXT_INDICES = range(0x1008, 0x100B)
 # Command specifiers in the answers of an SDO server (CiA 301, 7.2.4.3).
 UPLOAD_ANSWER, DOWNLOAD_ANSWER, ABORT_ANSWER = 2, 3, 4
-# Upper halves of the SDO abort codes of a disturbed transfer: toggle bit, time-out, command
-# specifier, block.
+# Upper halves of SDO abort codes: toggle-bit error; time-out, wrong command or wrong block.
 TRANSFER_ABORTS = (0x0503, 0x0504)
 # Longest time in s to close a bus without traffic. The default of python-canopen is 1 s.
 NOTIFIER_S = 0.05
@@ -43,8 +42,8 @@ HEARTBEAT_MS = 1000
 HEARTBEAT_ENTRIES = tuple(f"consumer_heartbeat_{i}" for i in range(1, 5))
 STORING = ("store_all", "store_parameters")
 RECORDER_DATA = 0x2120
-# Largest sizes of a transfer in bytes, for names and for recordings. A node that sends segments
-# without end is thus aborted; the recorder of the firmware has 30 KiB.
+# Largest sizes of a transfer in bytes: of a name, and of a recording (30 KiB in the firmware).
+# A node that sends segments without end is aborted at this size.
 MOST_BYTES, MOST_RECORDED_BYTES = 256, 1 << 20
 READ_TRIES = 2
 ABORT_TOO_LONG = 0x06070012  # SDO abort code: the object is longer than expected
@@ -140,17 +139,14 @@ class CanLink(RecorderLink):
         self._network.subscribe(ANSWER_ID + node, self._answered)
         self._errors = canopen.SdoCommunicationError, canopen.SdoAbortedError
         self._lock, self._owns = threading.RLock(), False
-        # The entry of 1016h with which the axis monitors the heartbeat of this program, as (object,
-        # its previous raw value).
+        # (object of 1016h, its previous value) for the monitoring of this program's heartbeat
         self._watched: tuple[str, int] | None = None
-        # Expected SDO answer as (command specifier, index, sub-index); None during a longer
-        # transfer.
+        # (command specifier, index, sub-index) of the expected SDO answer, or None
         self._expected: tuple[int, int, int] | None = None
         self._interface = interface if bus is None else None
         # set if another node sends heartbeats with the node id of this program
         self._rival = threading.Event()
-        # Time in s since 1970 up to which this program has sent heartbeats. Earlier heartbeats with
-        # its node id are its own.
+        # Time in s since 1970 until which heartbeats with the own node id come from this program.
         self._beaten_until = 0.0
         self._network.subscribe(HEARTBEAT_ID + own_node, self._heard)
 
@@ -290,8 +286,7 @@ class CanLink(RecorderLink):
             self._rival.set()
 
     def _send_beat(self, data: bytes) -> None:
-        # A thread sends the heartbeat, because a transfer may take longer than the consumer
-        # heartbeat time.
+        # A thread sends the heartbeat, because a transfer may exceed the consumer heartbeat time.
         try:
             self._network.send_message(HEARTBEAT_ID + self._own, data)
         except self._can.CanError as error:
@@ -306,8 +301,7 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        # The entry is written before the first heartbeat, because the axis monitors the heartbeat
-        # from its first message on.
+        # The axis monitors a heartbeat from its first message on, so 1016h is written before.
         self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
             HEARTBEAT_MS / 10_000, self._send_beat,

@@ -19,8 +19,8 @@ SHUTDOWN, SWITCH_ON, ENABLE, NEW_SETPOINT = 0x06, 0x07, 0x0F, 0x1F
 START_HOMING, FAULT_RESET = 0x1F, 0x80
 DISABLE_VOLTAGE = 0  # the only controlword that ends a latched quick stop
 TARGET_REACHED, BIT_12, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
-# End of the error text for an axis with a fault. The command line replaces this text by its own
-# command.
+# End of the error text for an axis with a fault.
+# The command line replaces this text by its own command.
 FAULT_REMEDY = "; reset_fault() resets the fault"
 # Longest time in s from the controlword to the disabled state, including the ramp of a stop.
 DISABLE_TIMEOUT_S = 2.0

@@ -50,8 +50,8 @@ class AxisValues:
     def __init__(self, link: Link) -> None:
         self.link = link
 
-    # The type of a value depends on the name of its object, therefore only the result of record()
-    # has types.
+    # The type of a value depends on the name of its object. Only record() returns values with
+    # types.
     def get(self, *names: str) -> dict[str, Any]:
         """Returns {name: engineering value or text of an enumeration} in the order of `names`.
         Raises InputError for an unknown name; Refused; NoAnswer."""

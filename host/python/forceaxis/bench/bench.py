@@ -146,8 +146,8 @@ CASES = {
     "B": Case("axis_contact_b.toml", AXIS_SIGNALS, 15, SETPOINT_B_N),
     "full": Case("full_axis.toml", ("pad.force", "rotor", "workpiece"), 4, 59),
 }
-# Sweeps of 64 x 64 runs: {name: (range of the gain in DAC codes per ADC code, range of the
-# set-point in N)}.
+# Sweeps of 64 x 64 runs: {name: (range of the gain, range of the set-point)}.
+# The gain is in DAC codes per ADC code, the set-point is in N.
 SWEEPS = {"calm": ((2.0, 6.0), (20.0, 120.0)), "wide": ((1.0, 16.0), (10.0, 130.0))}
 SWEEP_SIDE = 64  # number of gains of a sweep, and number of set-points
 
@@ -289,8 +289,8 @@ def sweeps(repeat: int, advance: Advance) -> list[SweepSpeed]:
         done = plant.sweep(*SWEEPS[name], SWEEP_SIDE, threads)
         return done["wall_s"], done["cpu_s"]
 
-    # {name: (number of runs, function that returns elapsed time and CPU time in s for a number of
-    # threads)}
+    # {name: (number of runs, function that returns elapsed time and CPU time in s)}
+    # The argument of the function is the number of threads.
     work: dict[str, tuple[int, Callable[[int], tuple[float, float]]]] = {
         name: (SWEEP_SIDE**2, functools.partial(sweep_once, name)) for name in SWEEPS
     }

@@ -9,8 +9,8 @@ from forceaxis.objects import BY_NAME
 
 Samples = NDArray[np.float64]
 
-# Limit above the size of every recording of the firmware. A corrupted number of samples is
-# therefore refused and allocates no memory.
+# Largest accepted number of samples, above the size of every recording of the firmware.
+# A corrupted number of samples is refused and allocates no memory.
 SAMPLES_MAX = 1_000_000
 
 
@@ -43,8 +43,8 @@ class Assembly:
         if not self.signals:
             self.signals, self.raw = tuple(block.signal), np.zeros(shape, np.int64)
             self.have, self.decimation = np.zeros(shape[0], np.bool_), decimation
-        # The size is set before samples are copied, so that `missing` is also correct if no sample
-        # arrives.
+        # The size is set before samples are copied, so `missing` is also correct without any
+        # sample.
         if not (0 <= block.first_sample <= stop <= shape[0]):
             return False
         if block.num_samples:

@@ -55,8 +55,7 @@ def _pixels(
     fx = (x - x_span[0]) / (x_span[1] - x_span[0]) * (columns - 1)
     fy = (y_span[1] - y) / (y_span[1] - y_span[0]) * (rows - 1)
     good = np.isfinite(fx) & np.isfinite(fy)
-    # Values are limited before dots are computed, because a value far outside needs millions of
-    # dots.
+    # Values are limited before dots are computed, because far values would need millions of dots.
     fx, fy = np.clip(fx, -columns, 2 * columns), np.clip(fy, -rows, 2 * rows)
     px = np.rint(np.where(good, fx, 0)).astype(int)
     py = np.rint(np.where(good, fy, 0)).astype(int)

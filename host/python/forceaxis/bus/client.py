@@ -221,8 +221,8 @@ class AxisClient(Closable):
         with self._news:
             found = self._await(lambda: complete() or self._ended(number), timeout_s)
             if found is not None:
-                # Blocks of samples may arrive after the event that ends the capture. A block that
-                # was lost is never sent again.
+                # Blocks of samples may arrive after the event that ends the capture.
+                # A block that was lost is never sent again.
                 self._await(complete, LATE_BLOCKS_WAIT_S)
             held, ended = self._captures.pop(number, None), self._ended(number)
         if ended and ended.code < 0:

@@ -36,8 +36,8 @@ DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
 AXES = range(1, 128)
 CHANNELS = "(AXIS_[0-9]+_(STATE|EVENT|CAPTURE|COMMAND)|SIM_(CLOCK|TRUTH))"
 
-# Number of messages that liblcm queues while the thread is busy. A burst of messages exceeds the
-# default of liblcm, which is 30.
+# Number of messages that liblcm queues while the thread is busy.
+# A burst of messages exceeds the default of liblcm, which is 30.
 QUEUE_MESSAGES = 20_000
 
 M = TypeVar("M", bound=Message)
@@ -50,8 +50,7 @@ _TYPES: dict[str | None, type[Message]] = {
     "CLOCK": sim_clock_t,
     "TRUTH": sim_truth_t,
 }
-# These types include the messages of the lock-step, because a log may contain them. The monitor
-# ignores these messages.
+# All message types by fingerprint, also types of the lock-step, because logs may contain them.
 _BY_FINGERPRINT: dict[bytes, type[Message]] = {
     t._get_packed_fingerprint(): t
     for t in vars(messages).values()

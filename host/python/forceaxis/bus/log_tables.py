@@ -65,8 +65,8 @@ class Columns:
 
     def add(self, row: Row) -> None:
         for name, value in row.items():
-            # a column is also created without a value, so that all tables of a message type have
-            # equal columns
+            # A column without values is also created, so that all tables of a message type are
+            # similar.
             if value is None:
                 self._columns.setdefault(name, array("q"))
                 continue

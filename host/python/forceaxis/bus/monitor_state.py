@@ -41,8 +41,8 @@ COMMAND_KINDS = {
 }
 VOLT_PER_CODE = 20 / 4096  # of the DAC
 T = TypeVar("T")
-# {unit of CiA 303-2: (displayed unit, number of displayed units in one unit)} for metre, radian and
-# degree.
+# {unit of CiA 303-2: (displayed unit, number of displayed units in one unit)}
+# The units are metre, radian and degree.
 POSITION_UNITS = {0x01: ("mm", 1e3), 0x10: ("deg", 180 / math.pi), 0x41: ("deg", 1.0)}
 REPETITION_MARK = " x"  # text in a repeated event before the number of repetitions
 # Kinds of events that the monitor shows as alarms.

@@ -3,8 +3,8 @@ enumerations."""
 
 from forceaxis.objects import BY_NAME, AxisObject
 
-# States of CiA 402: (mask, value, state of the drive). A valid statusword matches exactly one
-# entry.
+# States of CiA 402: (mask, value, state of the drive).
+# A valid statusword matches exactly one entry.
 STATES = (
     (0x4F, 0x00, "not ready to switch on"),
     (0x4F, 0x40, "switch on disabled"),

@@ -37,9 +37,9 @@ class Message(Protocol):
         """Encodes the message."""
 
 
-# One step of reading a message: the size of fields in bytes, which contain no count; (name, size in
-# bytes) of a count; or (names of the counts, size of one element in bytes) of an array. The size of
-# a string is 0.
+# One step of reading a message is one of three forms: size of fields in bytes, without a count;
+# (name of a count, size of the count in bytes);
+# (names of the counts of an array, size of an element in bytes), with the size 0 for strings.
 Step = int | tuple[str, int] | tuple[tuple[str, ...], int]
 
 

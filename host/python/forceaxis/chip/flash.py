@@ -16,8 +16,8 @@ from forceaxis.errors import ParameterError
 from forceaxis.results import json_field
 
 OPENOCD_TIMEOUT_S = 120
-# Regular expressions for error lines of openocd, each with the message for the user. The first
-# expression that matches the output selects the message.
+# Regular expressions for error lines of openocd, each with the message for the user.
+# The first expression that matches the output selects the message.
 FAILURES = (
     (
         r"LIBUSB_ERROR_ACCESS|Permission denied",

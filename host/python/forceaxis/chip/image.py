@@ -223,8 +223,8 @@ def identity(image: Image) -> Identity:
             if (s.address + match.start()) % 4 or len(head) < IDENTITY_STRUCT.size:
                 continue
             _, size, version, git, table_hash, board = IDENTITY_STRUCT.unpack(head)
-            # Newer firmware may append fields to the identity, which contains its size. The magic
-            # number may also occur in machine code, where no valid size follows.
+            # Newer firmware may append fields to the identity. Its size is then larger.
+            # The magic number may also occur in machine code, where no valid size follows.
             if IDENTITY_STRUCT.size <= size <= 256:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:

@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 Callback = TypeVar("Callback", bound=Callable[..., None])  # the function of a verb
 
-# Longest first sentence of a help text in characters. The library click replaces the rest of a
-# longer sentence by dots.
+# Longest first sentence of a help text in characters.
+# The library click replaces the rest of a longer sentence by dots.
 FIRST_SENTENCE_LENGTH = 300
 
 
-# Control sequences that the program itself sends to a terminal: the colours of click.style, and the
-# start of the progress line of `waiting`.
+# Control sequences that the program itself sends to a terminal:
+# the colours of click.style, and the start of the progress line of `waiting`.
 OWN_SEQUENCES = re.compile("((?:\r?\x1b\\[(?:0|1|22|3[0-9]|39|9[0-7])?m|\r\x1b\\[2K)+)")
 
 

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 from typing import cast
 
-# With small matrices, several threads of the BLAS library wait for each other on a busy computer
-# and need fifty times as long as one thread. NumPy reads this variable when NumPy is loaded.
+# With small matrices, several threads of the BLAS library need fifty times as long as one thread.
+# On a busy computer the threads wait for each other. NumPy reads this variable when it is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import click
@@ -32,8 +32,9 @@ Keep it from breaking in CI
   forceaxis test press --update     records the results of today
   forceaxis test press              status 1 and the figures if one changed"""
 
-# {group: {verb: module of this folder whose list VERBS contains the verb}}. A module MODULE is
-# loaded when one of its verbs is used. Modules MODULE_..., which add verbs, are then also loaded.
+# {group: {verb: module of this folder whose list VERBS contains the verb}}
+# A module MODULE is loaded when one of its verbs is used. Modules MODULE_... are then also loaded,
+# because they add verbs to MODULE.
 GROUPS = {
     "An axis and its runs": {
         "new": "new",
@@ -74,8 +75,8 @@ GROUPS = {
 }
 MODULES = {verb: module for verbs in GROUPS.values() for verb, module in verbs.items()}
 
-# Exceptions that end a verb with one line and exit status 1. The exceptions are listed by name, so
-# that their modules need not be loaded.
+# Exceptions that end a verb with one line and exit status 1.
+# The exceptions are listed by name, so that their modules need not be loaded.
 FAILURES = {
     "forceaxis._core.SimulationError",
     "forceaxis.experiments.link.LinkError",

@@ -6,8 +6,8 @@ from forceaxis.design.grid import LOWEST_HZ
 from forceaxis.design.new import HELD, BankForAxis, NewAxis, NoBank
 
 LIMIT_NAMED_BELOW = (
-    # Ratio of the bandwidths of bank and P law. Below this ratio, the text states what limits the
-    # bandwidth of the bank.
+    # Smallest ratio of the bandwidths of bank and P law for a text without an explanation.
+    # Below this ratio, the text states what limits the bandwidth of the bank.
     1.5
 )
 

@@ -13,8 +13,8 @@ from forceaxis import _core
 from forceaxis.linear.equations import Matrix, StateSpace
 from forceaxis.linear.system import System
 
-# The smallest new component of a vector, relative to the vector, that is not a rounding error. A
-# smaller component ends the search for states that the input controls.
+# Smallest new component of a vector, relative to the vector, that is not a rounding error.
+# A smaller component ends the search for states that the input controls.
 DIRECTION_SHARE_MIN = 1e-15
 
 
@@ -37,8 +37,7 @@ def minimal(system: System) -> System:
     The poles of these states do not depend on the gain, even on the stability boundary (for example
     a position that drifts).
     """
-    # Balancing includes the input and the output, because otherwise the state of a delay can appear
-    # unobservable.
+    # Balancing includes input and output. Otherwise the state of a delay can appear unobservable.
     n = len(system.A)
     scale = _core.balance(np.block([[system.A, system.B], [system.C, np.zeros((1, 1))]]))
     scale = scale[:n] / scale[n]
@@ -85,13 +84,11 @@ def marks(roots: Matrix, fastest: float) -> Matrix:
     """Returns frequencies in rad/s, > 0, along the stability boundary: values beside and between
     `roots`, which are also frequencies. fastest: largest magnitude of a pole in 1/s."""
     found = np.unique(roots[np.isfinite(roots) & (roots > 1e-15 * fastest)])
-    # Two roots that are equal within rounding errors are used as one root, because no frequency
-    # lies between them.
+    # Two equal roots are used as one root, because no frequency lies between them.
     found = found[np.diff(found, prepend=0.0) > 1e-9 * found]
     if not len(found):
         found = np.array([fastest or 1.0])
     middle = np.sqrt(found[:-1] * found[1:])
-    # Rounding errors are larger than the response at a root, so frequencies beside each root are
-    # added.
+    # Rounding errors hide the response at a root, so frequencies beside each root are added.
     around = [found * ratio for ratio in (0.3, 0.9, 1.1, 3)]
     return np.unique(np.concatenate([middle, *around]))

@@ -366,8 +366,8 @@ def _sampled(system: System, law: str, timing: str, tick_s: float, moves: bool) 
     system = system.sampled(0, tick_s, extended=True)
     A, B, C, D = system.A, system.B, system.C, system.D
     states = system.states
-    # The ADC converts immediately before the new DAC code acts. A direct path from the DAC code to
-    # the measured force therefore acts one tick later.
+    # The ADC converts immediately before the new DAC code acts.
+    # A direct path from the DAC code to the measured force therefore acts one tick later.
     if D.any():
         n = len(A)
         A = np.block([[A, np.zeros((n, 1))], [np.zeros((1, n + 1))]])

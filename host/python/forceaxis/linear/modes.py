@@ -38,13 +38,12 @@ CRITERION = (
     "sign of the undamped residue from input to output, drive removed: against the lowest mode "
     "(label) and against the mode below; residue 0: colocated if dampers couple it, else neither"
 )
-# Residues below this share of the sum of all residues are rounding errors.
+# Largest share of a residue in the sum of all residues that is a rounding error.
 NO_RESIDUE = 1e-9
-# A mode whose frequency is below this share of the highest frequency is a rigid-body mode. Its
-# frequency differs from 0 only by rounding errors.
+# Largest ratio of the frequency of a rigid-body mode to the highest frequency.
+# The frequency of a rigid-body mode differs from 0 only by rounding errors.
 NO_STIFFNESS = 1e-6
-# Magnitude in rad/s below which poles have the same similarity to a mode when poles are assigned to
-# modes.
+# Magnitude in rad/s below which all poles are equally similar to a mode of frequency 0.
 SLOW_RAD_PER_S = 0.06
 
 
@@ -156,8 +155,9 @@ def mechanics(
     x = [system.states.index(f"{body}.position") for body in bodies]
     v = [system.states.index(f"{body}.velocity") for body in bodies]
     root = np.sqrt(np.array([masses[body] for body in bodies]))
-    # In the coordinates sqrt(m) x all matrices are symmetric. Stuck frictions leave a projection P
-    # in M x'' = P (force - K x), and the modes lie within this projection.
+    # In the coordinates sqrt(m) x all matrices are symmetric.
+    # Stuck frictions leave a projection P in M x'' = P (force - K x).
+    # The modes lie within the projection P.
     P = root[:, None] * system.B[np.ix_(v, range(1, len(v) + 1))] * root
     share, basis = linalg.eigh((P + P.T) / 2)
     basis = basis[:, share > 0.5]
@@ -171,8 +171,7 @@ def mechanics(
     squares, vectors = linalg.eigh(symmetric(x))
     shapes = basis @ vectors
     push = shapes.T @ (root * system.B[v, 0])
-    # Modes with equal frequencies, such as those of two free bodies, are rotated so that the input
-    # excites only one of them.
+    # Modes with equal frequencies are rotated so that the input excites only one of them.
     highest = squares.max(initial=0.0)
     w = np.sqrt(np.where(squares > NO_STIFFNESS**2 * highest, squares, 0.0))
     first = 0

@@ -62,8 +62,8 @@ class Figures:
     fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: |S| is above -3 dB at frequency 0
     fT_Hz: float | None = None  # None: |T| stays above -3 dB; 0: |T| is never above -3 dB
     Ms: float | None = None  # largest |S|, for frequencies up to half the tick rate
-    # Gain factor up to the next crossing of the stability boundary. None if no crossing is known up
-    # to the gain factor known_to.
+    # Gain factor up to the next crossing of the stability boundary.
+    # None if no crossing is known up to the gain factor known_to.
     gain_margin: float | None = None
     # The phase margin with the smallest magnitude. None if |L| is 1 at no frequency.
     phase_margin_deg: float | None = None
@@ -166,8 +166,8 @@ class _Response:
         )  # fmt: skip
         w = math.exp(top.x)
         best = max(float(sizes[i]), -top.fun)
-        # The minimiser determines only half of the digits of w. The zero of the slope determines
-        # all digits.
+        # The minimiser determines only half of the digits of w.
+        # The zero of the slope of |H| determines all digits of w.
         for share in (1e-7, 1e-6, 1e-5, 1e-4):
             ends = w * (1 - share), w * (1 + share)
             if self._rise(ends[0]) > 0 > self._rise(ends[1]):

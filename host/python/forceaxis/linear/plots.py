@@ -374,9 +374,8 @@ def pole_zero(
     figure, axes = panels([one.label for one in arrays], wide, wide)
     for ax, one in zip(axes, arrays, strict=True):
         roots = np.concatenate([one.poles, one.zeros])
-        # The frame shows lightly damped roots and roots in the right half-plane. Most real roots in
-        # the left half-plane are electrical poles of the drive, which do not describe the
-        # structure.
+        # The frame shows lightly damped roots and roots in the right half-plane.
+        # Most real roots in the left half-plane are electrical poles of the drive.
         light = np.abs(roots.real) < 0.3 * np.abs(roots)
         structural = roots[light | (roots.real > np.abs(roots.imag))]
         span = span_hz or frame(np.abs(structural if structural.any() else roots)) / (2 * np.pi)
@@ -397,7 +396,7 @@ def pole_zero(
 def frame(sizes: Numbers) -> float:
     """Returns the half-width in 1/s of a figure of roots with these magnitudes. Outer roots are
     left out if their magnitude is more than six times the magnitude of the next smaller root."""
-    # Magnitudes below this limit are rounding errors of 0.
+    # Magnitudes that are 0 except for rounding errors are left out.
     ordered = np.sort(sizes[sizes > 1e-6 * sizes.max(initial=0)])
     if not len(ordered):
         return 2 * np.pi

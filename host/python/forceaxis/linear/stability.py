@@ -23,8 +23,8 @@ from forceaxis.linear.system import TICK_S, System
 from forceaxis.linear.working import Working
 from forceaxis.words import plain
 
-# A crossing is reported if rounding of the matrix entries in double precision changes the gain of
-# the crossing by less than this share. The computation itself is a thousand times more accurate.
+# Largest relative change of a crossing's gain by rounding of the matrix entries.
+# A crossing whose gain changes more is not reported.
 GAIN_CHANGE_MAX = 1e-7
 GAIN_MAX = 1e15  # largest gain k of a loop that is analysed
 
@@ -42,8 +42,8 @@ class Crossing:
     gain: float
     # None: at infinite frequency (continuous loop, negative direct path)
     frequency_hz: float | None
-    # With a rising gain, the pole leaves the stable region (1), enters the stable region (-1), or
-    # touches its boundary (0).
+    # Direction of a pole as the gain rises: 1 leaves the stable region,
+    # -1 enters the stable region, 0 touches the stability boundary.
     direction: int
 
 
@@ -151,8 +151,7 @@ class Loop:
         """Returns the closed loop at a gain k as a System from the set-point to the controlled
         signal. The set-point has the unit of the feedback (N for a force)."""
         A, B, C, D = self.whole.A, self.whole.B, self.whole.C, self.whole.D
-        # With the set-point r, the input of the plant is u = gain (r - C x - D u) = share (r - C
-        # x).
+        # The input of the plant with the set-point r: u = gain (r - C x - D u) = share (r - C x)
         share = gain / (1 + gain * D[0, 0])
         return replace(
             self.whole,
@@ -175,8 +174,9 @@ class Loop:
         """Returns the closed-loop poles in 1/s, which are log(z) / T for a sampled loop."""
         return self.closed(gain).poles_s()
 
-    # At a critical gain, L / k on the stability boundary is real and negative. A sampled loop is
-    # transformed to w = (2/T) (z - 1)/(z + 1), which maps the unit circle to the imaginary axis.
+    # At a critical gain, L / k on the stability boundary is real and negative.
+    # A sampled loop is transformed to w = (2/T) (z - 1)/(z + 1).
+    # This transformation maps the unit circle to the imaginary axis.
 
     @cached_property
     def _minimal(self) -> System:
@@ -205,8 +205,7 @@ class Loop:
         """Returns (G, dG/dw, change of G by rounding of the matrix entries) at frequencies w along
         the stability boundary. Each array has the shape of w."""
         at = np.asarray(w, float)
-        # Only at w = 0, a pole that has no effect on the output makes the computation of G
-        # impossible.
+        # The minimal system is needed at w = 0 only, if a pole at 0 has no effect on the output.
         whole = self._boundary if np.all(at) else self._boundary_minimal
         G, slope, rounding = (values.reshape(at.shape) for values in whole(at.ravel()))
         return G, slope, rounding
@@ -338,8 +337,7 @@ class Loop:
             # corrects G for the error of w, which is known only to double precision
             if abs(G.imag) < 1e-12 * w * abs(slope.imag):
                 value -= slope.real * G.imag / slope.imag
-            # The phase also changes at a zero of G on the axis, but there the gain -1 / G is
-            # infinite.
+            # The phase also changes at a zero of G, but there the gain -1 / G is infinite.
             if value >= 0 or abs(w * slope) > 1e9 * abs(value):
                 continue
             if rounding < GAIN_CHANGE_MAX * abs(value):
@@ -446,9 +444,8 @@ class Loop:
         for low, high in zip(edges, [*edges[1:], known_to], strict=True):
             if high is not None and high <= low:
                 continue
-            # The loop is stable either in the whole range or nowhere in the range, so the check of
-            # one gain is enough. Small gains are also checked, because rounding errors may hide the
-            # result at high gains.
+            # The loop is stable in the whole range of gains or nowhere in the range.
+            # Small gains are also checked, because rounding errors may hide stability at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
             else:
@@ -483,8 +480,8 @@ class Loop:
         above = min((g for g in gains if g > gain), default=None)
         below = max((g for g in gains if g < gain), default=None)
         A, B, C, D = self._plane
-        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s). These zeros are the poles of a system with
-        # the positive feedback k^2 G(s) G(-s).
+        # |k G| is 1 at the zeros of 1 - k^2 G(s) G(-s).
+        # These zeros are the poles of a system with the positive feedback k^2 G(s) G(-s).
         share = gain**2 / (1 - gain**2 * D[0, 0] ** 2)
         product = np.block(
             [

@@ -27,8 +27,8 @@ Picture = tuple[str, Markup]  # caption and image
 
 # largest number of experiments for which the page shows all pictures at once
 SHOWN_EXPERIMENTS_MAX = 6
-# Map of verdicts of an experiment: factors of the gain, factors of the set-point, and the longest
-# run in ticks.
+# Map of verdicts of an experiment: factors of the gain and of the set-point,
+# and the longest run in ticks.
 MAP_GAIN_FACTORS = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0)
 MAP_SETPOINT_FACTORS = (0.3, 0.6, 1.0, 1.5, 2.2)
 MAP_TICKS_MAX = 12_000

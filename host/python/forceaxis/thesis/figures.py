@@ -22,8 +22,9 @@ Data = list[curves.Curve] | list[locus.Locus] | list[locus.Array]
 Source = Callable[[], Data]
 Options = Mapping[str, str | float | tuple[float, float]]  # {argument of a drawing function: value}
 
-# Channels of a response: from the command voltage to the measured force, from the force of a
-# perfect actuator to the measured force, and from the command voltage to the tachometer voltage.
+# Channels of a response: from the command voltage to the measured force,
+# from the force of a perfect actuator to the measured force,
+# and from the command voltage to the tachometer voltage.
 VOLTAGE = curves.Channel()
 FORCE = curves.Channel(drive=False)
 TACH = curves.Channel(output="drive.tach")

@@ -44,8 +44,7 @@ GAINS = {
     "position_gain": 4.0,
     "velocity_gain": 20.0,
     "force_gain": 5.0,
-    # The value 0 switches bumpless transfer off, because the controller of the thesis has no
-    # bumpless transfer.
+    # The value 0 switches bumpless transfer off, as in the controller of the thesis.
     "bump_decay_shift": 0,
 }
 
@@ -120,8 +119,8 @@ def run(
         force_held = float(session.read("force"))
         position_in_contact = int(session.read("position_actual"))
         report("waiting for the strike")
-        # The time of the impact is not known in advance, therefore the recorder waits for its
-        # trigger.
+        # The recorder waits for its trigger, because the time of the impact is not known in
+        # advance.
         recording = session.capture(
             RECORDED,
             samples=1800,
