@@ -61,7 +61,7 @@ def replacing(folder: Path, *names: str) -> Iterator[list[Path]]:
             path.unlink(missing_ok=True)
         if fresh:
             with contextlib.suppress(OSError):
-                folder.rmdir()  # fails if the folder contains the files that were written
+                folder.rmdir()  # rmdir() fails if the folder contains the files that were written
 
 
 def replace_text(file: Path | str, text: str) -> None:

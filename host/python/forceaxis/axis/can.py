@@ -247,11 +247,12 @@ class CanLink(RecorderLink):
     def acquire(self) -> None:
         if self.read_one("command_source") != self.source:
             self._download("command_source", self.source)
-        # A node that missed a heartbeat has left the state operational.
+        # A node that missed a heartbeat has left the state operational, so the node is started
+        # again.
         with self._asking("NMT start"):
             self._network.send_message(0, [NMT_START, self._id])
         place, raw = self._entry()
-        # A killed program with the same node id has left this entry.
+        # A killed program with the same node id has left its entry in 1016h.
         if place is not None and raw == self._ours:
             self._expect_alone()
             self._download(place, 0)

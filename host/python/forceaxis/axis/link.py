@@ -28,7 +28,7 @@ from forceaxis.objects import BY_NAME
 __all__ = ["Link", "NoAnswer", "RecorderLink", "Recording", "Refused", "unsigned"]
 
 TICKS_PER_S: int = _core.TICKS_PER_SECOND
-POLL_PERIOD_S = 0.02  # period in s in which a value is read until it has changed
+POLL_PERIOD_S = 0.02  # time in s between two reads while a program waits for a new value
 # names of the owners of an axis, indexed by raw value
 COMMAND_SOURCES = BY_NAME["command_source"].enum
 # Largest relative difference between a calibrated force_scale and the force_scale of the sensor.
@@ -92,7 +92,8 @@ class Link(abc.ABC):
     source: int
     warning: str | None = None
     counts_per_metre: float | None = None
-    _keeper: Keeper | None = None  # thread that runs from acquire() to release()
+    # thread that keeps the axis acquired, from acquire() to release()
+    _keeper: Keeper | None = None
 
     def use_model(self, model: str | Path) -> None:
         """Sets the size of an encoder count from the encoder of a model (a path). Raises InputError

@@ -23,7 +23,7 @@ from forceaxis.results import json_field
 # bit of a COB-ID that disables the PDO; only a disabled PDO can be changed
 INVALID_COB_ID = 1 << 31
 PDO_COUNT, ENTRIES_PER_PDO = 4, 8
-# Parts of the names of objects that are written after all others, in this order.
+# Objects whose names contain one of these parts are written last, in this order.
 WRITTEN_LAST = ("_mapped_", "_cob_id", "force_bank")
 WRITE_RANKS = 1 + len(WRITTEN_LAST)
 STORE_MAX_S = 10.0  # time limit in s; the firmware needs up to a second to erase a sector of flash

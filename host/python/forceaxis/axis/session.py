@@ -41,7 +41,7 @@ class Session(AxisClient):
         timeout_s: float = 2.0,
         wait_s: float = READY_S,
     ) -> None:
-        # This client receives states before the thread of the bus delivers the first state.
+        # Client that receives states until the thread of the bus delivers the first state.
         self._states: deque[axis_state_t] = deque(maxlen=STATES_KEPT)
         super().__init__(axis, url, timeout_s)
         self._link = GatewayLink(axis, url, client=self, ready_s=wait_s)

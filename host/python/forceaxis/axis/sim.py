@@ -88,7 +88,7 @@ class SimLink(RecorderLink):
             self.axis.step(1)  # a written value acts in the next tick, as it does over a bus
 
     def acquire(self) -> None:
-        self.axis.end_schedule()  # from here on only the owner commands the axis
+        self.axis.end_schedule()  # after acquire(), only the owner commands the axis
         self.write({"command_source": self.source})
         self._owned = True
 

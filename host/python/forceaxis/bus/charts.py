@@ -61,7 +61,7 @@ def _pixels(
     py = np.rint(np.where(good, fy, 0)).astype(int)
     joined = good[:-1] & good[1:]
     steps = np.where(joined, np.maximum(abs(np.diff(px)), abs(np.diff(py))), 0)
-    # First the dots of each line segment without its end point, then the dots of all samples.
+    # The dots of all line segments without their end points, then the dots of all samples.
     which = np.repeat(np.arange(len(steps)), steps)
     part = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
     share = part / np.maximum(steps[which], 1)

@@ -191,7 +191,7 @@ class Gaps:
             self.received += 1
             return True
         if run_id != self._latest:
-            # An earlier publisher of this channel is still sending.
+            # An earlier publisher of the same channel is still sending.
             self.rivals, self._latest = True, run_id
         missing = run.missing
         if seq >= run.next_seq:

@@ -134,7 +134,7 @@ class _Exporter:
             self.undecodable += 1
             return
         if not self.gaps.setdefault(entry.channel, Gaps()).take(message.run_id, message.seq):
-            return  # the network delivered this message twice
+            return  # the network has delivered the same message twice
         _, kind = channel_of(entry.channel)
         if kind == "CAPTURE" and isinstance(message, axis_capture_t):
             key = (entry.channel, message.run_id, message.capture_id)

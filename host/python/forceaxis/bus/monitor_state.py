@@ -29,7 +29,7 @@ from forceaxis.results import json_field
 
 # number of states stored for the charts: two minutes at 100 states per second
 HISTORY_STATES = 12_000
-STALE_AFTER_S = 1.0  # time in s; an axis that sends no message for this time is shown as silent
+STALE_AFTER_S = 1.0  # time in s without a message after which an axis is shown as silent
 RATE_WINDOW_S = 3.0  # time span in s over which the rate of messages is computed
 
 COMMAND_KINDS = {
@@ -135,7 +135,7 @@ class Snapshot:
     clock: ClockSnapshot | None
     received: int
     undecodable: int
-    events: list[WatchedEvent]  # the latest ones
+    events: list[WatchedEvent]  # the latest events
     source: str
     trouble: str | None = json_field(omit_none=True)
 

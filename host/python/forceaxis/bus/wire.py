@@ -112,7 +112,7 @@ def expect_whole(message_type: type[Message], data: bytes) -> None:
             continue
         elements = math.prod(counts[dimension] for dimension in what)
         if elements == 0 and any(counts[dimension] for dimension in what[:1]):
-            raise Torn("rows of nothing")  # rows without bytes would cost time and memory
+            raise Torn("rows of nothing")  # array rows without bytes would cost time and memory
         if size:
             reader.skip(elements * size)
             continue

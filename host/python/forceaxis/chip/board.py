@@ -178,7 +178,8 @@ class BoardError(ValueError):
 def _read_value(where: str, value: Any, kind: Any) -> Any:
     """Returns a value of board.toml as the type `kind`. Raises BoardError for a value of another
     type."""
-    if isinstance(kind, types.UnionType):  # an optional table or list that the file contains
+    # type of an optional table or list that the file contains
+    if isinstance(kind, types.UnionType):
         kind = typing.get_args(kind)[0]
     if dataclasses.is_dataclass(kind):
         return _read_table(where, value, kind)

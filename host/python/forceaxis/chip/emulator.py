@@ -99,8 +99,8 @@ class Emulator:
             raise
         for name in names:
             os.mkfifo(name)
-        # Opening a pipe in these modes does not wait for the other program.
-        # A pipe that one program closes causes no error in the other program.
+        # With O_RDWR and O_NONBLOCK, opening a pipe does not wait for the other program.
+        # A pipe that the other program closes causes no error.
         self.pipes = os.open(names[0], os.O_RDWR), os.open(names[1], os.O_RDONLY | os.O_NONBLOCK)
         for fd in self.pipes:
             self._stack.callback(os.close, fd)

@@ -26,7 +26,7 @@ class Identity(NamedTuple):
 
     version: str
     git: str
-    table_hash: str  # the first eight digits of objects.OBJECTS_HASH
+    table_hash: str  # hash of the object table, the first eight digits of objects.OBJECTS_HASH
     board: str
 
 

@@ -250,7 +250,8 @@ def reset(connection: AxisConnection, as_json: bool) -> None:
         print_state(axis, "reset", as_json)
 
 
-NEGATIVE = {"ignore_unknown_options": True}  # so that -500 is an argument and not an option
+# a negative number such as -500 is an argument and not an option
+NEGATIVE = {"ignore_unknown_options": True}
 
 
 @axis.command(

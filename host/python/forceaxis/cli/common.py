@@ -75,7 +75,8 @@ def printed_streams() -> Iterator[None]:
         sys.stdout, sys.stderr = before
         for stream in streams:
             if isinstance(stream, Printed):
-                # otherwise the end of this stream would close the file of the earlier stream
+                # without detach(), the end of this stream would close the file of the earlier
+                # stream
                 stream.detach()
 
 

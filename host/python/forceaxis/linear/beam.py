@@ -212,7 +212,7 @@ class Beam:
         tip = sum(np.exp(k * half - z) for k in (1 + 1j, -1 - 1j, 1 - 1j, -1 + 1j)) / 2
         # np.where computes both formulas. The formula that is not selected may overflow.
         with np.errstate(over="ignore", invalid="ignore"):
-            small = e * (np.sinh(z) + np.sin(z)) / 2  # this formula keeps its digits near z = 0
+            small = e * (np.sinh(z) + np.sin(z)) / 2  # near z = 0, this formula keeps all digits
         large = (1 - e * e + (cos_part[0] - cos_part[1]) / 1j) / 4
         bending = np.where(np.abs(z) < 1, small, large)
         factor = s / (4 * stiffness * b**3 * bending)

@@ -304,7 +304,7 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
             one = model_curve(own.model, name, channel, view.span_hz)
             curves.append(one)
             limit = None
-            if view.input == "drive.command":  # only this input is the input of a force loop
+            if view.input == "drive.command":  # drive.command is the only input of a force loop
                 spec = loops.LoopSpec("p", timing, output, request.free)
                 loop = spec.around(own.model, own.overrides, request.states)
                 limit = limits.limit_result(loop, request.gain_of(loop))

@@ -445,7 +445,7 @@ class Loop:
             if high is not None and high <= low:
                 continue
             # The loop is stable in the whole range of gains or nowhere in the range.
-            # Small gains are also checked, because rounding errors may hide stability at high gains.
+            # Small gains are also checked, because rounding may hide stability at high gains.
             if high is None:
                 inside = [2 * low, 10 * low]
             else:
