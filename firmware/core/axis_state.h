@@ -43,7 +43,7 @@ static inline axis_codes_t axis_codes_all(void) {
 
 typedef struct {
   int32_t encoder_cnt; /* encoder count of the position; the count wraps at 32 bits */
-  /* ADC codes of [0] force and [1] motor current, unsigned, 0..2^adc_bits-1 */
+  /* unsigned ADC codes, 0..2^adc_bits-1: [0] of the force, [1] of the motor current */
   uint16_t adc_code[2];
   uint8_t din;          /* AXIS_DIN_ bits */
   uint8_t sensor_valid; /* 0 if the sensor values of this tick must not be used */

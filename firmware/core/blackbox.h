@@ -21,7 +21,7 @@
 
 enum {
   BLACKBOX_BEFORE = 1500, /* 1 s */
-  BLACKBOX_AFTER = 30,    /* 20 ms, including the tick of the error */
+  BLACKBOX_AFTER = 30,    /* number of samples from the tick of the error on: 20 ms */
   BLACKBOX_SAMPLES = BLACKBOX_BEFORE + BLACKBOX_AFTER
 };
 

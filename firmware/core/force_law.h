@@ -27,7 +27,7 @@ enum { FORCE_LAW_BANKS = 4, FORCE_LAW_SECTIONS = 3, FORCE_LAW_COEFFICIENTS = 5 }
 typedef struct {
   /* coefficients b0, b1, b2, a1, a2 of each section */
   int32_t coefficient_q26[FORCE_LAW_SECTIONS][FORCE_LAW_COEFFICIENTS];
-  /* integral rate w in 1/tick, at most 1 */
+  /* integral rate w of the bank in 1/tick, at most 1 */
   uint32_t integral_q26;
   uint16_t gain_q8;
   uint16_t velocity_gain_q8;

@@ -387,8 +387,8 @@ void cia402_warn_unsupervised(cia402_t *drive, const axis_t *axis, bool unsuperv
   cia402_show(drive, axis);
 }
 
-/* Returns true if the axis can move after the next controlword or already moves in this state. In
- * the other states a controlword that does not enable the axis is sufficient to prevent motion. */
+/* Returns true for the states in which the axis moves or can move after one of the next
+ * controlwords. */
 static bool can_move_soon(uint8_t state) {
   return state == AXIS_DRIVE_STATE_READY_TO_SWITCH_ON || state == AXIS_DRIVE_STATE_SWITCHED_ON ||
          state == AXIS_DRIVE_STATE_OPERATION_ENABLED || state == AXIS_DRIVE_STATE_QUICK_STOP_ACTIVE;

@@ -74,8 +74,8 @@ int32_t fx_sign_extend(uint32_t value, uint8_t bits);
  * The CRC of a frame together with its two CRC bytes, low byte first, is 0. */
 uint16_t fx_crc16_modbus(uint16_t crc, uint8_t byte);
 
-/* Adds one byte to the CRC-16 of CANopen block transfers, x^16 + x^12 + x^5 + 1; its initial value
- * is 0. */
+/* Adds one byte to the CRC-16 of CANopen block transfers, with the polynomial x^16 + x^12 + x^5 +
+ * 1. The initial value of the CRC is 0. */
 uint16_t fx_crc16_ccitt(uint16_t crc, uint8_t byte);
 
 /* Adds one byte to a CRC-32 (reflected polynomial 04C11DB7h). The initial value is UINT32_MAX. The

@@ -74,7 +74,8 @@ typedef struct {
 /* Resets the contact guard at the start of force control. */
 void contact_guard_start(contact_guard_t *guard);
 
-/* Derives the values of the contact guard after a write to one of its parameters. */
+/* Computes the derived values of the contact guard. Call this function after a write to a parameter
+ * of the contact guard. */
 void contact_guard_derive(contact_guard_t *guard, const drive_params_t *params);
 
 /* Sets the force demand of the next tick for a mode that has an approach of its own. Every target

@@ -51,8 +51,8 @@ enum {
   FIRST_MOTION_ZERO_TICKS = 90,
   /* longest duration of the largest code: 200 ms, ten time constants of a slow drive */
   FIRST_MOTION_HOLD_TICKS = 300,
-  /* factor of first_motion_counts that gives the largest permitted motion, because the axis slows
-   * down later than its code */
+  /* largest permitted motion divided by first_motion_counts; the factor is necessary because the
+   * axis slows down later than its DAC code */
   FIRST_MOTION_REACH = 8,
   /* largest permitted change of the encoder at standstill, in counts */
   FIRST_MOTION_JITTER_CNT = 2

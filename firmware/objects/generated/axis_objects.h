@@ -965,7 +965,7 @@ enum {
 
 typedef struct {
   uint32_t excitation_frequency; /* frequency of the sine, or start frequency of the frequency sweep; below 750 Hz [3.49246e-07 Hz] */
-  int32_t excitation_sweep; /* rate at which the frequency of the sine rises; above 750 Hz the frequency aliases; the sweep restarts only at the end of excitation_period [0.0005238689 Hz/s] */
+  int32_t excitation_sweep; /* rate at which the frequency of the sine rises. Above 750 Hz the sine aliases. The sweep restarts only at the end of excitation_period [0.0005238689 Hz/s] */
   int32_t excitation_period; /* number of ticks after which the waveform restarts, the noise with equal values; 0 means that the waveform does not restart [tick] */
   int32_t force_setpoint; /* set-point f_d of the force, in counts of an 8-bit ADC [1/256 count] */
   int32_t force_tare; /* tare: force that is subtracted from the measured force, in counts of an 8-bit ADC [1/256 count] */
@@ -991,7 +991,7 @@ typedef struct {
   uint8_t mode; /* requested native mode; a fault changes the mode to disabled [enum] */
   uint8_t excitation_waveform; /* waveform that is added to open_loop_code in excitation mode [enum] */
   int8_t force_sign; /* sign of the measured force, +1 or -1; with the correct sign a compression gives a positive measured force [1] */
-  uint8_t adc_bits; /* resolution of both ADC channels; a code of 2^adc_bits or more is a fault [1] */
+  uint8_t adc_bits; /* resolution of both ADC channels in bits; an ADC code of 2^adc_bits or more is a fault [1] */
   uint8_t profile_enable; /* type of motion to a new position set-point, as a step or along the trapezoidal profile [enum] */
   uint8_t latency_ticks; /* number of ticks from reading the sensors to the output of the DAC code that is computed from these sensor values [tick] */
   uint8_t bump_decay_shift; /* exponent n of the decay of bump_bias: after a change of mode or gain, the bias keeps the output continuous and decays by 2^-n in each tick; 0 means no bias [1] */
@@ -1006,7 +1006,7 @@ typedef struct {
   int32_t profile_velocity; /* speed of the trapezoidal profile [1/65536 count/tick] */
   int32_t position_error; /* profile_position minus position, modulo 2^32 [count] */
   int32_t bump_bias; /* bias that is added to the output now, so that the output is continuous after a change of mode or gain [1/65536 code] */
-  int32_t force_integral; /* output of the integral of the force law [1/65536 code] */
+  int32_t force_integral; /* output of the integral action of the force law [1/65536 code] */
   uint16_t force_raw; /* ADC code of the force sensor [1] */
   uint16_t current_raw; /* ADC code of the motor current [1] */
   int16_t dac_code; /* DAC code that was output in the latest tick [code] */
@@ -1027,8 +1027,8 @@ typedef struct {
   uint16_t bank_velocity_gain[4]; /* velocity gain of the bank: damping in DAC codes for a velocity of one encoder count per tick [1/256 code tick/count] */
   uint16_t certificate_date[4]; /* day on which the bank was designed, in days since 1984-01-01 [1] */
   uint16_t certificate_ms[4]; /* largest magnitude Ms of the sensitivity function for all plants within the tolerances of the certificate [1/1000 1] */
-  uint16_t certificate_stiffness[4]; /* tolerance of the stiffness of the workpiece for which the bank was designed [per mille] */
-  uint16_t certificate_mass[4]; /* tolerance of the mass of the workpiece for which the bank was designed [per mille] */
+  uint16_t certificate_stiffness[4]; /* tolerance of the workpiece stiffness for which the bank was designed [per mille] */
+  uint16_t certificate_mass[4]; /* tolerance of the workpiece mass for which the bank was designed [per mille] */
   uint16_t uncertified_force; /* largest demanded force without a matching certificate, in per mille of force_limit, in every mode that controls force [per mille] */
   uint16_t uncertified_output; /* largest magnitude of the DAC code of the force law without a matching certificate, in addition to output_limit; 2048 means no limit [code] */
   uint8_t force_bank; /* number of the selected bank of the force law; 0 means the law with force_gain alone. A bank can be selected only if its bank_state is valid; the selected bank cannot be written [1] */
@@ -1062,7 +1062,7 @@ typedef struct {
   uint32_t following_error_window; /* largest permitted following error; 4294967295 means off [count] */
   uint32_t position_window; /* distance from the target position within which the drive reports the target as reached [count] */
   int32_t target_position; /* position to which the axis shall move [count] */
-  int32_t home_offset; /* position that homing assigns to the reference position [count] */
+  int32_t home_offset; /* user position that the reference position has after homing [count] */
   int32_t position_limit_min; /* smallest target position; the drive uses this limit in place of a smaller target. The smallest value means no limit. In force modes only position_min (2016h) acts [count] */
   int32_t position_limit_max; /* largest target position; the drive uses this limit in place of a larger target. The largest value means no limit. In force modes only position_max (2017h) acts [count] */
   uint32_t encoder_increments; /* number of encoder counts in encoder_revolutions motor revolutions [count] */
@@ -1082,7 +1082,7 @@ typedef struct {
   int32_t velocity_offset; /* velocity that the cyclic modes of position and velocity add to the velocity demand [count/s] */
   uint32_t rated_force; /* rated force: the force that corresponds to 1000 per mille [mN] */
   uint32_t force_slope; /* largest rate at which mode 4 changes the demanded force [per mille/s] */
-  uint32_t force_scale; /* force of one count of an 8-bit ADC [uN] */
+  uint32_t force_scale; /* force that one count of an 8-bit ADC represents [uN] */
   uint32_t approach_velocity_max; /* largest speed of the approach in the force modes [count/s] */
   uint32_t stiffness; /* gain from position error to force in the stiffness and impedance modes, in force counts per encoder count [1/65536 count/count] */
   uint32_t damping; /* gain from velocity error to force in the damping and impedance modes, in force counts per encoder count in a tick [1/256 count tick/count] */
@@ -1222,7 +1222,7 @@ typedef struct {
   uint16_t tpdo_inhibit_time[4]; /* shortest time between two messages of the TPDO [100 us] */
   uint16_t tpdo_event_time[4]; /* longest time between two messages of the TPDO; 0 means no event timer [ms] */
   uint8_t error_history_count; /* number of entries in the error history; a write of 0 clears the history [1] */
-  uint8_t sync_counter_overflow; /* largest value of the counter in SYNC messages, 2 to 240; 0 means that SYNC has no counter [1] */
+  uint8_t sync_counter_overflow; /* largest value of the counter in SYNC messages, 2 to 240; 0 means that SYNC messages have no counter [1] */
   uint8_t error_behaviour; /* NMT state after a communication error: 0 pre-operational, 1 unchanged, 2 stopped [1] */
   uint8_t rpdo_transmission[4]; /* transmission type of the RPDO: with 0 to 240 the received values act at the next SYNC, with 254 and 255 immediately [1] */
   uint8_t rpdo_mapped[4]; /* number of mapped objects of the RPDO; must be 0 while a master writes rpdo_mapping [1] */
@@ -1261,7 +1261,7 @@ typedef struct {
   uint32_t incident_tick; /* value of tick_count at the incident; for an incident without a fault, value of tick_count at the last step of the main loop [tick] */
   uint32_t incident_crc; /* CRC-32 of the samples of the incident, in the order of recorder_data [1] */
   uint32_t core_fault_pc; /* program counter at the core fault or clock failure that reset the processor; 0 if the last reset had another cause [1] */
-  uint32_t core_fault_lr; /* return address at the core fault [1] */
+  uint32_t core_fault_lr; /* return address of the program at the core fault [1] */
   uint32_t core_fault_cfsr; /* register CFSR (fault status) of the core at the core fault [1] */
   uint32_t core_fault_hfsr; /* register HFSR (hard fault status) of the core at the core fault [1] */
   uint32_t core_fault_bfar; /* register BFAR (fault address) of the core at the core fault; valid only if CFSR marks the address as valid [1] */

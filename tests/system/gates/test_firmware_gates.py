@@ -507,7 +507,7 @@ BAD_TABLES = {
     "count": ("count = 8", "count = 0", "object recorder_signal: count: expected 1 to 64"),
     "truncated": ('name = "mode"', 'name = "mo', "object table: expected TOML"),
     "meaning": (
-        '"target of the velocity"',
+        '"velocity that the axis shall reach"',
         '"a|b"',
         "object target_velocity: meaning: expected one line",
     ),
