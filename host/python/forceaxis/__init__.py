@@ -1,4 +1,4 @@
-"""forceaxis: firmware for force-controlled machine axes, and the simulator that proves it.
+"""forceaxis: firmware for force-controlled machine axes, and a simulator that tests the firmware.
 
 `Experiment` and its `Result` simulate an axis, `Axis` controls a real one; `linear`, `loops`,
 `modes`, `beam` and `resonance` compute in the frequency domain. A module is loaded when one of its

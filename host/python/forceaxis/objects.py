@@ -40,7 +40,7 @@ class AxisObject:
 
 
 class AxisBit(NamedTuple):
-    """A coil or a discrete input of Modbus."""
+    """A coil or a discrete input of the Modbus map."""
 
     address: int
     name: str

@@ -53,7 +53,7 @@ TOOLS = (*OWN_TOOLS, "odeint", "mujoco", "scipy")
 TICKS = 3000
 SPAN_S = TICKS / _core.TICKS_PER_SECOND
 SETPOINT_B_N = 100
-TURN_S = 0.01  # CPU time in s for which a tool repeats its run before the next tool takes its turn
+TURN_S = 0.01  # CPU time in s of a turn, in which one tool repeats its run
 RESPONSE_MODEL, RESPONSE_POINTS, RESPONSE_MAX_S = "full_axis", 10_000, 0.020
 ADVICE_MODELS, ADVICE_MAX_S = ("laboratory", "full_axis"), 1.0
 
@@ -63,7 +63,7 @@ class Case:
     """A case of the benchmark: an experiment, and the gain and set-point of its force loop."""
 
     experiment: str
-    signals: tuple[str, str, str]  # contact force, body of the robot, body of the workpiece
+    signals: tuple[str, str, str]  # signals of contact force, robot body and workpiece body
     gain: int  # gain in DAC codes per ADC code
     setpoint_N: int
 
@@ -209,7 +209,7 @@ def runners(name: str, tools: Iterable[str], peers: Peers) -> dict[str, Runner]:
         "odeint": lambda: peers.run("odeint", case, full),
         "mujoco": lambda: peers.run("mujoco", case, full),
     }
-    if not full:  # for SciPy, only the cases A and B have equations
+    if not full:  # for SciPy, equations exist only for the cases A and B
         every["scipy"] = lambda: scipy_peer.run(case.gain, case.setpoint_N, TICKS)
     return {t: every[t] for t in tools if t in every and t not in peers.missing}
 

@@ -18,7 +18,7 @@ from forceaxis._core import TICKS_PER_SECOND
 State = NDArray[np.float64]
 
 STEP_S = 1 / TICKS_PER_SECOND
-TOLERANCE = 1e-4  # error tolerance, as for odeint; RK45 uses the same pair of formulas
+TOLERANCE = 1e-4  # error tolerance of odeint; RK45 uses the same pair of formulas
 R_M_PER_RAD = 0.004043  # travel of the robot per angle of the motor in m/rad
 K_S_N_PER_M, B_S_NS_PER_M = 110100.0, 16.5  # stiffness and damping of the force sensor
 

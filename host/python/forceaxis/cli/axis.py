@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     forceaxis axis press --sim sim/experiments/hold_biquad.toml 30""",
 )
 def axis() -> None:
-    """Operate one axis over its bus: read and write objects, move, press on the workpiece, take the
-    tare, record signals.
+    """Operate one axis over its bus: read and write objects, move the axis, press on the workpiece,
+    set the tare, record signals.
 
     Each verb needs one connection: --axis N (behind a gateway), --can INTERFACE, --modbus URL or
     --sim EXPERIMENT (simulated). A verb that moves the axis owns it while it runs. At its end, and
@@ -241,7 +241,8 @@ def stop(connection: AxisConnection, as_json: bool) -> None:
 @live
 @as_json
 def reset(connection: AxisConnection, as_json: bool) -> None:
-    """Reset the latched fault of the axis. The exit status is 1 if its cause is still present."""
+    """Reset the latched fault of the axis. The exit status is 1 if the cause of the fault is still
+    present."""
     from forceaxis.axis.drive import FaultObjects
 
     with owned(connection) as axis:
@@ -271,7 +272,8 @@ def enable(
     connection: AxisConnection,
     as_json: bool,
 ) -> None:
-    """Enable the axis in a mode of operation for --seconds, or until Ctrl-C, then disable it.
+    """Enable the axis in a mode of operation for the time --seconds, or until Ctrl-C, and then
+    disable the axis.
 
     MODE is a number or a name, as "profile position". The objects are written before the axis is
     enabled; targets are written again afterwards, because a target acts only then. Values may have
@@ -340,7 +342,7 @@ def move(
     connection: AxisConnection,
     as_json: bool,
 ) -> None:
-    """Move the axis to POSITION and disable it there.
+    """Move the axis to POSITION, and disable the axis at this position.
 
     POSITION is a length, as "10 mm", or a number in encoder counts or user units, from the zero of
     the axis. If the measured force exceeds --force-max

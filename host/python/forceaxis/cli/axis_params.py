@@ -182,7 +182,7 @@ def store(connection: AxisConnection, as_json: bool) -> None:
 @live
 @as_json
 def restore(yes: bool, connection: AxisConnection, as_json: bool) -> None:
-    """Delete the parameters that the axis has stored. After its next power-up the axis has the
+    """Delete the parameters that are stored in the axis. After the next power-up the axis has the
     default values.
 
     The defaults also become active with a reset of the node (NMT). Before that nothing changes, and
@@ -204,7 +204,8 @@ def restore(yes: bool, connection: AxisConnection, as_json: bool) -> None:
 
 
 def table(rows: Sequence[DifferenceShown]) -> list[str]:
-    """Return the lines of the table of differences with a header, or no line without a row."""
+    """Return the lines of the table of differences with a header. Without a difference, return no
+    line."""
     cells = [
         ["" if value == "1" else str(value) for value in (row.name, row.axis, row.file, row.unit)]
         for row in rows

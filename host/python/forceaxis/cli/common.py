@@ -55,7 +55,8 @@ class Printed(io.TextIOWrapper):
         )
 
     def write(self, text: str) -> int:
-        """Write `text` with foreign control sequences as visible characters; return its length."""
+        """Write `text` with control sequences from other programs as visible characters. Return the
+        length of `text`."""
         pieces = OWN_SEQUENCES.split(text)
         pieces[::2] = [printable(piece, keep="\n\t\r") for piece in pieces[::2]]
         super().write("".join(pieces))

@@ -92,8 +92,8 @@ def flash_(
 
 
 def show(plan: flash.Plan, as_json: bool, quiet: bool = False) -> None:
-    """Print what will be written to the chip on standard output, and a warning about it on standard
-    error. With `quiet` only the warning is printed."""
+    """Print on standard output what will be written to the chip, and on standard error a warning
+    about the image. With `quiet`, print only the warning."""
     if plan.warning:
         click.echo(f"forceaxis: warning: {plan.warning}", err=True)
     if not quiet:

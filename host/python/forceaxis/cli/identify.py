@@ -156,8 +156,8 @@ def decrement(
 )
 @as_json
 def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate, as_json: bool) -> None:
-    """Identify two masses that a spring connects from the sum of the masses, the stiffness of the
-    spring and the frequency of the vibration (thesis 4.4.2).
+    """Identify two masses that are connected by a spring (thesis 4.4.2). The sum of the masses, the
+    stiffness of the spring and the frequency of the vibration are given.
 
     There are two solutions; the verb chooses the one in which the actuator side m_r1 has more than
     half of the mass. The equations assume that both masses are free. With a locked motor shaft, as

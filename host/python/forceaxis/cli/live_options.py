@@ -172,8 +172,8 @@ def live(command: Verb) -> Verb:
 
 
 def live_in_mm(command: Verb) -> Verb:
-    """Add the options of a connection to exactly one axis, and the option --model, whose encoder
-    converts counts to mm."""
+    """Add the options of a connection to exactly one axis, and the option --model. The encoder of
+    the model converts counts to mm."""
 
     @functools.wraps(command)
     def with_model(
@@ -193,7 +193,7 @@ def live_in_mm(command: Verb) -> Verb:
 @contextlib.contextmanager
 def connected(connection: AxisConnection) -> Iterator[Axis]:
     """Connect to an axis for a `with` block. Ctrl-C in the block ends the program with exit status
-    130, the signal SIGTERM with 143."""
+    130; the signal SIGTERM ends the program with 143."""
     from forceaxis.axis.axis import Axis
 
     axis: Axis | None = None

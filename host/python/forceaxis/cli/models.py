@@ -1,5 +1,5 @@
-"""The verbs `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models, and the
-options that they share with the verbs for force loops."""
+"""The verbs `modes`, `poles`, `bode`, `linearise` and `beam`, which analyse linear models, and
+options that the verbs for force loops also use."""
 
 import functools
 import inspect

@@ -294,7 +294,7 @@ class LumpedBeam:
 
     bending_stiffness_Nm2: float  # E I of the elements
     lengths_m: tuple[float, ...]  # length of each element between the centres of its two masses
-    masses_kg: tuple[float, ...]  # the sliding mass, then one mass for each element
+    masses_kg: tuple[float, ...]  # mass of the sliding body, then one mass for each element
     inertias_kgm2: tuple[float, ...]  # inertias of all masses except the sliding mass
     tip_offset_m: float = 0.0
 

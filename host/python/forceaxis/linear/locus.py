@@ -111,7 +111,7 @@ def span_of(ends: Array, critical_hz: float | None) -> float:
     return 1.35 * float(natural.max(initial=1.0))
 
 
-# a branch that begins at z = 0 begins at -infinity in 1/s
+# no warning for a pole at z = 0, which is -infinity in 1/s
 @np.errstate(divide="ignore", invalid="ignore")
 def locus(
     loop: Loop, label: str = "", span_hz: float | None = None, gain: float | None = None
@@ -126,7 +126,7 @@ def locus(
     ends = array(loop.open, label)
     limit, crossings = loop.limit(), loop.crossings()
     span = span_hz or span_of(ends, limit.frequency_hz)
-    # A branch crosses the edge of the figure at the gain 1 / |L|, so larger gains are not drawn.
+    # A branch crosses the edge of the figure at the gain 1 / |L|. Much larger gains are not drawn.
     edge = 2 * np.pi * span
     side = np.linspace(0, 1, 24)
     around = np.concatenate(
@@ -141,7 +141,7 @@ def locus(
     low = 1e-5 * min([high, *shown])
     gains = np.concatenate([[0.0], np.geomspace(low, high, 150), shown])
     gains = np.unique(gains[gains <= high])
-    for _ in range(6):  # add gains where a pole moves far between two gains
+    for _ in range(6):  # adds gains where a pole moves far between two gains
         branches = loop.locus(gains)
         inside = np.abs(branches) < 1.6 * edge
         moved = np.abs(np.diff(branches, axis=0))

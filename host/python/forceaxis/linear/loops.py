@@ -38,7 +38,7 @@ from forceaxis.linear.system import TICK_S, System, facts, find_model, linearise
 from forceaxis.linear.working import States, cut_by, working
 
 TIMINGS = ("continuous", "zoh", "zoh+1")
-# {control law: names of its parameters}. A law needs all of them except the inner damping.
+# {control law: names of its parameters}. Only the inner damping may be omitted.
 LAWS: dict[str, tuple[str, ...]] = {
     "p": (),
     "pi": ("integral_rad_per_s",),

@@ -243,9 +243,10 @@ def modes(
     pressed = any(states.get(c.name, otherwise) == "pressed" for c in contacts)
     named = output is not None or input not in ("drive.force", "drive.command")
     if input == "drive.command":
-        input = "drive.force"  # the force of the drive, which a command causes
+        # force of the drive, which is the input without the dynamics of the drive
+        input = "drive.force"
     if output in ("reading", "adc0") and facts.reading:
-        output = facts.required_reading.signal  # the signal before the filter of the ADC
+        output = facts.required_reading.signal  # signal of the sensor before the filter of the ADC
     if output is None:
         output = default_output(facts, [] if pressed else contacts)
     output = as_positions(output)
@@ -352,7 +353,7 @@ def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)
         residues = np.abs((system.C[0] @ right) * (left.conj().T @ system.B[:, 0]) / scale)
-    # A free body without damping has a double pole at 0, for which this residue is not defined.
+    # A free body without damping has a double pole at 0, where its residue is not defined.
     residues[~np.isfinite(residues) | (np.abs(poles) < 1e-6 * np.abs(poles).max())] = 0.0
     keep = np.flatnonzero(poles.imag >= 0)
     pairs = _assign(m, system, poles[keep], right[:, keep])

@@ -59,11 +59,13 @@ class Figures:
     figures are None or False."""
 
     stable: bool
-    fS_Hz: float | None = None  # None: |S| stays below -3 dB; 0: |S| is above -3 dB at frequency 0
-    fT_Hz: float | None = None  # None: |T| stays above -3 dB; 0: |T| is never above -3 dB
-    Ms: float | None = None  # largest |S|, for frequencies up to half the tick rate
+    # fS is None if |S| stays below -3 dB, and 0 if |S| is above -3 dB at frequency 0
+    fS_Hz: float | None = None
+    # fT is None if |T| stays above -3 dB, and 0 if |T| is never above -3 dB
+    fT_Hz: float | None = None
+    Ms: float | None = None  # largest |S| for frequencies up to half the tick rate
     # Gain factor up to the next crossing of the stability boundary.
-    # None if no crossing is known up to the gain factor known_to.
+    # The gain margin is None if no crossing is known up to the gain factor known_to.
     gain_margin: float | None = None
     # The phase margin with the smallest magnitude. None if |L| is 1 at no frequency.
     phase_margin_deg: float | None = None
@@ -112,7 +114,7 @@ class _Response:
         A, B, C, D = self.A, self.B, self.C, self.D
         rest = level**2 - D**2
         if abs(rest) < 1e-9 * level**2:
-            # |H| equals the level at the end of the stability boundary, so one root is very large
+            # At the end of the stability boundary |H| equals the level, so one root is very large.
             rest = 1e-9 * level**2
         matrix = np.block(
             [
@@ -357,7 +359,7 @@ def worst(
         if unstable:
             return Worst(False, member={"stable": unstable[0][:2]}, members=len(group.found))
     values = {name: getattr(entry[2], name) for name, entry in found.items()}
-    # A loop without a known crossing has a gain margin of at least its own known_to.
+    # A loop without a known crossing has a gain margin of at least the factor known_to.
     doubt = min(group.found.values(), key=lambda entry: entry[2].known_to or math.inf)
     known_to = doubt[2].known_to
     if known_to is not None and known_to > (values["gain_margin"] or math.inf):

@@ -104,7 +104,7 @@ def bode(
     plain_ticks(phase.xaxis)
     if not phase_only:
         low, high = axes[0, 0].get_ylim()
-        if high < 10 * low:  # a nearly constant curve must not appear as a large change
+        if high < 10 * low:  # a nearly constant curve must not look like a large change
             wider = np.sqrt(10 * low / high)
             axes[0, 0].set_ylim(low / wider, high * wider)
         plain_ticks(axes[0, 0].yaxis)
@@ -297,7 +297,7 @@ def rlocus(loci: Sequence[Locus], title: str = "", wide: float = 2.7) -> Figure:
         if len(one.at_gain):
             closed = one.at_gain[one.at_gain.imag > -1e-6]
             ax.plot(*hz(closed), "s", color=INK, markersize=3.5, zorder=5)
-        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther to the left are not drawn
+        ax.set_xlim(-0.57 * span, 0.43 * span)  # poles farther to the left are outside the figure
         ax.set_ylim(-0.05 * span, span)
         ax.set_xlabel("real part / 2\u03c0, Hz")
         label_crossings(ax, one, span)
@@ -540,7 +540,7 @@ def step_set_figure(result: StepOfSet) -> Figure:
     for one in others:
         ax.plot(one.time_s, one.value, **MEMBER_LINE)
     ax.plot(first.time_s, first.value, color=INK, linewidth=1.2)
-    if not result.stable:  # an unstable response would grow and hide the other responses
+    if not result.stable:  # an unstable response would grow and hide the responses of stable loops
         shown = [one for one in responses if one.stable] or [first]
         reach = 1.5 * max(np.abs(one.value).max() for one in shown)
         ax.set_ylim(-reach, reach)

@@ -184,7 +184,7 @@ class LoopSet:
     plants: plant_set.PlantSet
     timings: tuple[str, ...]
     spec: LoopSpec
-    gain: float | None  # gain k of all loops; None if force_gain is given or no gain is given
+    gain: float | None  # gain k of all loops; None if force_gain is given or if no gain is given
     force_gain: float | None
 
     def loop(self, member: Member, timing: str) -> Loop:

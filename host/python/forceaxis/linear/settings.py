@@ -45,7 +45,7 @@ class ModelSettings:
     """The plant of a loop, and the control law of the firmware if an experiment specifies a law."""
 
     model: str
-    overrides: dict[str, float | str]  # {parameter: SI value, or a text with a unit}
+    overrides: dict[str, float | str]  # {parameter: value in SI units, or text with a unit}
     experiment: str | None = None
     law: str = "p"
     timing: str = "zoh"

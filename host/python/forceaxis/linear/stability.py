@@ -40,7 +40,7 @@ class Crossing:
     """A gain at which a closed-loop pole is on the stability boundary."""
 
     gain: float
-    # None: at infinite frequency (continuous loop, negative direct path)
+    # The frequency is None for a pole at infinity (continuous loop, negative direct path).
     frequency_hz: float | None
     # Direction of a pole as the gain rises: 1 leaves the stable region,
     # -1 enters the stable region, 0 touches the stability boundary.
@@ -262,7 +262,7 @@ class Loop:
         found = []
         for w in there:
             i = np.argmin(np.abs(poles - 1j * w))
-            # product of left and right eigenvector; 0 if two poles are equal
+            # product of left and right eigenvector, which is 0 if two poles are equal
             turn = left[i] @ right[:, i]
             move = -(left[i] @ B @ C @ right[:, i]) / turn if abs(turn) > 1e-6 else None
             found.append((float(w), None if move is None else complex(move)))
@@ -331,10 +331,10 @@ class Loop:
         crossings = self._ends(values, -1e-11 * np.median(np.abs(G[known])))
         for w, direction in dict.fromkeys(found):
             if any(abs(w - pole) < 1e-9 * w for pole, _ in self._boundary_poles):
-                continue  # the phase changes at a pole, but no gain has a crossing there
+                continue  # the phase changes at a pole, but no gain has a crossing at a pole
             G, slope, rounding = self._known(w)
             value = G.real
-            # corrects G for the error of w, which is known only to double precision
+            # corrects G for the rounding error of the frequency w
             if abs(G.imag) < 1e-12 * w * abs(slope.imag):
                 value -= slope.real * G.imag / slope.imag
             # The phase also changes at a zero of G, but there the gain -1 / G is infinite.

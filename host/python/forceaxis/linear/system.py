@@ -116,7 +116,7 @@ class System:
             if not row.any():
                 break
             value, size = (row @ B).item(), (bound @ abs(B)).item()
-            # A smaller value is a rounding error of an exact 0.
+            # A Markov parameter below this bound is a rounding error of an exact 0.
             if abs(value) > 1e-11 * size:
                 return degree, value
             row, bound = row @ A, bound @ abs(A)
@@ -141,7 +141,7 @@ class System:
         if not degree:
             result: Matrix = _core.eigenvalues(A - B @ C / value)
             return result
-        # Rows for the output and its lower derivatives, made orthogonal to each other.
+        # Rows of the output and of its lower derivatives, made orthogonal to each other.
         rows = C / np.linalg.norm(C)
         for _ in range(degree - 1):
             row = rows[-1:] @ A

@@ -30,7 +30,7 @@ DAC_CODES = 2048  # number of DAC codes from 0 V to full scale
 SLOW_PER_S = 0.06  # frequency in rad/s that is low enough for a static response
 
 States = Mapping[str, str]  # {element: state}
-Stamp = tuple[int, int]  # version of a file: time of the last change in ns, size in bytes
+Stamp = tuple[int, int]  # version of a file: (time of the last change in ns, size in bytes)
 Used = tuple[tuple[str, float | str], ...]  # (parameter, value) pairs
 
 
@@ -102,7 +102,8 @@ def _stamp(path: str | Path) -> Stamp:
 
 
 def _own_elements(path: str | Path) -> _Elements:
-    if not Path(path).is_file():  # the function that reads models reports a missing file
+    # a missing file is reported later by the function that reads models
+    if not Path(path).is_file():
         return _Elements()
     return _elements(str(path), _stamp(path))
 

@@ -135,7 +135,7 @@ def _margins(model: Path, recommended: reduced.ShortDesign) -> list[Picture]:
         found = curves.nyquist_of(
             LoopRequest(str(model), law="p", timing="zoh", firmware_gain=gain)
         )
-    except _core.InputError:  # the command has no effect in this mode of the model
+    except _core.InputError:  # the command has no effect on the force in this mode of the model
         return []
     margins = found.at.margins
     phase = margins.phase_margin_deg

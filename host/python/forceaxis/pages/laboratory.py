@@ -241,7 +241,7 @@ STORY = (
 class ModelsSection:
     """The sections of the page on one axis and on all models."""
 
-    story: list[tuple[Entry, str, str]]  # (experiment, heading, reason)
+    story: list[tuple[Entry, str, str]]  # (experiment, heading, reason) for each step of the story
     models: list[ModelRow]  # models of the machines of the thesis
     element_models: list[ModelRow]  # models of single elements
 

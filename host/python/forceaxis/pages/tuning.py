@@ -30,7 +30,8 @@ from forceaxis.pages.template import template
 from forceaxis.words import plain
 
 FILE = "index.html"
-# Share of the set-point. The figure of a contact ends after the force stays within this band.
+# Tolerance band of a settled force, relative to the set-point.
+# The figure of a contact ends after the force stays within the band.
 SETTLED_SHARE = 0.02
 # width of a figure in inches; a row has three figures on a screen and one on a telephone
 FIGURE_WIDTH_IN = 4.2
@@ -147,7 +148,7 @@ def _touch_down(folder: Path, force_N: float) -> str:
 def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
     """Returns the data URI of a figure: a response with its confidence band, the response of the
     fitted model, and the coherence."""
-    # This model has dampers in place of the dry friction, if the axis has dry friction.
+    # The model with dampers in place of dry friction is drawn, if the axis has dry friction.
     damped = tuning.folder / RESPONSES_MODEL
     model = damped if damped.exists() else tuning.given
     states = known.states_of(model, tuning.states)
@@ -175,7 +176,7 @@ def _response(tuning: Tuning, name: str, fitted: Fitted | None) -> str:
         style(axis)
         axis.grid(True, which="both", linewidth=0.3, alpha=0.6)
         axis.set_ylabel(text)
-    # the lower end of the confidence band may be near zero
+    # leaves out the lower end of the confidence band, which may be near zero
     size.set_ylim(bottom=magnitude.min() / 2)
     plain_ticks(coherence.xaxis)
     plain_ticks(size.yaxis)

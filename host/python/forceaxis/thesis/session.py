@@ -37,7 +37,7 @@ Report = Callable[[str], None]  # function that is called with the name of each 
 
 EXPERIMENT = paths.EXPERIMENTS / "session.toml"
 TRAVEL_COUNTS = 36_000  # travel of the move in encoder counts
-# force set-point in 8-bit counts; with the P law of the thesis the force settles some counts lower
+# force set-point in 8-bit counts; the P law of the thesis settles at a lower force
 SETPOINT = 30.0
 RECORDED = ["force", "dac_code"]
 GAINS = {
@@ -92,7 +92,7 @@ class Scales:
     """Sizes of a count and of a code in physical units, for the model of the session."""
 
     mm_per_count: float  # travel per encoder count
-    N_per_count: float  # measured force per 8-bit count
+    N_per_count: float  # measured force in N per 8-bit count
     V_per_code: float  # command voltage per DAC code
 
 
@@ -222,7 +222,7 @@ def machine(
             str(journal or folder / "axis.journal"),
         ],
         "plant_node": [*common, "--pace", "real"],
-        # A guest kernel on a busy machine sometimes pauses, therefore the time-out is long.
+        # The time-out is long, because a guest kernel on a busy computer sometimes pauses.
         "gateway": ["--axes", "1", "--modbus-port", "0", "--watch-ms", "1000"],
     }
     commands = {name: commands[name] for name in programs}

@@ -116,7 +116,7 @@ class Constant:
     of the search."""
 
     name: str
-    how: str  # the measurement from which the constant is known
+    how: str  # text that names the measurement which determines the constant
     grid: tuple[float, ...]
     # groups of cells that depend on the constant; empty if all groups depend on it
     groups: tuple[str, ...] = ()
@@ -177,7 +177,8 @@ class FitRecord:
     points_at_best: int  # number of points with the highest score
     left_out: list[OmittedFigure]
     plateau: dict[str, list[tuple[float, int]]]  # {constant: [(ratio to the fitted value, score)]}
-    readings: list[tuple[str, str, int]]  # (open choice, alternative interpretation, score)
+    # (name of the open choice, alternative interpretation, score)
+    readings: list[tuple[str, str, int]]
 
 
 @dataclass(frozen=True)
