@@ -172,7 +172,7 @@ std::string Axis::json() {
 void Axis::report_broken_journal() {
   if (!journal_broken() || std::exchange(reported_broken_, true)) return;
   std::cerr << "axis_node: " << journal_file_
-            << ": cannot write the journal, so it is incomplete\n";
+            << ": cannot write the journal, so the journal is incomplete\n";
 }
 
 void Axis::transmit(ModbusPort *modbus) {

@@ -43,11 +43,11 @@ void expect_node_ids(const nodes::NodeOptions &options, const AxisOptions &own) 
   if (!own.node_id || *own.node_id == FW_NODE_ID_BY_LSS) return;
   if (*own.node_id == 0 && axes > 1) {
     throw nodes::UsageError(
-        "--node-id 0: expected one axis, because several axes would have the same stored id");
+        "--node-id 0: expected one axis, because several axes would read the same stored node id");
   }
   if (*own.node_id + axes - 1 > 127) {
     throw nodes::UsageError("--node-id " + std::to_string(*own.node_id) +
-                            ": expected ids up to 127, but the last would be " +
+                            ": expected ids up to 127, but the last node id would be " +
                             std::to_string(*own.node_id + axes - 1));
   }
 }
@@ -160,7 +160,7 @@ class Session {
     const unsigned newly = axes & ~absent_;
     if (newly == 0) return;
     report("plant_node silent (" + host::axes_text(newly) + ") at tick " +
-           tick_of(options_.first_axis) + ": the axis waits for it, disabled");
+           tick_of(options_.first_axis) + ": the axis is disabled and waits for plant_node");
     if (absent_ == 0) {
       due_ = Clock::now();
       silent_since_ = due_ - options_.link.timeouts.running;
@@ -265,8 +265,8 @@ std::string failure_of(const host::LinkTimeouts &timeouts, unsigned silent, bool
   return "plant_node silent for " +
          std::to_string((ticks ? timeouts.running : timeouts.start).count()) + " ms (" +
          host::axes_text(silent) + "): " +
-         (ticks ? "it has ended or does not respond; the axis is disabled, DAC code 0"
-                : "it never sent a tick; does it run on this link and with this run id?");
+         (ticks ? "plant_node has ended or does not respond; the axis is disabled, DAC code 0"
+                : "no tick was ever received; run plant_node on this link and with this run id");
 }
 
 // Prints the report of a run. Returns the exit status of the program.
@@ -432,11 +432,11 @@ int main(int argc, char **argv) {
   return nodes::guarded("axis_node", [&] {
     if (own.serve && options.endless) {
       throw nodes::UsageError(
-          "--endless: expected no --serve beside it, because its runs have a duration");
+          "--endless: expected no --serve, because runs of --serve have a duration");
     }
     if (own.serve) return serve(options, own);
     if (options.files.empty()) {
-      throw nodes::UsageError("EXPERIMENT: expected the experiment that the plant runs");
+      throw nodes::UsageError("EXPERIMENT: expected the experiment file that plant_node simulates");
     }
     nodes::finish_options(options);
     own.real_time = options.pace == "real";

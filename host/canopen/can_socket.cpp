@@ -27,8 +27,8 @@ CanSocket::CanSocket(const std::string &interface, const Options &options)
                    CAN_RAW)),
       deep_(options.deep) {
   if (fd_ < 0) {
-    throw CanError(interface + ": expected a kernel with SocketCAN, this one has none (" +
-                   std::strerror(errno) + "); run this under tools/vcan");
+    throw CanError(interface + ": expected a kernel with SocketCAN, but this kernel has none (" +
+                   std::strerror(errno) + "); run this program under tools/vcan");
   }
   const auto fail = [this](const std::string &what) {
     ::close(fd_);
@@ -42,11 +42,12 @@ CanSocket::CanSocket(const std::string &interface, const Options &options)
   address.can_family = AF_CAN;
   address.can_ifindex = static_cast<int>(if_nametoindex(interface.c_str()));
   if (address.can_ifindex == 0) {
-    fail("expected a CAN interface, no interface has this name; create it with `ip link add " +
-         interface + " type vcan`, or run this under tools/vcan");
+    fail("expected a CAN interface, but no interface has this name; create one with `ip link add " +
+         interface + " type vcan`, or run this program under tools/vcan");
   }
   if (!is_up())
-    fail("expected an interface that is up; start it with `ip link set " + interface + " up`");
+    fail("expected an interface that is up; start the interface with `ip link set " + interface +
+         " up`");
   ::setsockopt(fd_, SOL_CAN_RAW, CAN_RAW_FILTER, &options.filter, sizeof options.filter);
   ::setsockopt(fd_, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &options.errors, sizeof options.errors);
   if (deep_) {

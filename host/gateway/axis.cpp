@@ -192,7 +192,7 @@ Task<bool> GatewayAxis::find() {
   if (!reported_waiting_) {
     reported_waiting_ = true;
     publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                          "the node does not answer; set-up waits for it");
+                          "the node does not answer; the gateway waits for the node");
   }
   co_return false;
 }
@@ -206,8 +206,9 @@ bool GatewayAxis::failed(const ObjectResult &result, std::string_view what) {
   if (result.abort == canopen::kAbortLocked) {
     if (!reported_locked_) {
       reported_locked_ = true;
-      publisher_.loud_event(axis_event_t::EVENT_NOTE, kNotAvailable,
-                            "set-up waits, because another source owns the axis");
+      publisher_.loud_event(
+          axis_event_t::EVENT_NOTE, kNotAvailable,
+          "the gateway waits with the configuration, because another source owns the axis");
     }
     return true;
   }

@@ -141,8 +141,8 @@ std::optional<std::string> GatewayCommands::why_not_again(Id id) {
   const auto client = forgotten_.find(id.first);
   if (client != forgotten_.end() && id.second <= client->second.command_id) {
     return "command " + std::to_string(id.second) +
-           " may have been executed before: too many other commands came since; read the objects "
-           "that it writes";
+           " may have been executed before, because too many other commands came since; read the "
+           "objects that the command writes";
   }
   if (forgotten_.size() >= kMostForgotten) {
     const std::int64_t now_us = lcm_bus::wall_us();
@@ -175,8 +175,8 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
                             return name.starts_with("0x");
                           });
   if (command.axis != axis_.number()) {
-    return "expected axis " + std::to_string(axis_.number()) + " on its channel, got axis " +
-           std::to_string(command.axis);
+    return "expected axis " + std::to_string(axis_.number()) +
+           " on the channel of this axis, got axis " + std::to_string(command.axis);
   }
   if (command.kind < axis_command_t::KIND_WRITE || command.kind > axis_command_t::KIND_RELEASE) {
     return "unknown kind of command, " + std::to_string(command.kind);
@@ -184,7 +184,7 @@ std::optional<std::string> GatewayCommands::refusal_of(const axis_command_t &com
   if (!axis_.present()) return std::string("the axis is silent");
   if (by_address) return std::nullopt;
   if (axis_.mismatch()) {
-    return "the axis has object table " + hash_text(axis_.table_hash()) + ", this gateway " +
+    return "the axis has object table " + hash_text(axis_.table_hash()) + ", the gateway has " +
            hash_text(AXIS_OBJECTS_HASH32) + ": only reads by address are executed";
   }
   if (!axis_.writes_allowed()) return std::string("the axis is not set up yet");
@@ -261,7 +261,7 @@ std::string reason_of(const ObjectResult &result, std::uint16_t object, const Ga
                 ? std::string("another source owns the axis")
                 : "the axis belongs to " +
                       host::enum_text(AXIS_OBJ_COMMAND_SOURCE, static_cast<std::int32_t>(owner))) +
-           "; acquire it first (abort 08000021h)";
+           "; acquire the axis first (abort 08000021h)";
   }
   if (object != AXIS_OBJ_NONE) {
     const axis_object_meta_t &meta = host::object_meta(object);
@@ -270,7 +270,7 @@ std::string reason_of(const ObjectResult &result, std::uint16_t object, const Ga
              std::to_string(meta.min) + " to " + std::to_string(meta.max);
     }
     if (result.abort == canopen::kAbortState && std::string_view(meta.writable) != "any") {
-      return canopen::abort_text(result.abort) + ", write it with the " +
+      return canopen::abort_text(result.abort) + ", write this object with the " +
              (std::string_view(meta.writable) == "disabled" ? "axis disabled" : "recorder idle");
     }
   }
@@ -356,7 +356,8 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
     co_return answer;
   }
   if (capturing_) {
-    answer.text = "another recording is in progress; write 0 to recorder_arm to stop it";
+    answer.text =
+        "another recording is in progress; write 0 to recorder_arm to stop that recording";
     co_return answer;
   }
   // The recording of an incident is already complete.

@@ -250,7 +250,7 @@ class Gateway {
   void meet_other() {
     const std::string text =
         options_.can + ": another gateway has node id " + std::to_string(options_.node_id);
-    if (!claimed_) throw OtherGateway(text + "; stop it, or give this one another --node-id");
+    if (!claimed_) throw OtherGateway(text + "; stop that gateway, or use another --node-id here");
     if (met_other_) return;
     met_other_ = true;
     for (const auto &axis : axes_)

@@ -87,7 +87,7 @@ AxisSettings::Parameter parameter_of(const std::string &set, const std::string &
   if (!object) fail("expected the name of a firmware object; see `forceaxis objects`");
   const axis_object_meta_t &meta = host::object_meta(*object);
   if (std::string_view(meta.kind) != "parameter" || !host::object_writable(*object)) {
-    fail("expected a parameter, it is a " + std::string(meta.kind));
+    fail("expected a parameter, got a " + std::string(meta.kind));
   }
   if (const auto value = host::enum_value(*object, text)) return {*object, *value};
   char *end = nullptr;

@@ -130,7 +130,7 @@ std::optional<Network> network_of(const std::string &text, std::string &trouble)
     return std::nullopt;
   }
   if ((*address & ~*mask) != 0) {
-    trouble = "expected an address without bits outside its mask, such as " +
+    trouble = "expected an address without bits outside the mask, such as " +
               text_of(*address & *mask) + text.substr(slash);
     return std::nullopt;
   }

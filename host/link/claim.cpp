@@ -43,7 +43,7 @@ std::string why(int error) { return std::strerror(error); }
 LinkClaim::LinkClaim(const std::string &where, const std::string &role)
     : socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
   if (socket_ < 0) {
-    throw TransportError(where + ": cannot claim it as " + role + ", " + why(errno));
+    throw TransportError(where + ": cannot lock the role " + role + ": " + why(errno));
   }
   const Name name(where, role);
   for (int tries = 0; bind(socket_, name.address(), name.length) != 0; ++tries) {
@@ -54,11 +54,11 @@ LinkClaim::LinkClaim(const std::string &where, const std::string &role)
     }
     close(socket_);
     if (error != EADDRINUSE) {
-      throw TransportError(where + ": cannot claim it as " + role + ", " + why(error));
+      throw TransportError(where + ": cannot lock the role " + role + ": " + why(error));
     }
     throw TransportError(
         where + ": expected to be the only " + role +
-        " here, but another run uses it; wait for that run, or choose another interface, run "
+        " here, but another run has this role; wait for that run, or choose another interface, run "
         "number or network namespace (tools/vcan)");
   }
 }

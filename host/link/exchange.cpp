@@ -103,9 +103,9 @@ void PlantExchange::wait_on(std::span<const LinkInputs> inputs, std::span<LinkOu
       throw LinkSilent("axis_node (" + axes_text(quiet) + ") silent for " + seconds_text(allowed) +
                        " at tick " + std::to_string(inputs[0].tick) +
                        ((answered_ & quiet) != 0
-                            ? ": it has ended, does not respond or runs a shorter experiment"
-                            : ": it never answered; does it run on this "
-                              "link and with this run id?"));
+                            ? ": axis_node has ended, does not respond or runs a shorter experiment"
+                            : ": axis_node never answered; run axis_node on "
+                              "this link and with this run id"));
     }
     if (late) late();
     if (now >= repeat_at) {

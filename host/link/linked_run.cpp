@@ -185,7 +185,7 @@ class LinkedPlants::Session {
     silent_since_ = Clock::now() - ends_.options.timeouts.running;
     session_.report(tick_, true,
                     "axis_node (" + axes_text(axes) + ") silent at tick " + std::to_string(tick_) +
-                        ": the plant waits for it");
+                        ": the plant waits for axis_node");
   }
 
   Ends &ends_;

@@ -32,7 +32,7 @@ bool has_body(const sim::Model &model, std::string_view name) {
 // Returns the text of a key. The text must not be empty.
 std::string words(Section &section, std::string_view key) {
   std::string text = section.text(key, "a text");
-  if (text.empty()) section.fail(key, "expected a text, got an empty one; write it");
+  if (text.empty()) section.fail(key, "expected a text, got an empty text; write a text");
   return text;
 }
 
@@ -46,10 +46,10 @@ std::int64_t tick_at(double time_s) {
 
 ForceSensor read_force_sensor(Section &section, const sim::Model &model) {
   section.finish();
-  const std::size_t reads = section.choice("force", "choose one of them");
+  const std::size_t reads = section.choice("force", "choose one of these texts");
   if (!model.adc[0])
     section.fail("force",
-                 "expected a model with ADC 0, got a model without it; remove this sensor");
+                 "expected a model with ADC 0, got a model without ADC 0; remove this sensor");
   return static_cast<ForceSensor>(reads);
 }
 
@@ -76,8 +76,8 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
               [&](Section &sensor) { action.force_sensor = read_force_sensor(sensor, model); });
   if (action.writes.empty() && action.impulses.empty() && !action.force_sensor)
     section.fail("time_s",
-                 "expected firmware, impulse or sensor beside it, got none; add one or remove "
-                 "this [[at]]");
+                 "expected one of the keys firmware, impulse and sensor too, got none; add a key "
+                 "or remove this [[at]]");
   return action;
 }
 
@@ -93,7 +93,7 @@ void read_contact_held(Section &section, const sim::Model &model, Criterion &cri
     const std::string contact = name.value_exact<std::string>().value_or("");
     if (std::find(known.begin(), known.end(), contact) == known.end())
       section.fail("contact_held", "expected true, false or contacts of the model (" +
-                                       (known.empty() ? "it has none" : sim::joined(known)) +
+                                       (known.empty() ? "the model has none" : sim::joined(known)) +
                                        "), got " + sim::kind_of(name) +
                                        sim::suggestion(contact, known) + "; name a contact");
     criterion.contacts.push_back(contact);
@@ -113,7 +113,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
   if (criterion.window_s > duration_s)
     section.fail("window_s", "expected at most the duration of the run, " +
                                  sim::number_text(duration_s) + " s, got " +
-                                 sim::number_text(criterion.window_s) + "; shorten it");
+                                 sim::number_text(criterion.window_s) + "; shorten the window");
   criterion.force_ripple_max_count = section.optional_number("force_ripple_max_count");
   criterion.position_ripple_max_count = section.optional_number("position_ripple_max_count");
   read_contact_held(section, model, criterion);
@@ -130,7 +130,7 @@ Criterion read_criterion(Section &section, const sim::Model &model, double durat
     section.fail(criterion.contact_losses_max ? "contact_losses_max"
                  : criterion.peak_force_max_N ? "peak_force_max_N"
                                               : "peak_force_max_percent",
-                 "expected a model with a contact, got a model without one; remove the key");
+                 "expected a model with a contact, got a model without contact; remove this key");
   if (!criterion.contact_held && !criterion.force_ripple_max_count &&
       !criterion.position_ripple_max_count && !criterion.limits_force() && !criterion.limits_run())
     section.fail("contact_held",
@@ -162,7 +162,7 @@ std::vector<std::uint16_t> read_traced(Section &section, const sim::Model &model
     if (std::find(columns.begin(), columns.end(), name) != columns.end() ||
         std::find(traced.begin(), traced.end(), *object) != traced.end())
       section.fail("objects", "expected each column once, got " + sim::in_quotes(name) +
-                                  ", which is a column of the trace already; remove it");
+                                  ", which is a column of the trace already; remove this name");
     traced.push_back(*object);
   }
   return traced;
@@ -178,7 +178,7 @@ Plot read_plot(Section &section, const sim::Model &model,
   if (plot.from_s.value_or(0.0) >= plot.to_s.value_or(kAlways_s))
     section.fail("from_s", "expected a time before to_s, got " +
                                sim::number_text(plot.from_s.value_or(0.0)) +
-                               "; correct one of them");
+                               "; correct from_s or to_s");
   const toml::node *node = section.find("rows");
   if (node == nullptr) return plot;
   const auto refuse = [&](const std::string &obtained) {
@@ -238,7 +238,7 @@ void apply_overrides(toml::table &root, std::span<const std::string> overrides) 
     if (const auto [first, fresh] = given.emplace(name, value); !fresh)
       throw InputError(
           "--set", name,
-          "expected one value, got " + first->second + " and " + value + "; remove one of them");
+          "expected one value, got " + first->second + " and " + value + "; remove one value");
     const std::size_t dot = name.find('.');
     const std::string room = dot == std::string::npos ? "" : name.substr(0, dot);
     if (room.empty()) {
@@ -466,10 +466,10 @@ void expect_used(const Experiment &experiment) {
   if (idle.empty()) return;
   throw InputError(experiment.file.string(), "set." + idle.front(),
                    idle.size() == 1
-                       ? "expected a parameter that the model or the experiment uses, but this one "
-                         "has no effect here; remove it"
+                       ? "expected a parameter that the model or the experiment uses, got a "
+                         "parameter without effect; remove this parameter"
                        : "expected parameters that the model or the experiment uses, got " +
-                             sim::joined(idle) + ", which have no effect here; remove them");
+                             sim::joined(idle) + ", which have no effect; remove these parameters");
 }
 
 Experiment load_experiment(const std::filesystem::path &file,

@@ -9,9 +9,10 @@ namespace {
 const char *refusal_text(int error) {
   switch (error) {
     case FW_ERROR_RANGE:
-      return "outside its range or at odds with another object";
+      return "the value is out of range or contradicts another object";
     case FW_ERROR_STATE:
-      return "not in this state of the axis: a fault is latched, or it must be disabled or idle";
+      return "not in this state of the axis: a fault is latched, or the axis must be disabled or "
+             "idle";
     default:
       return "cannot be written";
   }
@@ -30,7 +31,7 @@ void ExperimentWrites::write_initial(const Write &write) const {
       const ObjectWrite &w = refused.front();
       throw sim::InputError(
           experiment_->file.string(), std::string("firmware.") + object_meta(w.object).name,
-          "expected a value that the firmware accepts beside the others, but it refused " +
+          "expected a value that the firmware accepts with the other values, but it refused " +
               std::to_string(w.raw) + " (raw): " + refusal_text(write(0, w)));
     }
     remaining = refused;

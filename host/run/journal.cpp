@@ -142,7 +142,7 @@ int lock_journal(int opened, const std::filesystem::path &file) {
     throw sim::InputError(file.string(), kJournalOption, what);
   };
   if (flock(opened, LOCK_EX | LOCK_NB) != 0) {
-    fail("expected a file that no other process uses, but one writes its journal here");
+    fail("expected a file that no other process uses, but another process writes a journal here");
   }
   struct stat is {};
   std::string title(sizeof kJournalTitle - 1, '\0');
@@ -320,7 +320,7 @@ Journal read_journal(const std::filesystem::path &file) {
     }
   }
   if (journal.experiment.empty()) {
-    throw sim::InputError(file.string(), "experiment", "expected a line that names it");
+    throw sim::InputError(file.string(), "experiment", "expected a line `experiment FILE`");
   }
   return journal;
 }

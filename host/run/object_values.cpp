@@ -173,7 +173,8 @@ ObjectWrite read_object(sim::Section &section, const std::string &name, const to
     const auto value = enum_value(object, *text);
     if (!value)
       section.fail(name, "expected one of " + texts + ", got " + sim::in_quotes(*text) +
-                             sim::suggestion(*text, enum_texts(object)) + "; choose one of them");
+                             sim::suggestion(*text, enum_texts(object)) +
+                             "; choose one of these texts");
     return {object, *value};
   }
   if (const auto flag = node.value_exact<bool>(); flag && meta.max == 1)

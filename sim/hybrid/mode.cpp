@@ -284,8 +284,8 @@ void add_grid(Mode &mode, const ExtendedMatrix &part_flow, int order, const Exte
   throw InputError(file, fastest.element,
                    "expected time constants of at least 1e-7 s, got " + std::string(seconds) +
                        " s with " + fastest.state +
-                       "; make this element less stiff, damped or fast, or masses and inductances "
-                       "beside it larger");
+                       "; make this element less stiff, damped or fast, or increase masses and "
+                       "inductances at its ends");
 }
 
 std::unique_ptr<const Mode> build_mode(const ModeCache &cache, ModeKey key) {

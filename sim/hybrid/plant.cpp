@@ -167,7 +167,7 @@ SensorCodes Plant::codes() {
 void Plant::signals(std::span<double> values) const {
   const Mode &mode = stepper_.mode();
   if (values.size() != signal_names_->size())
-    throw std::invalid_argument("signals() wants one place per signal");
+    throw std::invalid_argument("signals() expects one element for each signal");
   for (std::size_t i = 0; i < values.size(); ++i)
     values[i] = kernel::dot(&mode.truth[i * mode.columns], stepper_.z().data(), mode.columns);
 }

@@ -84,7 +84,8 @@ void Stepper::fail_switching(int switch_index, double s) const {
       network().switches()[static_cast<std::size_t>(switch_index)].element +
       " keeps switching without end at t = " +
       std::to_string((static_cast<double>(tick_) + s) / cache_->rate_hz()) +
-      " s: its states contradict each other there; change this element or its neighbours");
+      " s: the states of this element contradict each other; change the parameters of this "
+      "element or of its neighbours");
 }
 
 void Stepper::switch_drive(double command, bool enable) {

@@ -46,7 +46,7 @@ std::string Elements::claim_name(Section &section) {
   std::string name = section.name();
   if (!names_.insert(name).second)
     section.fail("name", "expected a name that no other element has, got " + in_quotes(name) +
-                             " again; rename one of them");
+                             " again; rename one element");
   return name;
 }
 
@@ -76,7 +76,7 @@ Slopes read_slopes(Section &section, const char *key) {
   curve.breaks = section.rising("breaks");
   if (by_load) {
     if (!curve.breaks.empty())
-      section.fail("loads", "expected breaks or loads, got both; remove one of them");
+      section.fail("loads", "expected breaks or loads, got both keys; remove one key");
     curve.breaks = section.rising("loads");
   }
   if (curve.breaks.size() + 1 != curve.slopes.size())
@@ -159,7 +159,8 @@ void Elements::read_links() {
     stop.low = section.optional_number("low");
     stop.high = section.optional_number("high");
     if (!stop.low && !stop.high)
-      section.fail("low", "expected low or high or both in m, got neither; add one of these keys");
+      section.fail("low",
+                   "expected low or high or both in m, got no such key; add one of these keys");
     if (stop.low && stop.high && !(*stop.low < *stop.high))
       section.fail("high", "expected a value greater than low, " + number_text(*stop.low) +
                                ", got " + number_text(*stop.high) +

@@ -68,9 +68,9 @@ class Expressions {
     if (const auto at = std::find(open_.begin(), open_.end(), &parameter); at != open_.end()) {
       std::string circle;
       for (auto p = at; p != open_.end(); ++p) circle.append((*p)->name).append(" -> ");
-      fail(parameter,
-           "expected values that do not refer to themselves, got the circular reference " + circle +
-               parameter.name + "; give one of them a number");
+      fail(parameter, "expected values without a circular reference, got the circular reference " +
+                          circle + parameter.name +
+                          "; replace one of these expressions by a number");
     }
     open_.push_back(&parameter);
     const std::vector<Factor> factors = factors_of(parameter.expression);
@@ -109,7 +109,7 @@ class Expressions {
     const QuantityText parts = split_quantity(text);
     if (!parts.unit.empty())
       fail(parameter, "expected plain numbers beside names, got " + in_quotes(text) +
-                          "; give it a parameter of its own, with its unit");
+                          "; define a parameter with a unit for this number");
     return parts.number;
   }
 

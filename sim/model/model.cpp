@@ -69,7 +69,7 @@ std::vector<Parameter> read_shared_parameters(const Source &source, const std::s
   const std::filesystem::path path = std::filesystem::path(source.file).parent_path() / name;
   std::error_code status;
   if (name.empty() || !std::filesystem::is_regular_file(path, status))
-    source.fail("parameters_file", "expected a readable file beside this one, got " +
+    source.fail("parameters_file", "expected a readable file in the folder of this file, got " +
                                        in_quotes(name) + "; check the path");
   Source shared{path.string(), {}};
   const toml::table table = parse_toml(shared.file);
@@ -220,7 +220,7 @@ void check_frictions(const Model &model) {
     if (a == b)
       throw InputError(
           model.file, std::string(key) + "[" + std::to_string(i) + "].between",
-          "expected frictions that form no loop, got a second path between the ends of " +
+          "expected frictions that do not form a loop, got a second path between the ends of " +
               in_quotes(friction.name) + "; remove one friction of the loop");
     std::replace(group.begin(), group.end(), a, b);
   };
@@ -236,9 +236,10 @@ void check_frictions(const Model &model) {
   for (std::size_t i = 0; i < model.brakes.size(); ++i)
     for (std::size_t k = 0; k < i; ++k)
       if (same_ends(model.brakes[i].ends, model.brakes[k].ends))
-        throw InputError(model.file, "brake[" + std::to_string(i) + "].between",
-                         "expected one brake between two ends, got a second one beside " +
-                             in_quotes(model.brakes[k].name) + "; remove one of them");
+        throw InputError(
+            model.file, "brake[" + std::to_string(i) + "].between",
+            "expected at most one brake between two ends, got a second brake with the ends of " +
+                in_quotes(model.brakes[k].name) + "; remove one brake");
 }
 
 void check_used(const Source &source) {
@@ -250,10 +251,10 @@ void check_used(const Source &source) {
   source.fail(
       "parameters." + idle.front(),
       idle.size() == 1
-          ? "expected a parameter that this model uses, but nothing refers "
-            "to this one; remove it, use its name, or mark it with documentation = true"
+          ? "expected a parameter that this model uses, got an unused parameter; "
+            "remove the parameter, use its name, or mark it with documentation = true"
           : "expected parameters that this model uses, got " + joined(idle) +
-                ", which nothing refers to; remove them, use their names, or mark them with "
+                ", which are unused; remove these parameters, use their names, or mark them with "
                 "documentation = true");
 }
 
@@ -307,7 +308,7 @@ Model load_model(const std::filesystem::path &path, std::span<const Override> ov
   if (table.contains("model") && !table.contains("body"))
     source.fail("model", "expected a model, got an experiment or measurement of " +
                              in_quotes(table["model"].value_or(std::string())) +
-                             "; give that model");
+                             "; give the name of that model file");
   Section root(source, table, "", kModelFormat);
   Model model;
   model.file = source.file;

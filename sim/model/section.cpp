@@ -95,7 +95,7 @@ toml::table parse_toml_text(std::string_view text, const std::string &file) {
     return toml::parse(text, std::string_view(file));
   } catch (const TomlParserStopped &) {
     throw InputError(file, "line " + std::to_string(line_that_stops(text)),
-                     "expected a value, got a character that begins none; correct this line");
+                     "expected a value, got a character that starts no value; correct this line");
   } catch (const toml::parse_error &error) {
     const auto where = error.source().begin;
     throw InputError(
@@ -294,7 +294,7 @@ bool Section::flag(std::string_view key) {
   const toml::node *node = find(key);
   if (node == nullptr) return declared(key).absent == "true";
   if (!node->is_boolean())
-    fail(key, "expected true or false, got " + kind_of(*node) + "; write one of them");
+    fail(key, "expected true or false, got " + kind_of(*node) + "; write true or false");
   return node->ref<bool>();
 }
 
@@ -339,7 +339,7 @@ std::vector<double> Section::rising(std::string_view key) {
     if (!(breaks[i] > breaks[i - 1]))
       fail(std::string(key) + "[" + std::to_string(i) + "]",
            "expected more than the value before, " + number_text(breaks[i - 1]) + ", got " +
-               number_text(breaks[i]) + "; put them in rising order");
+               number_text(breaks[i]) + "; sort the values in ascending order");
   return breaks;
 }
 
@@ -390,8 +390,8 @@ Ends Section::between(const std::vector<Body> &bodies) {
     const std::string entry = "between[" + std::to_string(i) + "]";
     const toml::node &end = *pair->get(i);
     if (!end.is_string())
-      fail(entry,
-           "expected one of " + joined(names) + ", got " + kind_of(end) + "; give a body's name");
+      fail(entry, "expected one of " + joined(names) + ", got " + kind_of(end) +
+                      "; give the name of a body");
     const std::string &wanted = end.ref<std::string>();
     found[i] = wanted == "ground" ? kGround : find_body(bodies, wanted);
     if (found[i] == kGround && wanted != "ground")

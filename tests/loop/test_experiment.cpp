@@ -428,7 +428,7 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
     modes += (mode > 0 ? "," : "") + std::string(enum_text(AXIS_OBJ_MODE, mode));
   EXPECT_EQ(message(with("\"force\"", "\"forse\"")),
             "firmware.mode: expected one of " + modes +
-                ", got \"forse\"; did you mean force?; choose one of them");
+                ", got \"forse\"; did you mean force?; choose one of these texts");
   EXPECT_EQ(message(with("\"workpiece\"", "\"workpeice\"")),
             "at[0].impulse.body: expected one of robot, tip, workpiece, got \"workpeice\"; did you "
             "mean workpiece?; name a body of the model");
@@ -439,7 +439,7 @@ TEST_F(Files, EveryUnknownNameIsReportedAtOnce) {
 
 TEST_F(Files, OverridesAreGivenOnceAndSpelledRight) {
   EXPECT_EQ(message(kGood, {"m_w=1", "b_w=2", "m_w=3"}),
-            "m_w: expected one value, got 1 and 3; remove one of them");
+            "m_w: expected one value, got 1 and 3; remove one value");
   EXPECT_EQ(message(kGood, {"firmwear.force_gain=1"}),
             "firmwear.force_gain: expected a model parameter, firmware.OBJECT, experiment.KEY or "
             "verdict.KEY; did you mean firmware?");
@@ -455,7 +455,7 @@ TEST_F(Files, EverySetThatNothingUsesIsReportedAtOnce) {
   } catch (const sim::InputError &error) {
     EXPECT_EQ(error.key + ": " + error.message,
               "set.k_b: expected parameters that the model or the experiment uses, got k_b, m_b, "
-              "which have no effect here; remove them");
+              "which have no effect; remove these parameters");
   }
 }
 
@@ -465,7 +465,7 @@ TEST_F(Files, APlotIsCheckedBeforeTheRun) {
   };
   EXPECT_EQ(plot("rows = [[\"tick\", \"time_s\", \"drive.current\"]]\nfrom_s = 0.1"), "accepted");
   EXPECT_EQ(plot("from_s = 2\nto_s = 1"),
-            "plot.from_s: expected a time before to_s, got 2; correct one of them");
+            "plot.from_s: expected a time before to_s, got 2; correct from_s or to_s");
   EXPECT_EQ(plot("rows = []"),
             "plot.rows: expected a list of lists of columns, got an empty list; write "
             "[[\"encoder\"], [\"adc0\"]]");

@@ -117,7 +117,7 @@ TEST(Model, SharedParameters) {
 
   expect_refusal(with(own, "shared.toml", "missing.toml"),
                  {"parameters_file",
-                  "expected a readable file beside this one, got "
+                  "expected a readable file in the folder of this file, got "
                   "\"missing.toml\"; check the path"});
   // A fault in the shared file is reported there.
   write_model("[parameters]\nm = { value = 9, unit = \"kgs\" }\n", "shared");
@@ -245,7 +245,7 @@ TEST(ModelRefuses, DuplicatesAndReservedNames) {
   expect_refusal(with(kAxis, "name = \"post\"", "name = \"robot\""),
                  {"spring[0].name",
                   "expected a name that no other element has, got \"robot\" "
-                  "again; rename one of them"});
+                  "again; rename one element"});
   expect_refusal(with(kAxis, "name = \"post\"", "name = \"ground\""),
                  {"spring[0].name",
                   "expected a name other than the reserved ground and drive, got "
@@ -346,9 +346,10 @@ TEST(ModelRefuses, ACharacterThatBeginsNoValue) {
     (void)parse_toml_text("a = 1\nb = [\n  2, }\n]\nc = 3\n", "some.toml");
     FAIL();
   } catch (const InputError &error) {
-    EXPECT_EQ(std::string(error.what()),
-              "some.toml: line 3: expected a value, got a character that begins none; correct this "
-              "line");
+    EXPECT_EQ(
+        std::string(error.what()),
+        "some.toml: line 3: expected a value, got a character that starts no value; correct this "
+        "line");
   }
 }
 

@@ -250,13 +250,13 @@ TEST(ModelRefusesAtOnce, EveryNameThatIsWrong) {
 
 TEST(ModelRefusesAtOnce, EveryParameterThatIsNotUsed) {
   const std::string spare = "[parameters]\nx = { value = 1, unit = \"kg\" }\n";
+  EXPECT_EQ(refusal("[parameters]\n", spare),
+            "parameters.x: expected a parameter that this model uses, got an unused parameter; "
+            "remove the parameter, use its name, or mark it with documentation = true");
   EXPECT_EQ(
-      refusal("[parameters]\n", spare),
-      "parameters.x: expected a parameter that this model uses, but nothing refers to this one; "
-      "remove it, use its name, or mark it with documentation = true");
-  EXPECT_EQ(refusal("[parameters]\n", spare + "y = { value = 1, unit = \"kg\" }\n"),
-            "parameters.x: expected parameters that this model uses, got x, y, which nothing "
-            "refers to; remove them, use their names, or mark them with documentation = true");
+      refusal("[parameters]\n", spare + "y = { value = 1, unit = \"kg\" }\n"),
+      "parameters.x: expected parameters that this model uses, got x, y, which are "
+      "unused; remove these parameters, use their names, or mark them with documentation = true");
 }
 
 }  // namespace

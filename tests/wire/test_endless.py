@@ -159,7 +159,7 @@ def test_runs_of_standard_input_end():
     assert done.returncode == 2
     assert (
         done.stderr
-        == "axis_node: --endless: expected no --serve beside it, because its runs have a duration\n"
+        == "axis_node: --endless: expected no --serve, because runs of --serve have a duration\n"
     )
 
 

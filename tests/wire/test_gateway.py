@@ -65,7 +65,7 @@ def test_state_is_published_steadily_whole_and_in_firmware_time(of):
 def test_the_lock_of_the_firmware_holds_for_lcm_and_modbus(of):
     got = of("lock")
     assert got["before"] == [
-        "force_gain: the axis belongs to canopen; acquire it first (abort 08000021h)", LOCKED
+        "force_gain: the axis belongs to canopen; acquire the axis first (abort 08000021h)", LOCKED
     ]  # fmt: skip
     assert got["lock_event"] == [2, "the axis belongs to lcm"]
     # Written through one, read through the other: 7 code/count is 1792.
@@ -73,7 +73,7 @@ def test_the_lock_of_the_firmware_holds_for_lcm_and_modbus(of):
     assert got["modbus_write"] == 4
     assert got["modbus_takes"] is False  # no error
     assert got["after"] == [
-        "force_gain: the axis belongs to modbus; acquire it first (abort 08000021h)", LOCKED
+        "force_gain: the axis belongs to modbus; acquire the axis first (abort 08000021h)", LOCKED
     ]  # fmt: skip
     assert got["modbus_writes"] is False
     assert got["lcm_reads"] == 5.0
@@ -234,7 +234,7 @@ def test_a_second_gateway_refuses_to_start(of):
     assert got["status"] == 1
     assert got["said"] == (
         "gateway: vcan0: another gateway has node id 127; "
-        "stop it, or give this one another --node-id\n"
+        "stop that gateway, or use another --node-id here\n"
     )
     assert got["port"] == [
         1,
@@ -365,7 +365,7 @@ def gateway(*args):
             "--node-id 4: expected a node id that no axis has, --axes 3,4",
         ),
         (["--set", "force_gain"], "--set force_gain: expected NAME=VALUE or N:NAME=VALUE"),
-        (["--set", "force=1"], "--set force=1: expected a parameter, it is a signal"),
+        (["--set", "force=1"], "--set force=1: expected a parameter, got a signal"),
         (
             ["--set", "force_gain=-1"],
             "--set force_gain=-1: expected 0 to 255.996 code/count",

@@ -156,7 +156,7 @@ def test_a_flood_of_noise_and_broken_traffic_moves_nothing_and_costs_no_memory()
         ("10.0.0.0/255.0.255.0", "expected ADDRESS/MASK such as"),
         ("10.0.0.0/", "expected ADDRESS/MASK such as"),
         ("fe80::1/64", "expected ADDRESS/MASK such as"),
-        ("10.0.0.7/24", "expected an address without bits outside its mask, such as 10.0.0.0/24"),
+        ("10.0.0.7/24", "expected an address without bits outside the mask, such as 10.0.0.0/24"),
     ],
 )
 def test_a_network_that_is_none_is_one_line_and_status_2(network, said):

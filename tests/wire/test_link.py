@@ -306,7 +306,7 @@ def test_a_partner_that_never_comes_is_named():
         told = end(node)
         assert told["status"] == 1
         assert f"{name}: {partner}" in told["stderr"] and "silent for" in told["stderr"]
-        assert "does it run on this link and with this run id?" in told["stderr"]
+        assert f"run {partner} on this link and with this run id" in told["stderr"]
 
 
 # Late ticks.
@@ -485,7 +485,7 @@ def test_a_journal_that_cannot_be_written_is_told_and_the_run_goes_on():
     told = end(axis)
     assert told["status"] == 1 and hashes(told) == [in_process(SHORT)]
     assert told["stderr"] == (
-        "axis_node: /dev/full: cannot write the journal, so it is incomplete\n"
+        "axis_node: /dev/full: cannot write the journal, so the journal is incomplete\n"
     )
 
 
@@ -569,7 +569,7 @@ def test_a_claim_that_fails_is_not_called_another_run():
         stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=20, check=False,
     )  # fmt: skip
     assert done.returncode == 1 and done.stderr.count("\n") == 1
-    assert done.stderr.endswith("cannot claim it as axis 2, Too many open files\n")
+    assert done.stderr.endswith("cannot lock the role axis 2: Too many open files\n")
 
 
 def test_no_can_interface_says_how():
@@ -610,7 +610,7 @@ def test_bad_input_is_one_line_and_status_2(name, args, word):
     [
         (
             ["--node-id", "127", "--axes", "2"],
-            "--node-id 127: expected ids up to 127, but the last",
+            "--node-id 127: expected ids up to 127, but the last node id",
         ),
         (["--node-id", "0", "--axes", "2"], "--node-id 0: expected one axis, because several"),
         (["--node-id", "128"], "--node-id"),

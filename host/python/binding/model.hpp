@@ -30,7 +30,7 @@ inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overr
         file.string(), "parameters." + idle.front(),
         "expected a parameter that the model uses (" + forceaxis::sim::joined(used) + "), " +
             (idle.size() == 1
-                 ? std::string("this one changes nothing here")
-                 : "got " + forceaxis::sim::joined(idle) + ", which change nothing here"));
+                 ? std::string("this override has no effect")
+                 : "got " + forceaxis::sim::joined(idle) + ", which have no effect"));
   return model;
 }

@@ -201,7 +201,7 @@ WHOLE_LINES = [
     ),
     (
         ["m_w=1", "firmware.force_gain=2", "m_w=3"],
-        "--set: m_w: expected one value, got 1 and 3; remove one of them",
+        "--set: m_w: expected one value, got 1 and 3; remove one value",
     ),
     (
         ["firmware.force_gian=2", "firmware.laws=3"],
@@ -211,7 +211,7 @@ WHOLE_LINES = [
     (
         ["m_b=1", "k_b=1"],
         f"{CONTACT}: set.k_b: expected parameters that the model or the experiment uses, got k_b, "
-        "m_b, which have no effect here; remove them",
+        "m_b, which have no effect; remove these parameters",
     ),
     (
         ["verdict.windw_s=1"],
