@@ -296,7 +296,7 @@ class PressResult:
     most_N: float
     peak_N: float
     position: int
-    # state of the axis after a retract; None without a retract
+    #: position after a retract in encoder counts; None without a retract
     retracted_position: int | None = None
 
 
