@@ -441,9 +441,9 @@ class RetractObjects:
 
 
 def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> AxisStatus:
-    """Lowers `target` to 0 if it presses, then moves the axis against the direction of the force to
-    the distance `way` from the position of the press. Returns the state of the axis at the end of
-    the move, where the axis is still enabled."""
+    """Lowers the force target `target` (if not "") to 0. Then moves the axis against the direction
+    of the force, to the distance `way` from its present position. Returns the state of the axis,
+    which is still enabled."""
     ratio = quantity.user_per_count(axis) or 1.0
     if speed is None:
         most = axis.read("approach_velocity_max")
@@ -463,7 +463,7 @@ def _back(axis: Drive, way: float, speed: float | str | None, target: str) -> Ax
         axis.enable("profile position", trajectory_velocity=per_s)
         try:
             axis.move(place, way / per_s + RETRACT_EXTRA_S)
-        except InputError as error:  # a position limit is within the distance of the retract
+        except InputError as error:  # a position limit is nearer than the end of the retract
             raise Refused(f"{axis.link.where}: it cannot be retracted: {error}") from None
         found = axis.record(ContactObjects)
         if found.contact or abs(found.force) > counts:

@@ -22,7 +22,7 @@ from forceaxis.objects import BY_NAME
 INTERNAL_LIMIT = 1 << 11  # bit of the statusword: the axis limits a target or the output
 # Bit of the controlword: the target position is relative to the present position.
 RELATIVE_TARGET = 1 << 6
-REVERSED_POSITIONS = 0x80  # bit of polarity that reverses the direction of positions
+REVERSED_POSITIONS = 0x80  # bit of the object polarity that reverses the direction of positions
 NO_LIMIT = 2**31 - 1  # magnitude of a position limit that means "no limit"
 DAC_CODE_MAX = 2047
 

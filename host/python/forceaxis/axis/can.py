@@ -302,7 +302,8 @@ class CanLink(RecorderLink):
         self._watched = place, before
         self._download(place, self._ours)
         self._beaten_until = math.inf
-        # The axis monitors a heartbeat from its first message on, so 1016h is written before.
+        # 1016h is written before the first heartbeat, from which on the axis monitors the
+        # heartbeat.
         self._keeper = HeartbeatKeeper(
             self._interface, HEARTBEAT_ID + self._own, bytes([NMT_OPERATIONAL]),
             HEARTBEAT_MS / 10_000, self._send_beat,

@@ -162,8 +162,8 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def fetch(self, signals: Sequence[str]) -> None:
-        """Loads an incident of the black box, which has recorded these signals, into the recorder.
-        The next reading of the recorder returns the incident. Raises Refused without an
+        """Loads an incident of the black box into the recorder. The black box has recorded
+        `signals`. The next reading of the recorder returns the incident. Raises Refused without an
         incident."""
 
     @abc.abstractmethod

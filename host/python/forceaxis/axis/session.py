@@ -140,7 +140,8 @@ class Session(AxisClient):
         held_s: float = 0.3,
         timeout_s: float = 10.0,
     ) -> axis_state_t:
-        """Waits for contact with a force within `within_cnt` of `force_cnt` for `held_s` seconds.
+        """Waits until the axis is in contact with a force of `force_cnt`, with a tolerance of
+        `within_cnt`, for `held_s` seconds.
 
         Forces are in 8-bit counts; without `force_cnt` any force counts as contact.
         """

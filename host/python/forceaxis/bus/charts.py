@@ -22,8 +22,8 @@ DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.uin
 def draw(
     width: int, height: int, lines: Sequence[Line], x_span: Span, y_span: Span
 ) -> list[list[tuple[str, str]]]:
-    """Draws `lines`, a list of (x, y, colour), as rows of (character, colour). The first line
-    covers the others.
+    """Draws `lines`, a list of (x, y, colour), as rows of (character, colour). The first line is
+    drawn over the other lines.
 
     NaN interrupts a line. Points outside the spans are not drawn.
     """

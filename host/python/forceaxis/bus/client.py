@@ -205,8 +205,8 @@ class AxisClient(Closable):
         return self._command_id
 
     def fetch(self, signals: Sequence[str]) -> int:
-        """Loads an incident of the black box, which has recorded these signals, into the recorder.
-        Returns the number of this recording, which captured() needs."""
+        """Loads an incident of the black box into the recorder. The black box has recorded
+        `signals`. Returns the number of this recording, which captured() needs."""
         self._command(axis_command_t.KIND_CAPTURE, [("incident_command", 1)], signals)
         return self._command_id
 
@@ -246,7 +246,8 @@ class AxisClient(Closable):
         return NoAnswer(f"axis {self.axis}: expected a capture within {timeout_s:g} s, {why}")
 
     def _event_of(self, command_id: int, *kinds: int) -> axis_event_t | None:
-        """Returns the latest event of one of these kinds that answers a command of this client."""
+        """Returns the latest event that has one of the given kinds and answers a command of this
+        client."""
         own = (self._bus.run_id, command_id)
         for _, event in reversed(self._events):
             if event.kind in kinds and (event.command_run_id, event.command_id) == own:

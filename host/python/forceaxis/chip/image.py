@@ -48,7 +48,8 @@ class Image(NamedTuple):
     path: Path
     kind: str  # elf, hex or bin
     address: int | None  # start address of a .bin file; None for other kinds
-    segments: tuple[Segment, ...]  # in ascending order of addresses, with gaps between the segments
+    # segments in ascending order of addresses, with gaps between them
+    segments: tuple[Segment, ...]
 
     @property
     def size(self) -> int:

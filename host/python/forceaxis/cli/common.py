@@ -469,7 +469,7 @@ def show(rows: Iterable[tuple[str, str]]) -> None:
     done_waiting()
     for key, text in rows:
         line = f"{key:12} {text}"
-        # the user copies these texts, so they must not be wrapped
+        # texts that the user copies must not be wrapped
         if key not in ("trace hash", "axis hash", "again", "files"):
             line = fitted(line, 13)
         if key == "verdict":

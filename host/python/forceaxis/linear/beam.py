@@ -183,13 +183,13 @@ class Beam:
         return np.column_stack([-squares / far, far]).ravel()
 
     def actuator(self, s: ArrayLike) -> Matrix:
-        """Returns V_act / F_a in m/s per N at complex s (1/s), in the shape of s. The value at s =
-        0 is a pole. No frequency causes an overflow."""
+        """Returns V_act / F_a in m/s per N at complex s (1/s), in the shape of s. The function has
+        a pole at s = 0. No frequency causes an overflow."""
         return self._transfer(s)[0]
 
     def tip(self, s: ArrayLike) -> Matrix:
-        """Returns V_tip / F_a in m/s per N at complex s (1/s), in the shape of s. The value at s =
-        0 is a pole."""
+        """Returns V_tip / F_a in m/s per N at complex s (1/s), in the shape of s. The function has
+        a pole at s = 0."""
         return self._transfer(s)[1]
 
     def _transfer(self, s: ArrayLike) -> tuple[Matrix, Matrix]:

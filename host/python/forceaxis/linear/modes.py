@@ -348,7 +348,8 @@ def _assign(
 
 
 def _damped_residues(m: Mechanics, system: linear.System) -> np.ndarray:
-    """Returns for each mode True if the damped mechanics have a residue at the pole of the mode."""
+    """Returns an array with True for each mode at whose pole the damped mechanics have a
+    residue."""
     poles, left, right = linalg.eig(system.A, left=True)
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.einsum("in,in->n", left.conj(), right)

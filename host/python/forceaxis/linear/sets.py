@@ -120,7 +120,7 @@ class LimitOfSet:
 
 @dataclass(frozen=True, kw_only=True)
 class MemberCurve(SetMember):
-    """The curve of one loop of a set at the gain k of the loop."""
+    """The curve of one loop of a set, and the gain k of the loop."""
 
     gain: float
     table: CurveTable = json_field(inline=True)

@@ -67,7 +67,7 @@ class System:
     def select(
         self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
     ) -> "System":
-        """Returns the system with only these inputs and outputs."""
+        """Returns the system with only the given inputs and outputs."""
         columns = [self.inputs.index(name) for name in inputs or self.inputs]
         rows = [self.outputs.index(name) for name in outputs or self.outputs]
         return replace(

@@ -146,8 +146,9 @@ def rolloff_hz(model: str, output: str, **overrides: float) -> tuple[float, floa
 
 
 def loop_rolloff_hz(k_amp: float) -> float:
-    """Returns the frequency in Hz at which the gain of the current loop is 3 dB lower. The shaft is
-    locked, and the gain is k_amp k_current / (L s + R + k_amp k_current)."""
+    """Returns the frequency in Hz at which the gain of the current loop is 3 dB lower than at
+    frequency 0. The shaft is locked, and the gain is k_amp k_current / (L s + R + k_amp
+    k_current)."""
     feedback = k_amp * parameter("laboratory", "k_current")
     inductance = parameter("laboratory", "L")
     return (parameter("laboratory", "R") + feedback) / inductance / (2 * math.pi)

@@ -43,7 +43,7 @@ class Cell:
     test: str  # test of the cell: "contact" or "disturbance"
     workpiece: str  # workpiece of the cell: "original" or "damped"
     grip: str  # grip of the workpiece: "none", "hard_pad" or "soft_pad"
-    force_gain: int  # DAC codes per 8-bit count of force
+    force_gain: int  # gain in DAC codes per 8-bit count of force
     # force set-point in 8-bit counts; None if the thesis does not state it
     force_setpoint: int | None
     thesis: str  # the measured verdict: "stable" or "unstable"
