@@ -402,8 +402,8 @@ def test_the_journal_of_a_killed_node_is_replayed_as_far_as_it_goes(tmp_path, af
     summary = json.loads(done.stdout)
     assert summary["replay"]["ticks"] is None and summary["replay"]["same"] is False
     assert done.stderr == (
-        f"forceaxis: {journal}: expected a line `end`; the node was killed, and replayed is what "
-        f"it had written down, {summary['ticks']} ticks\n"
+        f"forceaxis: {journal}: expected a line `end`, got none, because the node was killed; "
+        f"only the {summary['ticks']} ticks in the journal were replayed\n"
     )
     assert (out / "trace.csv").exists()
     plain = replay(journal, status=1)

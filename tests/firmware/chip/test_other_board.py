@@ -103,7 +103,8 @@ def test_it_is_flashed_as_its_own_and_not_as_another(known):
     assert plan.identity.board == "press-controller"
     assert plan.sectors == [0, 3, 4, 5]
     with pytest.raises(
-        InputError, match="expected an image for the board press-controller, this image is for nuc"
+        InputError,
+        match="expected an image for the board press-controller, got an image for the board nuc",
     ):
         flash.plan(ROOT / f"build/image/{BOARD.image}.elf")
     larger = known / "out/larger.bin"
@@ -128,7 +129,11 @@ def test_its_link_follows_from_its_name(known, monkeypatch):
         ('tools = "arm-none-eabi-"', "", "build: expected tools"),
         ("[limits]", "[limits]\nspeed = 1", "limits: speed: expected one of"),
         ('script = "press.ld"', 'script = "none.ld"', "none.ld: expected such a file"),
-        ("0x10000, 0x20000]", "0x10000]", "sectors: expected 262144 bytes in all"),
+        (
+            "0x10000, 0x20000]",
+            "0x10000]",
+            "sectors: expected sectors with a total size of 262144 bytes",
+        ),
         ("[build]", "[build", "expected TOML"),
         ('tools = "arm-none-eabi-"', 'tools = "none-"', "none-gcc: expected it on PATH; install"),
     ],
@@ -150,17 +155,17 @@ def test_a_folder_without_a_description_is_refused_in_one_line(tmp_path):
         [ROOT / "tools/image", tmp_path], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2 and done.stderr.count("\n") == 1
-    assert "expected the description of a board, there is none" in done.stderr
+    assert "expected a file with the description of a board, got no such file" in done.stderr
 
 
 @pytest.mark.parametrize("missing", ["program", "image"])
 def test_what_is_missing_is_named_with_its_remedy(missing, tmp_path, monkeypatch):
     if missing == "program":
         monkeypatch.setenv("PATH", str(tmp_path))
-        remedy = "install it with `apt install qemu-system-arm`"
+        remedy = "install the program with `apt install qemu-system-arm`"
     else:
         monkeypatch.setattr(emulator, "IMAGES", tmp_path)
-        remedy = "`tools/image --emulated` builds it"
+        remedy = "`tools/image --emulated` builds the image"
     with pytest.raises(InputError) as refused:
         emulator.Emulator(BOARD)
     assert remedy in str(refused.value) and "\n" not in str(refused.value)

@@ -88,7 +88,7 @@ def test_set_reads_back_what_the_axis_has():
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["force_gain=7", "nonsense=1"], "nonsense: expected an object of"),
+        (["force_gain=7", "nonsense=1"], "nonsense: expected the name of an object"),
         (["force_gain=7", "watchdog=5"], "watchdog: expected 10 to 65535 ms, got 5"),
         (["force_gain=7", "force=1"], "force: expected an object that can be written"),
         (["force_gain=7", "fault"], "fault: expected NAME=VALUE"),
@@ -122,8 +122,8 @@ def test_what_the_axis_refuses_is_status_1():
             "or --sim",
         ),
         (["--axis", "1", "--can", "can0"], "expected exactly one connection to an axis"),
-        (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected together with --axis"),
-        (["--axis", "1", "--set", "a=1"], "--set: expected together with --sim"),
+        (["--can", "can0", "--lcm-url", "udpm://"], "--lcm-url: expected --axis together with"),
+        (["--axis", "1", "--set", "a=1"], "--set: expected --sim together with this option"),
         (["--can", "nocan7"], "--can: nocan7: expected a CAN interface that is up"),
         (
             ["--can", "can0", "--node", "126"],
@@ -151,9 +151,7 @@ def test_list_shows_the_simulated_axis():
     assert (row["id"], row["state"], row["fault"]) == (1, "switch on disabled", "none")
     assert row["table"] == OBJECTS_HASH[:8]
     done = forceaxis("axis", "list", "--axis", "1")
-    assert (
-        refusal(done, 2) == "expected one bus, selected by --lcm-url URL, --can, --modbus or --sim"
-    )
+    assert refusal(done, 2) == "expected one connection: --lcm-url URL, --can, --modbus or --sim"
     done = forceaxis("axis", "list", "--lcm-url", "udpm://239.255.76.67:7699?ttl=0", "--json")
     assert (done.returncode, json.loads(done.stdout)) == (1, [])
 
@@ -188,7 +186,7 @@ def test_press_ends_beyond_its_bound(axis):
         axis.press(30.0, 1.0, speed=20_000, approach_s=5.0, force_max=31)
     assert axis.read("drive_state") == "fault" and axis.read("force_max") == 0
     done = forceaxis("axis", "press", *SIM, "30", "--force-max", "4000 N")
-    assert "--force-max: expected up to 512 force counts" in refusal(done, 2)
+    assert "--force-max: expected a force limit of at most 512 force counts" in refusal(done, 2)
 
 
 def test_a_position_that_is_not_reached_is_said(axis):
@@ -246,7 +244,7 @@ def test_nothing_moves_without_a_position_gain(tmp_path, verb):
 
 @pytest.mark.parametrize("force", ["60 kg", "much", "", "1 2 3"])
 def test_press_wants_a_force(force):
-    assert "expected a force as" in refusal(forceaxis("axis", "press", *SIM, force), 2)
+    assert "expected a force such as" in refusal(forceaxis("axis", "press", *SIM, force), 2)
 
 
 def test_enable_holds_for_a_while_and_ends_with_a_fault():
@@ -349,7 +347,10 @@ def test_calibrate_takes_points_or_asks():
     assert "0 force counts = 50 N" in done.stdout
     assert "calibration refused spread" in refusal(done, 1)
     done = forceaxis("axis", "calibrate", *SIM, "--point", "40")
-    assert refusal(done, 2) == "--point 40: expected COUNT,N as 20.4,50"
+    assert refusal(done, 2) == (
+        "--point 40: expected COUNT,N, a measured force in counts and a reference force in N, such "
+        "as 20.4,50"
+    )
 
 
 def test_capture_of_a_touch_with_its_files(tmp_path):
@@ -383,7 +384,7 @@ def test_a_trigger_that_does_not_fire_is_said():
     )
     assert refusal(done, 1).endswith("its recorder is armed; its trigger has not fired")
     done = forceaxis("axis", "capture", *SIM, "force", "--trigger", "force up 31")
-    assert 'expected "NAME rising|falling|either LEVEL"' in refusal(done, 2)
+    assert 'expected a trigger as "NAME rising|falling|either LEVEL"' in refusal(done, 2)
     done = forceaxis("axis", "capture", *SIM, *["force"] * 9)
     assert refusal(done, 2) == "capture: expected 1 to 8 signals, got 9"
 

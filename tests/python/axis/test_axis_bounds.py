@@ -58,7 +58,11 @@ def still():
         (
             {"rated_force": 1_000_000},
             "700 N",
-            ["at most 635 N", "the end of the reading's range (adc_bits 8", "larger range"],
+            [
+                "at most 635 N",
+                "the end of the range of the measured force (adc_bits 8",
+                "larger range",
+            ],
         ),
         ({"force_max": 20}, "60 N", ["less than 50 N", "force_max (201Dh)", "got 60 N"]),
     ],
@@ -115,7 +119,7 @@ def test_a_law_without_a_certificate_has_half_of_the_force():
         ),
         ("excitation_code", 300, {"output_limit": 200}, "output_limit (2018h)"),
         # 8 bits: code 254 is the last inside the range; so is 255 - 1 counts.
-        ("force_setpoint", 255, {}, "the end of the reading's range (adc_bits 8"),
+        ("force_setpoint", 255, {}, "the end of the range of the measured force (adc_bits 8"),
         ("force_setpoint", 200, {"force_tare": 100}, "force_tare 100 count"),
     ],
 )
@@ -234,7 +238,7 @@ def test_commissioning_refuses_a_force_beyond_the_reading_before_it_moves(tmp_pa
         if verb == "tune" else ["--force", "280"]
     )  # fmt: skip
     text = refusal(forceaxis(verb, "--sim", file, *more), 2)
-    assert "expected at most 266." in text and "the end of the reading's range" in text
+    assert "expected at most 266." in text and "the end of the range of the measured force" in text
 
 
 @pytest.mark.parametrize(

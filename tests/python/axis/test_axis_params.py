@@ -143,7 +143,7 @@ BAD = {
     ),
     "twice": ("bank_gain =", "bank_gain_2 = 0\nbank_gain =", "twice"),
     "too few values": ("bank_gain = [4.37, ", "bank_gain = [", "expected a list of 4"),
-    "identity": ("velocity_gain", "stored_node_id = 3\nvelocity_gain", "no node id"),
+    "identity": ("velocity_gain", "stored_node_id = 3\nvelocity_gain", "without node id"),
     "no parameter": ("velocity_gain", "controlword = 15\nvelocity_gain", "can store"),
     "newer format": ("format = 1", "format = 2", "about.format"),
 }
@@ -322,7 +322,7 @@ def test_a_dump_of_another_table_is_loaded_by_name(owned, tmp_path):
         parameter_set.load(other, file)
     assert parameter_set.read(other) == before
     assert all(word in str(refusal.value) for word in (
-        "0x12345678", ours, "feed: expected unit 1 as in this table, the file has unit mm",
+        "0x12345678", ours, "feed: expected unit 1 in [objects]", "got unit mm",
         "keep_alive: expected the name of an object", "bump_decay_shift: expected max 12",
     ))  # fmt: skip
     parameter_set.load(other, file, skip=("feed", "keep_alive", "bump_decay_shift"))

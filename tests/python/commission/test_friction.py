@@ -170,7 +170,7 @@ def test_a_soft_window_between_the_forces_is_refused_by_name(press, tmp_path):
     (hidden / "model.toml").write_text(text.replace(old, new))
     with Axis(link(hidden)) as axis:
         work = tuning(press, axis, tmp_path / "out", travel_mm=2.0)
-        with pytest.raises(Refusal, match=r"measure there too, with the forces 30,[56]") as refused:
+        with pytest.raises(Refusal, match=r"measure with the forces 30,[56]") as refused:
             work.run()
         assert axis.link.axis.extremes["force_N"] < FORCE_MAX_N
     assert refused.value.name == "soft"

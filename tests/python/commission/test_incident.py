@@ -191,7 +191,7 @@ def test_the_file_is_the_incident(tmp_path):
         incident.load(kept)
     content["forceaxis_incident"] = 2
     kept.write_text(json.dumps(content))
-    with pytest.raises(InputError, match="expected an incident of version 1, got 2"):
+    with pytest.raises(InputError, match="expected an incident file of version 1, got version 2"):
         incident.load(kept)
 
 

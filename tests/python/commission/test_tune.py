@@ -503,7 +503,7 @@ def test_what_a_killed_run_left_is_not_put_into_another_axis(plants, tmp_path):
         held["values"]["rated_force"] += 1
         file.write_text(json.dumps(held))
         before = everything(axis.link)
-        with pytest.raises(InputError, match=r"they are of the axis .*'node_id': 7"):
+        with pytest.raises(InputError, match=r"got values of the axis .*'node_id': 7"):
             tune.Tuning(axis, order(plants), tmp_path).run("check")
         assert everything(axis.link) == before
     assert json.loads(file.read_text()) == held
@@ -640,7 +640,7 @@ def test_a_corrected_model_keeps_the_responses_and_another_axis_nothing(plants, 
             "run again"
         ]
         (designed / tune_folder.TUNE.name).write_text(json.dumps(before | {"serial_number": 99}))
-        with pytest.raises(InputError, match="the same axis, got another serial_number"):
+        with pytest.raises(InputError, match="this axis, got a folder with another serial_number"):
             tune.Tuning(axis, order(plants), designed)
 
 
@@ -797,7 +797,7 @@ def test_a_damaged_file_of_a_folder_is_one_line(plants, tmp_path):
     done = tuned(plants, folder)
     assert (done.returncode, done.stdout) == (2, "")
     (line,) = done.stderr.splitlines()
-    assert line.startswith("forceaxis: ") and "measure.json: expected JSON" in line
+    assert line.startswith("forceaxis: ") and "measure.json: expected a JSON file" in line
     assert "Traceback" not in done.stderr
 
 

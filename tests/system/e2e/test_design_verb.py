@@ -349,7 +349,7 @@ REFUSED = {
     "bits": (["laboratory", *OVER, "--adc-bits", "17"], "--adc-bits: expected 8 to 16, got 17"),
     "ms": (["laboratory", *OVER, "--ms", "1"], "--ms: expected a number above 1"),
     "no force": (["fig4_5", "--over", "m_r=10%"], "adc: expected one on channel 0"),
-    "no contact": (["CONTACTLESS", "--over", "m_r1=10%"], "contact: expected one"),
+    "no contact": (["CONTACTLESS", "--over", "m_r1=10%"], "contact: expected a model with"),
 }
 
 

@@ -279,7 +279,11 @@ def test_bin_covers_the_parameters(bench, elf):
 def test_a_short_bin_leaves_them(bench, tmp_path):
     path = converted(linked(tmp_path, code=0x08000400, more=0x08001400), "bin")
     assert bench.flash(path, "--yes", "--address", "0x08000000").returncode == 0
-    refused(bench.flash(path, "--yes", "--address", "0x0800c000"), 2, "vector table.*no byte there")
+    refused(
+        bench.flash(path, "--yes", "--address", "0x0800c000"),
+        2,
+        "vector table.*without bytes at this address",
+    )
     refused(bench.flash(path, "--yes", "--address", "0x20000000"), 2, "expected addresses 0x0800")
     refused(bench.flash(path, "--yes", "--address", "here"), 2, "address of 32 bits")
 
@@ -316,8 +320,8 @@ def test_it_asks(bench, elf):
 
 
 def test_without_a_terminal_it_does_not_ask(bench, elf):
-    refused(bench.flash(elf), 2, "expected --yes where there is no terminal")
-    refused(bench.flash(elf, "--json"), 2, "expected --yes where there is no terminal")
+    refused(bench.flash(elf), 2, "expected the option --yes")
+    refused(bench.flash(elf, "--json"), 2, "expected the option --yes")
     assert bench.calls() == []
 
 
@@ -343,10 +347,10 @@ def test_another_object_table_is_told(bench, elf, tmp_path):
         ("mute", "expected the identifier of the chip; last output: nothing", 1),
         ("program", "the chip could not be written", 2),
         ("verify", "the chip does not hold what was written", 2),
-        ("strange", "ended with status 3; last output: Error: the moon is full", 2),
+        ("strange", "expected exit status 0, got 3; last output: Error: the moon is full", 2),
         ("silent", "expected `Verified OK`; last output: shutdown", 2),
-        ("brownout", "expected brown-out reset at level 3.*read back 0fffaaed.*stays disabled", 2),
-        ("unread", "expected brown-out reset at level 3.*read back nothing", 2),
+        ("brownout", "expected brown-out reset at level 3.*got 0fffaaed.*stays disabled", 2),
+        ("unread", "expected brown-out reset at level 3.*got nothing", 2),
     ],
 )
 def test_failures_are_one_line(bench, elf, fails, text, calls):
@@ -369,23 +373,35 @@ def test_openocd_is_missing(bench, elf, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"flash": 0x08010000}, "vector table at 0x08000000, the file has no byte there"),
+        (
+            {"flash": 0x08010000},
+            "vector table at 0x08000000, got a file without bytes",
+        ),
         (
             {"more": 0x08080000},
-            "expected addresses of the flash memory, 0x08000000..0x0807ffff.*0x0800c000..0x0808000",
+            "expected only addresses of the flash memory, 0x08000000.*0x0800c000..0x0808000",
         ),
-        ({"more": 0x07FFFC00, "code": 0x07FFF000}, "expected addresses.*the file has 0x07fff000"),
-        ({"code": 0x20000000, "more": 0x20001000}, "expected addresses.*the file has 0x20000000"),
+        (
+            {"more": 0x07FFFC00, "code": 0x07FFF000},
+            "expected only addresses.*got bytes for 0x07fff000",
+        ),
+        (
+            {"code": 0x20000000, "more": 0x20001000},
+            "expected only addresses.*got bytes for 0x20000000",
+        ),
         ({"code": 0x08007FFC, "more": 0x0800C000}, "--erase-parameters: expected"),
         ({"code": 0x08000100, "more": 0x0800BFFC}, "--erase-parameters: expected"),
-        ({"stack": 0x20020004}, "with a stack in 0x20000000..0x2001ffff"),
-        ({"stack": 0x20000000}, "with a stack in"),
-        ({"stack": 0x2001FFFE}, "with a stack in"),
+        ({"stack": 0x20020004}, "with a stack pointer in 0x20000000..0x2001ffff"),
+        ({"stack": 0x20000000}, "with a stack pointer in"),
+        ({"stack": 0x2001FFFE}, "with a stack pointer in"),
         (
             {"board": "emulated"},
-            "expected an image for the board nucleo-f446re, this image is for emulated",
+            "expected an image for the board nucleo-f446re, got an image for the board emulated",
         ),
-        ({"kept": ".none"}, "expected one identity of a forceaxis image .FAXI., there is none"),
+        (
+            {"kept": ".none"},
+            "expected one identity block .FAXI. of a forceaxis image, got 0 identity blocks",
+        ),
     ],
 )
 def test_images_that_do_not_fit(bench, tmp_path, changes, text):
@@ -408,7 +424,7 @@ def test_a_start_outside_the_image(bench, tmp_path, elf):
         data[at + 4 : at + 8] = struct.pack("<I", reset)
         path = tmp_path / "start.elf"
         path.write_bytes(data)
-        refused(bench.flash(path, "--yes"), 2, f"a start in the image.*{reset:#010x}")
+        refused(bench.flash(path, "--yes"), 2, f"a reset address within the image.*{reset:#010x}")
 
 
 def test_two_identities(bench, tmp_path):
@@ -451,20 +467,28 @@ def test_other_machines(bench, tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "text"),
     [
-        ("none.elf", b"", "expected an ELF file"),
+        ("none.elf", b"", "expected a(n| complete) ELF file"),
         ("none.hex", b"", "expected an end record"),
-        ("none.bin", b"", "no byte for the flash"),
-        ("empty.hex", b":00000001FF\n", "no byte for the flash"),
-        ("text.elf", b"hello", "expected an ELF file"),
+        ("none.bin", b"", "without bytes for the flash"),
+        ("empty.hex", b":00000001FF\n", "without bytes for the flash"),
+        ("text.elf", b"hello", "expected a(n| complete) ELF file"),
         ("text.hex", b"hello", "hex:1: expected a record of Intel HEX"),
         ("text.bin", b"hello", "expected one identity"),
-        ("cut.elf", b"\x7fELF\x01\x01", "the file ends too early"),
-        ("elf.bin", b"\x7fELF\x01\x01", "the file is an ELF file"),
+        ("cut.elf", b"\x7fELF\x01\x01", "this file ends too early"),
+        ("elf.bin", b"\x7fELF\x01\x01", "got an ELF file"),
         ("sum.hex", b":0100000001FF\n", "hex:1: expected a record with a correct checksum"),
         ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got 7"),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
-        ("more.hex", b":00000001FF\n:00000001FF\n", "hex:2: expected no record after"),
-        ("twice.hex", b":0100000001FE\n:0100000001FE\n:00000001FF\n", "0x00000000 has two"),
+        (
+            "more.hex",
+            b":00000001FF\n:00000001FF\n",
+            "hex:2: expected the end record as the last record",
+        ),
+        (
+            "twice.hex",
+            b":0100000001FE\n:0100000001FE\n:00000001FF\n",
+            "got two bytes for the address 0x00000000",
+        ),
         ("a.txt", b"hello", "expected a file ending in .elf, .hex or .bin"),
     ],
 )
@@ -501,7 +525,7 @@ def test_names_and_options(bench, elf, tmp_path):
     refused(
         bench.flash(elf, "--yes", "--address", "0x08000000"),
         2,
-        "--address: expected with a .bin only",
+        "--address: expected this option only with a .bin file",
     )
     refused(bench.flash(elf, "--yes", "--serial", "a b"), 2, "--serial: expected letters")
     assert bench.calls() == []

@@ -72,8 +72,8 @@ def test_a_design_is_refused_where_the_fit_is(measured):
 @pytest.mark.parametrize(
     "words, text",
     [
-        (("bode", "--of", "loop"), "--of: expected without --measured"),
-        (("bode", "--output", "encoder"), "--output: expected without --measured"),
+        (("bode", "--of", "loop"), "--of: expected only without --measured"),
+        (("bode", "--output", "encoder"), "--output: expected only without --measured"),
         (("bode", "--measured", "free"), "expected responses between the same signals"),
         (("bode", "--measured", "nowhere"), "expected response.npz as forceaxis measure"),
     ],
@@ -88,4 +88,8 @@ def test_what_does_not_belong_to_it_is_one_line(measured, words, text):
 
 def test_a_prior_is_of_measured_responses(measured):
     done = verbs.forceaxis("design", measured[0], "--prior", "k_w=2e5")
-    assert (done.returncode, done.stderr) == (2, "forceaxis: --prior: expected with --measured\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        "forceaxis: --prior: expected --measured together with this option; add --measured or "
+        "remove --prior\n",
+    )

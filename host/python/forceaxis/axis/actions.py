@@ -223,8 +223,8 @@ def most_counts(axis: Drive, force_max: float | str | None) -> float | None:
         newton = FORCE_MAX_COUNTS * force_per_count(axis)
         raise ParameterError(
             "force_max",
-            f'expected up to {FORCE_MAX_COUNTS} force counts, or a force as "75 N" up to '
-            f"{newton:.6g} N, got {force_max}",
+            f'expected a force limit of at most {FORCE_MAX_COUNTS} force counts, or such as "75 '
+            f'N" up to {newton:.6g} N, got {force_max}',
         )
     return counts
 
@@ -367,14 +367,14 @@ def _force_bound(axis: Drive, counts: float, force_max: float | str | None) -> f
     most = most_counts(axis, force_max)
     newton, own = force_per_count(axis), axis.read("force_max")
     for limit, by, remedy in (
-        (most, "`force_max`", "give a larger one"),
-        (own or None, "force_max (201Dh) of the axis", "raise it, or ask for less"),
+        (most, "`force_max`", "give a larger `force_max`"),
+        (own or None, "force_max (201Dh) of the axis", "raise force_max, or give a smaller force"),
     ):
         if limit is not None and limit <= counts:
             raise ParameterError(
                 "press",
-                f"expected less than {limit * newton:.6g} N ({limit:g} force counts), where "
-                f"{by} disables it, got {counts * newton:.6g} N; {remedy}",
+                f"expected a force below {limit * newton:.6g} N ({limit:g} force counts), at "
+                f"which {by} disables the axis, got {counts * newton:.6g} N; {remedy}",
             )
     return most or min(2 * counts + MOVE_COUNTS / 4, FORCE_MAX_COUNTS)
 

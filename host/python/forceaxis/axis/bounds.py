@@ -131,16 +131,16 @@ def expect_readable(
     exceeds force_max. `swing`: range of the force from peak to peak, relative to the force."""
     reading, force_max = of_reading(PlannedValues(axis, {})), axis.read("force_max")
     for counts, by in (
-        (reading.most if reading else math.inf, "the end of the reading's range"),
+        (reading.most if reading else math.inf, "the end of the range of the measured force"),
         (force_max or math.inf, _object("force_max")),
     ):
         most = counts * newton_per_count / (1 + swing / 2)
         if force_N > most:
             raise ParameterError(
                 "force",
-                f"expected at most {most:.6g} N, whose swing while it is excited stays "
-                f"within {counts * newton_per_count:.6g} N, {by}, got {force_N:g} N; ask for less, "
-                "raise that bound or fit a sensor of a larger range",
+                f"expected a force of at most {most:.6g} N, so that force and excitation together "
+                f"stay below {counts * newton_per_count:.6g} N, {by}, got {force_N:g} N; give a "
+                "smaller force, raise force_max or use a sensor with a larger range",
             )
 
 
@@ -169,8 +169,8 @@ def of_reading(planned: PlannedValues) -> Bound | None:
     return Bound(
         -math.inf if low == zero else ends[low] + code,
         math.inf if high == zero else ends[high] - code,
-        f"the end of the reading's range (adc_bits {bits}, force_zero_code {zero}, force_tare "
-        f"{tare:g} count)",
+        f"the end of the range of the measured force (adc_bits {bits}, force_zero_code {zero}, "
+        f"force_tare {tare:g} count)",
         "ask for less, or fit a sensor of a larger range and set force_scale",
     )
 

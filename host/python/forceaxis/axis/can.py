@@ -65,8 +65,8 @@ def libraries() -> tuple[Any, Any]:
     except ImportError:
         raise ParameterError(
             "can",
-            "expected python-canopen and python-can; install them with "
-            "`pip install 'forceaxis[can]'`",
+            "expected the packages python-canopen and python-can; install both packages with `pip "
+            "install 'forceaxis[can]'`",
         ) from None
     # log messages of the libraries are suppressed, because a verb prints an error on one line
     for library in ("can", "canopen"):

@@ -108,7 +108,8 @@ class Drive(AxisValues):
         for name in values:
             if known_object(name).access == "ro":
                 raise InputError(
-                    f"{name}: expected an object that can be written, this object is read-only"
+                    f"{name}: expected an object that can be written, got a read-only object; "
+                    "choose another object"
                 )
         raw = quantity.all_raw(self, values)
         bounds.expect_raw(self, raw)

@@ -101,7 +101,8 @@ class Link(abc.ABC):
         encoder = plant_facts.read(str(model)).encoder
         if encoder is None:
             raise InputError(
-                f"{model}: expected a model with an [encoder], there is none; choose another model"
+                f"{model}: expected a model with an [encoder], got a model without an encoder; "
+                "choose another model"
             )
         self.counts_per_metre = abs(encoder.scale)
 

@@ -41,13 +41,15 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
     if tcp is None and serial is None:
         raise ParameterError(
             "modbus",
-            f"{url}: expected tcp://HOST[:PORT], or a serial device as /dev/ttyUSB0[:BAUD]",
+            f"{url}: expected tcp://HOST[:PORT], or a serial device such as /dev/ttyUSB0[:BAUD]",
         )
     try:
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
     except ImportError:
         raise ParameterError(
-            "modbus", "expected pymodbus; install it with `pip install 'forceaxis[modbus]'`"
+            "modbus",
+            "expected the package pymodbus; install pymodbus with `pip install "
+            "'forceaxis[modbus]'`",
         ) from None
     logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
     made: list[Any] = []
@@ -66,7 +68,9 @@ def client(url: str, timeout_s: float = 1.0) -> Any:
             if one.connect():
                 return one
         except (OSError, ValueError) as error:
-            raise ParameterError("modbus", f"{url}: expected to open it, {error}") from None
+            raise ParameterError(
+                "modbus", f"{url}: expected a connection that can be opened, got: {error}"
+            ) from None
     what = "a Modbus server here, none answered" if tcp else "a serial device that can be opened"
     raise NoAnswer(f"{url}: expected {what}")
 

@@ -217,23 +217,30 @@ def _pop_header(path: Path | str, tables: dict[str, toml.TomlValue]) -> Header:
     about, described = tables.pop("about", {}), tables.pop("objects", {})
     if not isinstance(about, dict):
         raise InputError(
-            f"{path}: expected a table [about], as `forceaxis axis params dump` writes it"
+            f"{path}: expected a file with a table [about]; `forceaxis axis params dump` writes "
+            "such a file"
         )
     if not isinstance(described, dict):
         raise InputError(
-            f"{path}: expected a table [objects], as `forceaxis axis params dump` writes it"
+            f"{path}: expected a file with a table [objects]; `forceaxis axis params dump` writes "
+            "such a file"
         )
     if about.get("format", FILE_FORMAT) != FILE_FORMAT:
         raise InputError(
-            f"{path}: about.format: expected {FILE_FORMAT}; use a newer version of forceaxis "
-            "for this file"
+            f"{path}: about.format: expected the file format {FILE_FORMAT}, got another format; "
+            "read this file with a newer version of forceaxis"
         )
     others, without = about.get("others"), about.get("without", [])
     if others not in (None, "defaults"):
-        raise InputError(f'{path}: about.others: expected "defaults" or no such key, got {others}')
+        raise InputError(
+            f'{path}: about.others: expected the text "defaults", got {others}; correct the text '
+            "or remove this key"
+        )
     names = [name for name in without if isinstance(name, str)] if isinstance(without, list) else []
     if names != without:
-        raise InputError(f"{path}: about.without: expected a list of names, got {without}")
+        raise InputError(
+            f"{path}: about.without: expected a list of names of objects, got {without}"
+        )
     return Header(str(about.get("object_table", "")), others is not None, names, described)
 
 
@@ -244,8 +251,8 @@ def _file_entries(
     for group, table in tables.items():
         if not isinstance(table, dict):
             raise InputError(
-                f"{path}: {group}: expected this object in a table such as [axis]; move it into "
-                "a table"
+                f"{path}: {group}: expected the object {group} in a table such as [axis]; move "
+                "this line into a table"
             )
         yield from table.items()
 
@@ -271,14 +278,16 @@ def read(path: Path | str, node_id: int, skip: Collection[str] = ()) -> Paramete
                 _expect_same(known, header.objects.get(key))
                 if known.name in values:
                     raise InputError(
-                        f"{known.name}: expected each object once, this object occurs twice; "
-                        "remove one of its values"
+                        f"{known.name}: expected each object once, but this object occurs twice; "
+                        "remove one of the two lines"
                     )
                 values[known.name] = raw_value(known, value, node_id)
         except InputError as error:
             problems.append(str(error))
     if unknown := set(skip) - skipped:
-        raise ParameterError("skip", f"{', '.join(sorted(unknown))}: expected names of {path}")
+        raise ParameterError(
+            "skip", f"{', '.join(sorted(unknown))}: expected names of objects that occur in {path}"
+        )
     if problems:
         raise _disagreement(path, header, problems)
     left_out = {*header.without, *skip, *values}
@@ -296,7 +305,10 @@ def _disagreement(path: Path | str, header: Header, problems: Sequence[str]) -> 
     theirs, ours = header.object_table, table_hash()
     where = f", which is of object table {theirs}, this one is {ours}"
     other_table = where if theirs not in ("", ours) else ""
-    return InputError(f"{path}{other_table}: {'; '.join(problems)}; correct it or skip it")
+    return InputError(
+        f"{path}{other_table}: {'; '.join(problems)}; correct the values of these objects, or "
+        "read the file without these objects (`--skip NAME`)"
+    )
 
 
 def table_hash() -> str:
@@ -309,8 +321,8 @@ def raw_value(known: AxisObject, value: toml.TomlValue, node_id: int) -> int:
     if isinstance(value, str) and (match := COB_ID_PATTERN.fullmatch(value)):
         if not known.node_id:
             raise InputError(
-                f"{known.name}: expected a number; only an object for a COB-ID can depend on the "
-                "node id"
+                f"{known.name}: expected a number, got a value that depends on the node id; only "
+                "the value of a COB-ID can depend on the node id"
             )
         return to_raw(known.name, int(match[1], 16) + node_id)
     names = texts(known)
@@ -335,19 +347,23 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
     if key in ARRAYS:
         elements = ARRAYS[key]
         if not isinstance(given, list) or len(given) != len(elements):
-            raise InputError(f"{key}: expected a list of {len(elements)} values, got {given}")
+            raise InputError(
+                f"{key}: expected a list of {len(elements)} values, one per sub-index, got {given}"
+            )
         return list(zip(elements, given, strict=True))
     if key in IDENTITY:
         raise InputError(
-            f"{key}: expected no node id or bit rate in a file, because they belong to one axis; "
-            "set them by `forceaxis axis set`"
+            f"{key}: expected a file without node id and bit rate, because each axis has its own "
+            "values of these objects; remove this line and use `forceaxis axis set`"
         )
     if key in objects.BY_NAME:
         raise InputError(
-            f"{key}: expected a parameter that the axis can store; remove this object from the file"
+            f"{key}: expected a parameter that the axis can store, got an object that is not a "
+            "parameter; remove this object from the file"
         )
     raise InputError(
-        f"{key}: expected the name of an object of this firmware, there is none of this name"
+        f"{key}: expected the name of an object of this firmware, got an unknown name; correct "
+        "the name or remove this line"
     )
 
 
@@ -358,7 +374,10 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
     if described is None:
         return
     if not isinstance(described, dict):
-        raise InputError(f"{known.name}: expected a table that describes this object in [objects]")
+        raise InputError(
+            f"{known.name}: expected a table with the type of this object in [objects], got "
+            "another value"
+        )
     ours = to_json(signature(known))
     least = _described_bound(known, described, "min", known.min)
     most = _described_bound(known, described, "max", known.max)
@@ -367,7 +386,10 @@ def _expect_same(known: AxisObject, described: toml.TomlValue | None) -> None:
         differing = [k for k in {**ours, **described} if described.get(k) != ours.get(k)]
         there = ", ".join(f"{k} {described.get(k)}" for k in differing)
         here = ", ".join(f"{k} {ours.get(k)}" for k in differing)
-        raise InputError(f"{known.name}: expected {here} as in this table, the file has {there}")
+        raise InputError(
+            f"{known.name}: expected {here} in [objects], as in this version of forceaxis, got "
+            f"{there}"
+        )
 
 
 def _described_bound(
@@ -377,5 +399,7 @@ def _described_bound(
     `ours`. Raises InputError."""
     value = described.get(bound, ours)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{known.name}: expected a number as {bound} in [objects], got {value}")
+        raise InputError(
+            f"{known.name}: expected a number as `{bound}` of this object in [objects], got {value}"
+        )
     return value

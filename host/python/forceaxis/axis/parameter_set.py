@@ -209,8 +209,8 @@ def _put_back(axis: Drive, before: Mapping[str, int], reason: BaseException) -> 
         write(axis, {n: raw for n, raw in before.items() if now[n] != raw}, now)
     except (Refused, NoAnswer) as error:
         raise Refused(
-            f"{str(reason) or 'interrupted'}; and what it had before could not be put back "
-            f"({error}): switch the axis off and on, which loads what it has stored"
+            f"{str(reason) or 'interrupted'}; the earlier values could not be restored ({error}): "
+            "switch the axis off and on, so that the axis loads its stored values"
         ) from None
 
 
@@ -219,7 +219,9 @@ def _expect_written(axis: Drive, wanted: Mapping[str, int]) -> None:
     for name, raw in wanted.items():
         if found[name] != raw:
             row = Difference(name, found[name], raw).shown()
-            raise Refused(f"{name}: expected {row.file} to be read back, it is {row.axis}")
+            raise Refused(
+                f"{name}: expected the axis to return the written value {row.file}, got {row.axis}"
+            )
 
 
 def _parked(changes: Mapping[str, int], present: Mapping[str, int]) -> dict[str, int]:
@@ -284,7 +286,10 @@ def _explained(axis: Drive, name: str, raw: int) -> str:
     known = BY_NAME[name]
     unit = "" if known.unit == "1" else f" {known.unit}"
     state = f"bank_state_{raw}"
-    words = f"expected the axis to take {name} = {shown(known, raw)}{unit} beside the others"
+    words = (
+        f"expected the axis to accept {name} = {shown(known, raw)}{unit} together with its other "
+        "values"
+    )
     if name == "force_bank" and raw and axis.link.reaches(state):
         words += f", the bank is {axis.read(state).replace('_', ' ')}"
     return words

@@ -172,7 +172,7 @@ def parse(axis: AxisValues, name: str, text: str) -> Value:
         also = f" or {scale[0]}"
     elif _is_length(known):
         why = UNKNOWN_COUNT_SIZE
-    raise InputError(f"{name}: expected a value in {known.unit}{also}, got {text}{why}")
+    raise InputError(f"{name}: expected a value with the unit {known.unit}{also}, got {text}{why}")
 
 
 def all_raw(axis: AxisValues, values: Mapping[str, Value]) -> dict[str, int]:
@@ -215,7 +215,9 @@ def expect_written(option: str, text: str | None, example: str) -> None:
     """Raises InputError for a text that is neither a number nor a quantity. This check needs no
     axis."""
     if text is not None and NUMBER_WITH_UNIT.fullmatch(text) is None:
-        raise InputError(f'{option}: expected a number or a quantity as "{example}", got {text}')
+        raise InputError(
+            f'{option}: expected a number or a quantity such as "{example}", got {text}'
+        )
 
 
 def force(text: str | float) -> Force:
@@ -229,7 +231,9 @@ def force(text: str | float) -> Force:
         value = _core.quantity_in(f"{digits} {unit}", "N")
         if value is not None:
             return Force(value, newton=True)
-    raise InputError(f'{text}: expected a force as "75 N", or force counts as 30')
+    raise InputError(
+        f'{text}: expected a force such as "75 N", or a number of force counts such as 30'
+    )
 
 
 def shown(axis: AxisValues, name: str, value: float) -> str:
@@ -265,7 +269,9 @@ def trigger(axis: AxisValues, text: str) -> dict[str, Value]:
         return {"trigger_edge": text}
     if len(words) != 3 or words[1] not in ("rising", "falling", "either"):
         raise ParameterError(
-            "trigger", f'{text}: expected "NAME rising|falling|either LEVEL" or excitation_start'
+            "trigger",
+            f'{text}: expected a trigger as "NAME rising|falling|either LEVEL", or '
+            "excitation_start",
         )
     name, edge, level = words
     return trigger_on(name, number(axis, name, level), edge)

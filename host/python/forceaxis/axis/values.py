@@ -34,7 +34,8 @@ def known_object(name: str) -> AxisObject:
     known = object_named(name)
     if known is None:
         raise InputError(
-            f"{name}: expected the name of an object; `forceaxis objects` lists the names"
+            f"{name}: expected the name of an object, got an unknown name; `forceaxis objects` "
+            "lists the names"
         )
     return known
 

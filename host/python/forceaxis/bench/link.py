@@ -85,7 +85,10 @@ def raw_rate(kind: str, where: str) -> float:
     name = "link_pingpong_" + ("lcm" if kind == "lcm" else "can")
     program = paths.SIM.parent / "build" / "release" / "tests" / "bench" / name
     if not program.is_file():
-        raise link.LinkError(f"{paths.display(program)}: not found; tools/setup --tests builds it")
+        raise link.LinkError(
+            f"{paths.display(program)}: expected this program, got no such file; `tools/setup "
+            "--tests` builds the program"
+        )
     with _running(program, "pong", where):
         text = _output(program, "ping", where, str(ROUND_TRIPS))
     if text is None:
@@ -102,11 +105,15 @@ def lock_step(kind: str, axes: int) -> PlantReport:
         plant_text = _output(link.program("plant_node"), *common)
         axis_text, _ = axis.communicate(timeout=TIME_LIMIT_S)
     if plant_text is None or axis.returncode:
-        raise link.LinkError(f"lock-step over {kind}: plant_node or axis_node failed")
+        raise link.LinkError(
+            f"lock-step over {kind}: expected exit status 0 of plant_node and axis_node, but one "
+            "of these programs failed"
+        )
     report = read_plant_report(plant_text)
     if report.trace_hashes != read_axis_report(axis_text).trace_hashes:
         raise link.LinkError(
-            f"lock-step over {kind}: plant and firmware have different trace hashes"
+            f"lock-step over {kind}: expected equal trace hashes of plant and firmware, got "
+            "different hashes"
         )
     return report
 

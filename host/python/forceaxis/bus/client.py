@@ -72,8 +72,8 @@ def object_named(name: str) -> AxisObject | None:
         return None
     if name not in BY_NAME:
         raise InputError(
-            f"{name}: expected an object of `forceaxis objects`, or 0xINDEX[:SUB]"
-            f"{suggestion(name, BY_NAME)}"
+            f"{name}: expected the name of an object, or 0xINDEX[:SUB], got an unknown name; "
+            f"`forceaxis objects` lists the names{suggestion(name, BY_NAME)}"
         )
     return BY_NAME[name]
 
@@ -124,8 +124,7 @@ class AxisClient(Closable):
     ) -> None:
         if axis not in AXES:
             raise InputError(
-                f"axis: expected the number of an axis from {AXES.start} to {AXES.stop - 1}, got "
-                f"{axis}"
+                f"axis: expected an axis number from {AXES.start} to {AXES.stop - 1}, got {axis}"
             )
         self.axis, self.timeout_s, self.retry_s = axis, timeout_s, retry_s
         self.gaps: dict[str, Gaps] = {}
@@ -198,7 +197,10 @@ class AxisClient(Closable):
             raise InputError(f"capture: expected 1 to 8 signals, got {len(signals)}")
         for name in signals:
             if object_named(name) is None:
-                raise InputError(f"{name}: expected the name of an object that can be recorded")
+                raise InputError(
+                    f"{name}: expected the name of an object that can be recorded; choose another "
+                    "object"
+                )
         wanted = {"length": samples, **settings}
         items = [(f"recorder_{n}", to_raw(f"recorder_{n}", v)) for n, v in wanted.items()]
         self._command(axis_command_t.KIND_CAPTURE, items, signals)

@@ -154,8 +154,9 @@ def _expect_route(url: str) -> None:
             probe.connect((match[1], int(match[2] or 7667)))
         except OSError as error:
             raise InputError(
-                f"{url}: expected a multicast route, {error.strerror}; give this machine one with "
-                "`ip link set lo up; ip route add 224.0.0.0/4 dev lo` (as root)"
+                f"{url}: expected a multicast route on this machine, got: {error.strerror}; add a "
+                "multicast route with `ip link set lo up; ip route add 224.0.0.0/4 dev lo` (as "
+                "root)"
             ) from None
 
 

@@ -101,8 +101,8 @@ class LogWriter:
             self._file = path.open("xb")
         except FileExistsError:
             raise InputError(
-                f"{paths.display(path)}: expected the name of a new file, this file exists; "
-                "choose another name"
+                f"{paths.display(path)}: expected the name of a new file, but this file already "
+                "exists; choose another name"
             ) from None
         self._flushed = time.monotonic()
 
@@ -202,7 +202,10 @@ def expect_messages(reader: LogReader) -> None:
 
 def no_messages(reader: LogReader) -> InputError:
     """Returns the error for a log that contains no message."""
-    return InputError(f"{paths.display(reader.path)}: expected an LCM log with messages")
+    return InputError(
+        f"{paths.display(reader.path)}: expected an LCM log with at least one message, got a log "
+        "without messages; choose another file"
+    )
 
 
 def info(path: Path) -> LogSummary:

@@ -177,7 +177,8 @@ def serve(settings: MonitorSettings, host: str, port: int, ready: Callable[[str]
     except OSError as error:
         reason = error.strerror or str(error)
         raise AddressError(
-            f"expected an address of this machine and a port that is free: {reason}"
+            f"expected an address of this machine and a free port, got: {reason}; choose another "
+            "--host or --port"
         ) from None
 
 

@@ -117,7 +117,7 @@ class ReplaySource:
     def record(self, path: Path) -> None:
         """Raises InputError, because the messages of a replay already are in a log."""
         raise InputError(
-            "expected a live bus to record; the messages of a replay are in a log already"
+            "expected a live bus to record, got the replay of a log; copy this log instead"
         )
 
     def stop_recording(self) -> LogWriter | None:

@@ -186,7 +186,7 @@ def _read_value(where: str, value: Any, kind: Any) -> Any:
     if kind is range:
         numbers = _read_value(where, value, list[int])
         if len(numbers) != 2:
-            raise BoardError(f"{where}: expected an address and a number of bytes")
+            raise BoardError(f"{where}: expected two values, an address and a number of bytes")
         return range(numbers[0], sum(numbers))
     if typing.get_origin(kind) is list:
         if not isinstance(value, list):
@@ -230,13 +230,16 @@ def read(folder: Path | str) -> Board:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError:
-        raise BoardError(f"{path}: expected the description of a board, there is none") from None
+        raise BoardError(
+            f"{path}: expected a file with the description of a board, got no such file"
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BoardError(f"{path}: expected TOML; {error}") from None
     board: Board = _read_table(str(path), table, Board, folder=path.parent)
     if sum(board.memory.sectors) != len(board.memory.flash):
         raise BoardError(
-            f"{path}: memory: sectors: expected {len(board.memory.flash)} bytes in all"
+            f"{path}: memory: sectors: expected sectors with a total size of "
+            f"{len(board.memory.flash)} bytes, the size of the flash memory"
         )
     return board
 

@@ -36,7 +36,8 @@ def emulated_image(board: boards.Board) -> boards.EmulatedImage:
     emulator."""
     if board.emulator is None:
         raise InputError(
-            f"{board.name}: expected a board that has an emulator; choose another board"
+            f"{board.name}: expected a board with an emulator, got a board without an emulator; "
+            "choose another board"
         )
     return board.emulator
 
@@ -58,13 +59,13 @@ def command(
     emulator = emulated_image(board)
     if not image.is_file():
         raise InputError(
-            f"{paths.display(image)}: expected an image of the firmware, there is no such file; "
-            "`tools/image --emulated` builds it"
+            f"{paths.display(image)}: expected a firmware image, got no such file; `tools/image "
+            "--emulated` builds the image"
         )
     if shutil.which(emulator.program) is None:
         raise InputError(
-            f"{emulator.program}: expected this program on PATH; install it with `apt install "
-            f"{emulator.package}`"
+            f"{emulator.program}: expected this program in a folder of PATH; install the program "
+            f"with `apt install {emulator.package}`"
         )
     serial = [w for line in emulator.serial_lines for w in ("-serial", lines.get(line, "null"))]
     words = "".join(f",arg={word}" for word in arguments)

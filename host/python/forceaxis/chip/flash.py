@@ -80,7 +80,8 @@ def board_of(image: images.Image, identity: images.Identity) -> tuple[boards.Boa
             return board, probe
     names = ", ".join(board.released.identity for board, _ in flashable)
     raise InputError(
-        f"{image.path}: expected an image for the board {names}, this image is for {identity.board}"
+        f"{image.path}: expected an image for the board {names}, got an image for the board "
+        f"{identity.board}"
     )
 
 
@@ -98,13 +99,14 @@ def plan(
     for s in image.segments:
         if s.address not in flash or s.end > flash.stop:
             raise InputError(
-                f"{path}: expected addresses of the flash memory, {span(flash)}, the file has "
-                f"{span(range(s.address, s.end))}"
+                f"{path}: expected only addresses of the flash memory, {span(flash)}, got bytes "
+                f"for {span(range(s.address, s.end))}"
             )
     stack, reset = image.word(flash.start), image.word(flash.start + 4)
     if stack is None or reset is None:
         raise InputError(
-            f"{path}: expected a vector table at {flash.start:#010x}, the file has no byte there"
+            f"{path}: expected a vector table at {flash.start:#010x}, got a file without bytes at "
+            "this address"
         )
     if (
         stack % 4
@@ -113,21 +115,27 @@ def plan(
         or not image.has_byte(reset - 1)
     ):
         raise InputError(
-            f"{path}: expected a vector table at {flash.start:#010x} with a stack in "
-            f"{span(ram)} and a start in the image, got {stack:#010x} and {reset:#010x}"
+            f"{path}: expected a vector table at {flash.start:#010x} with a stack pointer in "
+            f"{span(ram)} and a reset address within the image, got {stack:#010x} and "
+            f"{reset:#010x}"
         )
     if not erase_parameters and any(overlaps(s, parameters) for s in image.segments):
         hint = "; a .hex or .elf may leave them out" if image.kind == "bin" else ""
         raise ParameterError(
             "erase_parameters",
-            f"expected for {path}, which would write over the stored parameters "
-            f"{span(parameters)}{hint}",
+            f"expected this option, because {path} overwrites the flash memory of the stored "
+            f"parameters, {span(parameters)}{hint}",
         )
     # Between braces, the language Tcl of openocd gives no character a special meaning.
     if re.search(r"[{}\\\x00-\x1f]", str(path)):
-        raise InputError("expected a file name without { } \\ and control characters, for openocd")
+        raise InputError(
+            "expected a file name without the characters { } \\ and without control characters, "
+            "which openocd does not accept; rename the file"
+        )
     if not re.fullmatch(r"[0-9A-Za-z]*", serial):
-        raise ParameterError("serial", f"expected letters and digits, got {serial}")
+        raise ParameterError(
+            "serial", f"expected a serial number of letters and digits, got {serial}"
+        )
     sectors = [
         n
         for n, sector in enumerate(sectors_of(board))
@@ -239,15 +247,16 @@ def expect_options(plan: Plan, output: str) -> None:
     found = re.search(r"^options ([0-9a-f]{8})\s*$", output, re.M)
     if found is None or int(found.group(1), 16) & options.mask != options.value:
         raise FlashError(
-            f"openocd: expected {options.title}, read back "
-            f"{found.group(1) if found else 'nothing'}; the axis stays disabled, write it again"
+            f"openocd: expected {options.title}, got {found.group(1) if found else 'nothing'} "
+            "when reading back; the axis stays disabled, write the option bytes again"
         )
 
 
 def expect_openocd() -> None:
     if shutil.which("openocd") is None:
         raise InputError(
-            "openocd: expected this program on PATH; install it with `apt install openocd`"
+            "openocd: expected this program in a folder of PATH; install openocd with `apt "
+            "install openocd`"
         )
 
 
@@ -270,8 +279,8 @@ def find_probe(plan: Plan) -> tuple[str, str]:
     idcode = int(device.group(1), 16)
     if idcode & 0xFFF != probe.chip_id:
         raise FlashError(
-            f"expected an {probe.chip} ({probe.chip_id:#x}) at the {probe.title}, this chip says "
-            f"{idcode & 0xFFF:#x}"
+            f"expected the chip {probe.chip} (identifier {probe.chip_id:#x}) at the "
+            f"{probe.title}, got the identifier {idcode & 0xFFF:#x}"
         )
     version = re.search(probe.version, output)
     supply = re.search(r"Target voltage: ([\d.]+)", output)
@@ -305,7 +314,9 @@ def run(probe: boards.Probe, words: Sequence[str]) -> str:
     for pattern, meaning in FAILURES:
         if re.search(pattern, done.stdout):
             raise FlashError("openocd: " + meaning.format(probe=probe.title))
-    raise FlashError(f"openocd: ended with status {done.returncode}; {last_line(done.stdout)}")
+    raise FlashError(
+        f"openocd: expected exit status 0, got {done.returncode}; {last_line(done.stdout)}"
+    )
 
 
 def last_line(output: str) -> str:

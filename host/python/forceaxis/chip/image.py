@@ -83,22 +83,26 @@ def load(path: Path | str, address: int | None = None) -> Image:
     if kind not in READERS:
         raise InputError(f"{path}: expected a file ending in .elf, .hex or .bin")
     if address is not None and kind != "bin":
-        raise ParameterError("address", f"expected with a .bin only; {path} has its own addresses")
+        raise ParameterError(
+            "address",
+            f"expected this option only with a .bin file, because {path} contains addresses; "
+            "remove the option",
+        )
     if path.stat().st_size > BYTES_MAX:
         raise InputError(
-            f"{path}: expected an image of less than {BYTES_MAX} bytes, the file is larger"
+            f"{path}: expected an image of less than {BYTES_MAX} bytes, got a larger file"
         )
     data = path.read_bytes()
     if kind == "bin":
         address = address or 0
         if data.startswith(b"\x7fELF"):  # without this check openocd would read the file as ELF
             raise InputError(
-                f"{path}: expected a binary image, the file is an ELF file; rename it to .elf"
+                f"{path}: expected a binary image, got an ELF file; rename the file to .elf"
             )
     segments = READERS[kind](path, data, address)
     if not segments:
         raise InputError(
-            f"{path}: expected an image of the firmware, the file has no byte for the flash memory"
+            f"{path}: expected a firmware image, got a file without bytes for the flash memory"
         )
     return Image(path, kind, address, joined(path, segments))
 
@@ -111,7 +115,8 @@ def joined(path: Path, segments: list[Segment]) -> tuple[Segment, ...]:
         end = runs[-1][-1].end if runs else -1
         if s.address < end:
             raise InputError(
-                f"{path}: expected each byte once, the address {s.address:#010x} has two"
+                f"{path}: expected at most one byte per address, got two bytes for the address "
+                f"{s.address:#010x}"
             )
         if s.address == end:
             runs[-1].append(s)
@@ -136,10 +141,10 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
         if (bits, order, machine) != (1, 1, ARM_MACHINE):
             raise InputError(
                 f"{path}: expected an image for 32-bit little-endian ARM (machine {ARM_MACHINE}), "
-                f"this is {32 * bits} bits, machine {machine}"
+                f"got an image for {32 * bits} bits, machine {machine}"
             )
         if kind != LINKED_TYPE:
-            raise InputError(f"{path}: expected a linked image, this is ELF type {kind}")
+            raise InputError(f"{path}: expected a linked image (ELF type 2), got ELF type {kind}")
         (table,) = struct.unpack_from("<I", data, 28)
         entry_bytes, entries = struct.unpack_from("<HH", data, 42)
         segments = []
@@ -151,11 +156,14 @@ def read_elf(path: Path, data: bytes, _address: int | None) -> list[Segment]:
                 continue
             if offset + count > len(data):
                 raise InputError(
-                    f"{path}: expected at least {offset + count} bytes, the file has {len(data)}"
+                    f"{path}: expected a file of at least {offset + count} bytes, got {len(data)} "
+                    "bytes; the file is damaged"
                 )
             segments.append(Segment(physical, data[offset : offset + count]))
     except (struct.error, IndexError):
-        raise InputError(f"{path}: expected an ELF file, the file ends too early") from None
+        raise InputError(
+            f"{path}: expected a complete ELF file, but this file ends too early"
+        ) from None
     return segments
 
 
@@ -180,7 +188,7 @@ def hex_record(where: str, line: bytes) -> HexRecord:
     except ValueError:
         record = b""
     if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
-        raise InputError(f"{where}: expected a record of Intel HEX")
+        raise InputError(f"{where}: expected a record of Intel HEX, such as :00000001FF")
     if sum(record) % 256:
         raise InputError(f"{where}: expected a record with a correct checksum; the file is damaged")
     return HexRecord(int.from_bytes(record[1:3], "big"), record[3], record[4:-1])
@@ -196,7 +204,9 @@ def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
             continue
         where = f"{path}:{number}"
         if ended:
-            raise InputError(f"{where}: expected no record after the end record")
+            raise InputError(
+                f"{where}: expected the end record as the last record, got a further record"
+            )
         at, kind, content = hex_record(where, line)
         if kind == DATA_RECORD:
             segments += [Segment(base + at, content)] if content else []
@@ -205,9 +215,9 @@ def read_hex(path: Path, data: bytes, _address: int | None) -> list[Segment]:
         elif kind in (SEGMENT_RECORD, LINEAR_RECORD) and len(content) == 2:
             base = int.from_bytes(content, "big") << (4 if kind == SEGMENT_RECORD else 16)
         elif kind not in START_RECORDS:
-            raise InputError(f"{where}: expected a record of type 0 to 5, got {kind}")
+            raise InputError(f"{where}: expected a record of type 0 to 5, got type {kind}")
     if not ended:
-        raise InputError(f"{path}: expected an end record, the file ends before it")
+        raise InputError(f"{path}: expected an end record, but the file ends without an end record")
     return segments
 
 
@@ -230,8 +240,8 @@ def identity(image: Image) -> Identity:
                 found.append(Identity(text(version), text(git), f"{table_hash:08x}", text(board)))
     if len(found) != 1:
         raise InputError(
-            f"{image.path}: expected one identity of a forceaxis image (FAXI), "
-            f"there {'is none' if not found else f'are {len(found)}'}"
+            f"{image.path}: expected one identity block (FAXI) of a forceaxis image, got "
+            f"{len(found)} identity blocks"
         )
     return found[0]
 

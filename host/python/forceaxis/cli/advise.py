@@ -111,7 +111,7 @@ def advise(
 
     check_drawing(out)
     if simulate and linear:
-        raise click.UsageError("expected --simulate or --linear, got both")
+        raise click.UsageError("expected either --simulate or --linear, got both options")
     runs = "all" if simulate else "none" if linear else "present"
     order = design.AdviceOrder(
         model, models.overrides(overrides), timing, factor, runs, threads, over, modes,
@@ -200,7 +200,9 @@ def compliance(
 
     check_drawing(out)
     if (lowest is None) != (highest is None):
-        raise click.UsageError("expected --from and --to together, got one of them")
+        raise click.UsageError(
+            "expected both --from and --to, got one of these options; give both options or none"
+        )
     span = None if lowest is None or highest is None else (lowest, highest)
     order = soft.ComplianceOrder(
         model, element, models.overrides(overrides), over or None, span, points, adc_bits, threads,

@@ -85,7 +85,7 @@ def assignments(words: Sequence[str]) -> dict[str, str]:
     for word in words:
         name, equals, value = word.partition("=")
         if not (name and equals and value):
-            raise InputError(f"{word}: expected NAME=VALUE")
+            raise InputError(f"{word}: expected NAME=VALUE, such as force_gain=7")
     return dict(word.split("=", 1) for word in words)
 
 
@@ -147,7 +147,7 @@ def scanned(connection: AxisConnection) -> list[ScannedAxis]:
 
     given = [bus for bus in (connection.can, connection.modbus, connection.sim) if bus is not None]
     if len(given) > 1 or connection.axis is not None:
-        raise InputError("expected one bus, selected by --lcm-url URL, --can, --modbus or --sim")
+        raise InputError("expected one connection: --lcm-url URL, --can, --modbus or --sim")
     if connection.can is not None:
         return list(scan.on_can(connection.can))
     if connection.modbus is not None:

@@ -82,7 +82,10 @@ def point(text: str) -> tuple[float, float]:
         count, newton = text.split(",")
         return float(count), float(newton)
     except ValueError:
-        raise InputError(f"--point {text}: expected COUNT,N as 20.4,50") from None
+        raise InputError(
+            f"--point {text}: expected COUNT,N, a measured force in counts and a reference force "
+            "in N, such as 20.4,50"
+        ) from None
 
 
 def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
@@ -97,7 +100,7 @@ def asked(axis: Axis, most: int) -> Iterator[tuple[float, float]]:
         try:
             newton = float(text)
         except ValueError:
-            raise InputError(f"{text}: expected a force in N") from None
+            raise InputError(f"{text}: expected a number, a force in N") from None
         count = actions.reading(axis)
         click.echo(f"{count:.5g} force counts = {newton:g} N")
         yield count, newton

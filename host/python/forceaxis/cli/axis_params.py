@@ -193,7 +193,8 @@ def restore(yes: bool, connection: AxisConnection, as_json: bool) -> None:
     if not yes:
         if not sys.stdin.isatty():
             raise InputError(
-                "params restore: expected --yes, because there is no terminal to ask for consent"
+                "params restore: expected the option --yes, because the verb cannot ask for "
+                "consent without a terminal"
             )
         click.confirm("Delete all parameters that the axis has stored?", abort=True)
     with owned(connection) as found:

@@ -68,7 +68,10 @@ def bench_(
         print_result({"link": rates, "checks": checks}, as_json, lambda: "\n".join(lines))
         sys.exit(not all(c.held for c in checks))
     if check and (cases or tools):
-        raise click.UsageError("expected --check without --case and --tool; it runs everything")
+        raise click.UsageError(
+            "expected --check without --case and --tool, because --check runs all cases with all "
+            "tools"
+        )
     result = bench.run(
         cases or bench.CASES, tools or bench.TOOLS, repeat, sweeps or check, linear or check
     )

@@ -105,17 +105,31 @@ def monitor(
     span, q quits. With --once the exit status is 1 if no state was received.
     """
     if replay and (record or url):
-        raise click.UsageError("--replay: expected without --url and --record")
+        raise click.UsageError(
+            "--replay: expected neither --url nor --record together with this option; remove one "
+            "of the options"
+        )
     if speed and not replay:
-        raise click.UsageError("--speed: expected with --replay")
+        raise click.UsageError(
+            "--speed: expected --replay together with this option; add --replay or remove --speed"
+        )
     if as_json and not once:
-        raise click.UsageError("--json: expected with --once")
+        raise click.UsageError(
+            "--json: expected --once together with this option; add --once or remove --json"
+        )
     if web and (once or record):
-        raise click.UsageError("--web: expected without --once and --record")
+        raise click.UsageError(
+            "--web: expected neither --once nor --record together with this option; remove one of "
+            "the options"
+        )
     if not web and (host is not None or port is not None):
-        raise click.UsageError("--host, --port: expected with --web")
+        raise click.UsageError(
+            "--host, --port: expected --web together with these options; add --web"
+        )
     if not once and not web and not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise click.UsageError("expected a terminal; in scripts use --once, with --json")
+        raise click.UsageError(
+            "expected a terminal, got none; use --once, or --once --json, in a script"
+        )
     from forceaxis.bus.monitor_state import Watch
 
     mm_per_count = encoder_mm(model) if model else None
@@ -172,7 +186,7 @@ def serve(shown: dict[str, Any], host: str, port: int) -> NoReturn:
         from forceaxis.bus import monitor_web
     except ImportError:
         raise InputError(
-            "--web: expected the package textual-serve; install it with `pip install "
+            "--web: expected the package textual-serve; install textual-serve with `pip install "
             "'forceaxis[web]'`"
         ) from None
     ready = lambda url: show([("monitor", url)])  # noqa: E731

@@ -53,7 +53,9 @@ def install(shell: str | None) -> None:
     """
     named = Path(os.environ.get("SHELL", "")).name
     if not shell and named not in SHELLS.choices:
-        raise click.UsageError(f"SHELL: expected bash, zsh or fish, got {named or 'none'}; name it")
+        raise click.UsageError(
+            f"SHELL: expected bash, zsh or fish, got {named or 'none'}; give the name of the shell"
+        )
     shell = shell or named
     file, start = _places(shell)
     file.parent.mkdir(parents=True, exist_ok=True)

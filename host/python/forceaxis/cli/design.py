@@ -183,7 +183,10 @@ def design(
     values, named = linear.overrides(overrides), linear.states(states)
     order = outcome.DesignOrder(text, overrides=values, states=named, **given)
     if priors and not measured:
-        raise click.UsageError("--prior: expected with --measured")
+        raise click.UsageError(
+            "--prior: expected --measured together with this option; add --measured or remove "
+            "--prior"
+        )
     if measured:
         order = _identified(order, measured, priors)
     if pareto:

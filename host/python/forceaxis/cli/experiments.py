@@ -122,13 +122,20 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
 
     if incident.is_incident(journal):
         missing = ", ".join(incident.missing(incident.load(journal)))
-        fail(f"{journal}: expected all inputs of the axis, this incident lacks {missing}", status=1)
+        fail(
+            f"{journal}: expected a journal with all inputs of the axis, got an incident without "
+            f"{missing}",
+            status=1,
+        )
     with waiting(f"replaying {paths.display(journal)}"):
         done = runs.replay(journal)
     replayed = done.result.replay
     assert replayed is not None
     if out and not replayed.traced:
-        fail(f"--out: expected a journal of at most 600 s, {journal} has more; its hash is checked")
+        fail(
+            f"--out: expected a journal of at most 600 s, got a longer one, {journal}; replay "
+            "this journal without --out"
+        )
     if out:
         trace.write(done, out, codes)
     if as_json:
@@ -139,12 +146,16 @@ def replay(journal: Path, out: Path | None, codes: bool, as_json: bool) -> None:
         show([*summaries.rows(done.result, done.overrides), ("journal", text)])
     if replayed.ticks is None:
         fail(
-            f"{journal}: expected a line `end`; the node was killed, and replayed is what it had "
-            f"written down, {done.result.ticks} ticks",
+            f"{journal}: expected a line `end`, got none, because the node was killed; only the "
+            f"{done.result.ticks} ticks in the journal were replayed",
             status=1,
         )
     if not replayed.same:
-        fail(f"{journal}: expected the trace hash {replayed.trace_hash} again", status=1)
+        fail(
+            f"{journal}: expected the trace hash {replayed.trace_hash} of the journal, got "
+            "another hash from the replay",
+            status=1,
+        )
 
 
 def named(
@@ -159,7 +170,8 @@ def named(
             raise InputError(f"{option.opts[0]}: {text}: expected {option.metavar}")
         if name in given:
             raise InputError(
-                f"{option.opts[0]}: {name}: expected each name once, got it twice; remove one"
+                f"{option.opts[0]}: {name}: expected each name once, got this name twice; remove "
+                "one of the two"
             )
         given[name] = value
     return given

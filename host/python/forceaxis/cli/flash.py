@@ -26,7 +26,7 @@ class Address(click.ParamType[int]):
         except ValueError:
             number = -1
         if not 0 <= number < 1 << 32:
-            self.fail(f"expected an address of 32 bits, 0x08000000, got {value}", param, ctx)
+            self.fail(f"expected an address of 32 bits such as 0x08000000, got {value}", param, ctx)
         return number
 
 
@@ -79,7 +79,10 @@ def flash_(
         return
     flash.expect_openocd()
     if not yes and (as_json or not sys.stdin.isatty()):
-        raise InputError("flash: expected --yes, because there is no terminal to ask for consent")
+        raise InputError(
+            "flash: expected the option --yes, because the verb cannot ask for consent without a "
+            "terminal"
+        )
     show(plan, as_json, quiet=as_json)
     probe, chip = flash.find_probe(plan)
     if not as_json:

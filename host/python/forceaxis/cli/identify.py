@@ -50,7 +50,9 @@ class Known(click.ParamType["Estimate"]):
             known = procedures.Estimate(0.0, 0.0)
         if not (1e-30 < known.value < 1e30 and 0 <= known.half < known.value):
             self.fail(
-                f"expected VALUE or VALUE+-ERROR, above 0 (1e-30 to 1e30), got {value}", param, ctx
+                f"expected VALUE or VALUE+-ERROR with numbers from 1e-30 to 1e30, got {value}",
+                param,
+                ctx,
             )
         return known
 
@@ -116,7 +118,10 @@ def decrement(
     from forceaxis.identify import procedures
 
     if mass and stiffness:
-        raise click.UsageError("expected --mass or --stiffness, not both; the other one follows")
+        raise click.UsageError(
+            "expected either --mass or --stiffness, got both options; remove one, because the "
+            "verb computes the other quantity"
+        )
     found, derived = procedures.decrement(
         data, column, from_s, to_s, floor, mass=mass, stiffness=stiffness
     )
@@ -326,9 +331,8 @@ def fit(
     for name in starts:
         if name in held:
             raise InputError(
-                f"--set: {name}: expected a parameter that is not fitted; give the start value "
-                "of a "
-                f"fitted parameter as --fit {name}={linear.shown(held[name])}"
+                f"--set: {name}: expected a parameter that is not fitted, got a fitted parameter; "
+                f"give its start value as --fit {name}={linear.shown(held[name])}"
             )
     try:
         with tempfile.TemporaryDirectory() as folder:

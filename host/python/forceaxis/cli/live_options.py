@@ -90,7 +90,7 @@ class AxisConnection:
         """Raise InputError unless the options select exactly one connection."""
         given = [one for one in (self.axis, self.can, self.modbus, self.sim) if one is not None]
         if len(given) != 1:
-            raise InputError(f"expected exactly one connection to an axis: {CONNECTIONS}")
+            raise InputError(f"expected exactly one connection to an axis, one of {CONNECTIONS}")
         for option, is_given, belongs in (
             ("--lcm-url", self.lcm_url is not None, self.axis),
             ("--set", self.overrides != (), self.sim),
@@ -98,7 +98,10 @@ class AxisConnection:
         ):
             if is_given and belongs is None:
                 with_what = "--axis" if option == "--lcm-url" else "--sim"
-                raise InputError(f"{option}: expected together with {with_what}")
+                raise InputError(
+                    f"{option}: expected {with_what} together with this option; add {with_what} "
+                    f"or remove {option}"
+                )
 
 
 OPTIONS = (

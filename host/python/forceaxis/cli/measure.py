@@ -42,7 +42,9 @@ def band(
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError:
-        raise InputError(f"--band: {text}: expected LOW:HIGH, two frequencies in Hz") from None
+        raise InputError(
+            f"--band: {text}: expected LOW:HIGH, two frequencies in Hz with LOW below HIGH"
+        ) from None
     return low, high
 
 
@@ -57,7 +59,8 @@ def newtons(context: click.Context, option: click.Parameter, text: str | None) -
         forces = (0.0,)
     if not all(0 < force < 1e6 for force in forces):
         raise InputError(
-            f"--force: {text}: expected forces above 0 in N with commas between them, as 30,75"
+            f"--force: {text}: expected one or more forces in N, above 0 and separated by commas, "
+            "such as 30,75"
         )
     return forces
 
@@ -81,7 +84,8 @@ def measure_axis(
 
     if not forces and not free:
         raise InputError(
-            "measure: expected --free, --force or both, to measure out of contact or in contact"
+            "measure: expected --free (measure out of contact), --force (measure in contact) or "
+            "both options"
         )
     model = str(linear.find_model(model)) if model else ""
     own = [text for text in connection.overrides if not text.startswith("firmware.")]
@@ -241,7 +245,8 @@ def measure(
         return
     if connection != live_options.AxisConnection(overrides=connection.overrides):
         raise InputError(
-            f"measure: {target}: expected either TARGET or the connection to an axis, got both"
+            f"measure: {target}: expected either TARGET (a simulation) or a connection to an "
+            "axis, got both; remove one"
         )
 
     if connection.overrides:

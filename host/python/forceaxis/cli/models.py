@@ -441,8 +441,8 @@ def _overlay(
         if source is click.core.ParameterSource.COMMANDLINE and name not in OVERLAY:
             option = next(p.opts[0] for p in context.command.params if p.name == name)
             raise click.UsageError(
-                f"{option}: expected without --measured, which has signals and states of its own, "
-                f"got {value!r}"
+                f"{option}: expected only without --measured, because the measured response "
+                f"states its signals and states, got {value!r}"
             )
     span_hz = context.params["from_hz"], context.params["to_hz"]
     overrides = linear.overrides(context.params["overrides"])

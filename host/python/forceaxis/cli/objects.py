@@ -108,9 +108,15 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     "75 N", "12 mm/s", "0.5 V", "40 Hz", "2 ms", "400 kN/m", with the prefixes n u m c k M."""
     wanted = {kind: path for kind, path in files.items() if path}
     if wanted and pattern:
-        raise click.UsageError(f"{pattern}: expected no pattern, the files describe every object")
+        raise click.UsageError(
+            f"{pattern}: expected no pattern together with --eds, --dbc or --modbus, because "
+            "these files describe all objects"
+        )
     if len({path.resolve() for path in wanted.values()}) < len(wanted):
-        raise click.UsageError("--eds, --dbc, --modbus: expected a file each, two are the same")
+        raise click.UsageError(
+            "--eds, --dbc, --modbus: expected a different file for each option, got the same file "
+            "twice"
+        )
     for kind, path in wanted.items():
         shutil.copyfile(paths.OBJECT_FILES / FILES[kind][0], path)
     if wanted:
@@ -124,7 +130,7 @@ def objects_(pattern: str, as_json: bool, **files: Path | None) -> None:
     if not rows:
         hint = suggestion(pattern, objects.BY_NAME)
         raise click.UsageError(
-            f"{pattern}: expected part of an object's name, got none of it{hint}"
+            f"{pattern}: expected a part of the name of an object, got no match{hint}"
         )
     if as_json:
         print_json(rows)

@@ -50,7 +50,9 @@ def tables_(
     firmware is one separate process for all cells.
     """
     if fit and kind:
-        raise click.UsageError("expected --fit without --link; a fit is thousands of runs")
+        raise click.UsageError(
+            "expected --fit without --link, because a fit needs thousands of runs"
+        )
     if fit:
         click.echo(json.dumps(to_json(tables.fit(threads)), indent=None if as_json else 2))
         return

@@ -212,14 +212,15 @@ class Analyzer:
             raise Refusal(
                 "band",
                 "expected at least one line of the spectrum in the frequency band, got none; use "
-                "a finer resolution",
+                "a smaller resolution in Hz",
             )
         most = _most_samples(SIGNALS_IN_CONTACT)
         if self.samples > most:
             raise Refusal(
                 "resolution",
-                f"expected at least {TICKS_PER_S / most:.2g} Hz, so that the recorder can store "
-                f"a complete period, got {self.order.resolution_hz:g} Hz"
+                f"expected a frequency resolution of at least {TICKS_PER_S / most:.2g} Hz, so "
+                f"that the recorder can store a complete period, got {self.order.resolution_hz:g} "
+                "Hz"
             )  # fmt: skip
 
     def set(self, **values: Value) -> None:
@@ -258,7 +259,9 @@ class Analyzer:
         if np.ptp(place) > STANDSTILL_CNT + backlash:
             moved = f"{np.ptp(place)} encoder counts"
             raise Refusal(
-                "moving", f"expected an axis at standstill, but the axis moves by {moved}"
+                "moving",
+                "expected an axis at standstill before the measurement, but the axis moves by "
+                f"{moved}",
             )
         reading = float(np.mean(held.values("force")))
         band = self.objects.tare_band or self.objects.contact_force / 2
@@ -266,7 +269,7 @@ class Analyzer:
             raise Refusal(
                 "tare",
                 f"expected a measured force within {band:g} force counts at standstill, got "
-                f"{reading:.3g}; move the axis out of contact and take the tare"
+                f"{reading:.3g}; move the axis out of contact and set the tare"
             )  # fmt: skip
         is_at_end = raw.min() == 0 or raw.max() == 2**self.objects.adc_bits - 1
         return Rest(reading, None if is_at_end else noise_of(raw), int(np.median(place)))
@@ -361,7 +364,11 @@ class Analyzer:
                 level.amplitude = self._reduce(level, level.amplitude, ended)
         else:
             ends = ", ".join(f"{abort.why} at {abort.amplitude} codes" for abort in level.aborts)
-            raise Refusal("amplitude", f"expected an amplitude that the bounds permit, got {ends}")
+            raise Refusal(
+                "amplitude",
+                "expected an excitation amplitude at which force and travel stay within their "
+                f"bounds, got {ends}",
+            )
         output = excitation.output
         found = response.estimate(r, u, y, self.lines, self._steps(output))
         level.sensitivity, level.sensitivity_error = found.sensitivity, found.sensitivity_error
@@ -476,7 +483,8 @@ class Analyzer:
         if amplitude < 2 or len(level.aborts) > self._reductions_max:
             raise Refusal(
                 ended.reason.removeprefix("ended_"),
-                f"expected an excitation within the bounds, but {amplitude} codes exceed them",
+                "expected an excitation that keeps force and travel within their bounds, but an "
+                f"amplitude of {amplitude} DAC codes exceeds a bound",
             )
         if level.bias_N is not None:
             self.standing()
@@ -504,9 +512,10 @@ class Analyzer:
             wanted *= min(max(force_N / max(reached, 1e-3), 0.5), 2.0)
             self.set(target_force=self.per_mille(wanted))
         raise Refusal(
-            "bias", f"expected a measured force of {force_N:g} N, it settles at {reached:.3g} N "
-            f"with the force law of the axis and a target of {self.per_mille(wanted):.4g} per "
-            "mille; raise force_limit, rated_force or the gain of the law"
+            "bias", f"expected a measured force of {force_N:g} N, but the force settles at "
+            f"{reached:.3g} N with the force law of the axis and a target_force of "
+            f"{self.per_mille(wanted):.4g} per mille; raise force_limit, rated_force or the gain "
+            "of the law"
         )  # fmt: skip
 
     def _touch(self) -> None:
@@ -553,7 +562,8 @@ class Analyzer:
                 return now
             before = now
         raise Refusal(
-            "contact", f"expected a force that settles within {timeout_s:g} s, {self.axis.about()}"
+            "contact",
+            f"expected a force that settles within {timeout_s:g} s, got: {self.axis.about()}",
         )
 
     def excited(self, signals: Sequence[str], samples: int, settle_s: float) -> Recording:
@@ -563,7 +573,9 @@ class Analyzer:
         try:
             axis.set(excitation_run="start")
         except Refused:
-            raise Refusal("contact", f"expected contact, {axis.about()}") from None
+            raise Refusal(
+                "contact", f"expected contact with the workpiece, got no contact: {axis.about()}"
+            ) from None
         self.wait(settle_s, self._expect_excitation)
         axis.arm(signals, samples)
         held = axis.link.recording(10 + 2 * samples / TICKS_PER_S)

@@ -53,7 +53,7 @@ class FolderFile(Generic[T]):
 
     name: str
     kind: type[T]
-    remedy: str = "delete that file, the step is done again"
+    remedy: str = "delete this file, so that `tune` repeats the step"
 
     def read(self, folder: Path) -> T | None:
         """The content of the file; None if the file does not exist or contains null. Raises
@@ -65,7 +65,7 @@ class FolderFile(Generic[T]):
             table = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
         except (ValueError, RecursionError):
             raise InputError(
-                f"{file}: expected JSON as a tuning writes it; {self.remedy}"
+                f"{file}: expected a JSON file that a tuning has written; {self.remedy}"
             ) from None
         try:
             return None if table is None else from_json(self.kind, table, str(file))
@@ -77,7 +77,7 @@ class FolderFile(Generic[T]):
         content = self.read(folder)
         if content is None:
             raise InputError(
-                f"{folder / self.name}: expected that file, it is missing; {self.remedy}"
+                f"{folder / self.name}: expected this file, but the file is missing; {self.remedy}"
             )
         return content
 
@@ -194,8 +194,8 @@ def _recover(folder: AxisFolder) -> None:
     known = _identity(axis)
     if any(held.axis.get(name, value) != value for name, value in known.items()):
         raise InputError(
-            f"{folder.folder / FOUND.name}: expected values of the axis {known}, they are of the "
-            f"axis {held.axis}, whose run was killed; give another folder"
+            f"{folder.folder / FOUND.name}: expected values of the axis {known}, got values of "
+            f"the axis {held.axis}, whose run was killed; give another folder"
         )
     (raw,) = axis.link.read(["fault"]).values()
     fault = enum("fault", raw)

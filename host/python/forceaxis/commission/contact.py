@@ -99,8 +99,8 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
     loss = designed.contact_loss.objects if designed.contact_loss else {}
     if bank.hf_gain() > (most := hf_most(designed.adc_bits)):
         raise Refusal(
-            "hf_gain", f"expected at most {most:g} DAC codes per 8-bit count at high frequency, "
-            f"{HF_CODES_MAX} per code of the ADC, got {bank.hf_gain():.3g}"
+            "hf_gain", f"expected a high-frequency gain of at most {most:g} DAC codes per 8-bit "
+            f"count ({HF_CODES_MAX} per ADC code), got {bank.hf_gain():.3g}"
         )  # fmt: skip
     members = [member.values for member in fitted_axis.plants.random(MEMBER_COUNT, MEMBER_SEED)]
     with fitted_axis.plant() as plant:
@@ -119,7 +119,7 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
             done = simulation.run(jobs, os.cpu_count() or 1)
         except _core.SimulationError as error:
             raise Refusal(
-                "simulation", f"expected a simulation without an error, got: {error}"
+                "simulation", f"expected a simulation that ends without an error, got: {error}"
             ) from None
     found = []
     for (kind, case, member), one in zip(cases, done, strict=True):
@@ -130,8 +130,9 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
             where = "".join(f", {name} = {value:.4g}" for name, value in member.items())
             raise Refusal(
                 f"simulated_{kind}",
-                f"expected {case.name}{where} to settle, but it does not settle ({why(row)}): "
-                "design with a smaller limit of Ms, or for a smaller set"
+                f"expected a force that settles in the simulated case {case.name}{where}, but "
+                f"this force does not settle ({why(row)}): design with a smaller limit of Ms, or "
+                "for a smaller set of plants"
             )  # fmt: skip
     return tuple(found)
 
@@ -183,7 +184,7 @@ class Touching(Analyzer):
             axis.move(axis.read("position") - round(SHORT_MOVE * travel))
         raise Refusal(
             "contact",
-            f"expected no contact force after {MOVES_MAX} moves away from the workpiece, "
+            f"expected no contact force after {MOVES_MAX} moves away from the workpiece, got: "
             f"{axis.about()}",
         )
 

@@ -310,10 +310,10 @@ def _refusal(p: float, model: str, about: RecordedFriction) -> Refusal:
         if about.table_N else ""
     )  # fmt: skip
     return Refusal(
-        "friction", f"expected a model that explains the response, p = {p:.2g}, and "
-        f"friction that a damper can represent, got {_in_words(about)}: {hidden}"
-        "add the friction to the model, fit further parameters, or measure with a larger "
-        "force or level", lines,
+        "friction", "expected a model that explains the measured response, but the response does "
+        f"not fit (p = {p:.2g}), and a damper cannot represent the measured friction "
+        f"({_in_words(about)}): {hidden}add the friction to the model, fit further parameters, or "
+        "measure with a larger force or level", lines,
     )  # fmt: skip
 
 

@@ -202,9 +202,9 @@ def glide(
     travel = min(analyzer.order.travel, start - low, high - start)
     if travel < TRAVEL_MIN_CNT:
         raise Refusal(
-            "travel", f"expected {TRAVEL_MIN_CNT} counts to either side between position_min and "
-            f"position_max, {low} and {high}, but the axis is at {start}: move the axis away "
-            "from the limit"
+            "travel", f"expected at least {TRAVEL_MIN_CNT} counts of travel to both sides, but "
+            f"the axis is at {start} with position_min {low} and position_max {high}: move the "
+            "axis away from this bound"
         )  # fmt: skip
     analyzer.set(
         position_min=start - travel, position_max=start + travel, open_loop_code=0,
@@ -226,10 +226,9 @@ def glide(
                     held = f", {newton * code:.3g} N by the model" if newton else ""
                     raise Refusal(
                         "friction",
-                        "expected an axis that slides while out of contact, but it does not "
-                        f"with {code} codes{held}: free the guide, release the brake, or raise "
-                        "the amplifier's "
-                        "gain"
+                        "expected an axis that slides while out of contact, but the axis does not "
+                        f"slide at {code} DAC codes{held}: free the guide, release the brake, or "
+                        "raise the amplifier's gain"
                     )  # fmt: skip
                 code = min(2 * code, highest)
                 continue
@@ -272,9 +271,9 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
         if abs(state.position - analyzer.home) > TRAVELS_MAX * travel:
             axis.disable()
             raise Refusal(
-                "travel", f"expected {code} codes to move the axis within its travel of {travel} "
-                "counts to either side, but the axis travels further: its speed does not "
-                "correspond to its codes; check the drive, or start further away"
+                "travel", f"expected the axis to stay within {travel} counts of its start at "
+                f"{code} DAC codes, but the axis moves further: the speed does not correspond to "
+                "the DAC code; check the drive, or start further away"
             )  # fmt: skip
         if state.contact:
             analyzer.refuse_contact()
@@ -315,9 +314,9 @@ def record_slow_change(
             axis.disable()
             raise Refusal(
                 "travel",
-                f"expected at most {travel} counts of travel from {low_N:g} to {high_N:g} "
-                f"N, got {way}: something between these forces is soft; give a larger travel, or "
-                "forces that are nearer to each other"
+                f"expected at most {travel} counts of travel between the forces {low_N:g} and "
+                f"{high_N:g} N, got {way}: the structure is soft in this range of force; give a "
+                "larger travel, or forces that differ less"
             )  # fmt: skip
 
     legs = []

@@ -173,9 +173,10 @@ class FrictionSearch:
         bounds = "a larger travel" if level.bias_N is None else "larger forces and force_max_N"
         bounds = "a larger level" if self.order.amplitude else bounds
         raise Refusal(
-            "friction", f"expected a noise at which the axis slides, but {level.amplitude} codes "
-            f"{where} are at most the dead zone of {dead_zone:.3g} codes of guide and gear"
-            f"{newtons}: the response shows the friction alone; give {bounds}, or grease the guide",
+            "friction", "expected an excitation at which the axis slides, but the noise of "
+            f"{level.amplitude} DAC codes {where} does not exceed the dead zone of guide and "
+            f"gear, {dead_zone:.3g} codes{newtons}: the response shows only the friction; give "
+            f"{bounds}, or grease the guide",
             self.found.lines,
         )  # fmt: skip
 

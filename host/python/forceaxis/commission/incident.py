@@ -267,12 +267,17 @@ def load(path: Path) -> Incident:
         is_right = zlib.crc32(packed(incident.recording)) == crc
     except (ValueError, KeyError, TypeError, AttributeError, struct.error):
         raise InputError(
-            f"{path}: expected a file with an incident, as `forceaxis incident` writes it"
+            f"{path}: expected a file with an incident, which `forceaxis incident` has written"
         ) from None
     if version != VERSION:
-        raise InputError(f"{path}: expected an incident of version {VERSION}, got {version}")
+        raise InputError(
+            f"{path}: expected an incident file of version {VERSION}, got version {version}"
+        )
     if not is_right:
-        raise InputError(f"{path}: expected samples with a correct CRC; read the incident again")
+        raise InputError(
+            f"{path}: expected samples with a correct CRC, got a damaged file; read the incident "
+            "from the axis again"
+        )
     return incident
 
 

@@ -394,7 +394,10 @@ def _searched(problem: Responses) -> Samples:
         if 2 * best.cost < enough:
             break
     if best is None:
-        raise InputError("fit: expected start values within the range of the priors, got none")
+        raise InputError(
+            "fit: expected at least one set of start values within the range of the priors, got "
+            "none"
+        )
     return best.x
 
 

@@ -81,8 +81,8 @@ def priors(
         if name not in known or not (0 < prior.value < math.inf and 0 < prior.spread < math.inf):
             raise ParameterError(
                 "priors",
-                f"{text}: expected NAME=VALUE or NAME=VALUE+-PERCENT%, above 0, of a "
-                f"parameter of the model: {', '.join(sorted(known))}",
+                f"{text}: expected NAME=VALUE or NAME=VALUE+-PERCENT% with numbers above 0, where "
+                f"NAME is one of {', '.join(sorted(known))}",
             )
         found[name] = prior
     return found

@@ -102,7 +102,7 @@ IMPACT_PEAK_N = 10.0  # peak force of a first contact from the momentum of the a
 # if the bandwidth is below this multiple of that of P, the text names the limiting bound
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # key of REASONS: the axis has no memory for parameters
-EARLIER_LAW_AGAIN = "the axis has its earlier law again"
+EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
 
 
 @dataclass(frozen=True)
@@ -165,11 +165,13 @@ def _expect_axis_of_model(tuning: TuningFolder, held: AxisSettings, facts: Plant
             f"`forceaxis axis reset` resets the fault{left}"
         )  # fmt: skip
     if facts.reading is None or facts.encoder is None or not facts.contacts:
-        raise InputError(f"{tuning.model}: expected a force sensor, an encoder and a contact")
+        raise InputError(
+            f"{tuning.model}: expected a model with a force sensor, an encoder and a contact"
+        )
     if held.adc_bits != facts.reading.bits:
         raise Refusal(
-            "adc", f"expected an ADC of {facts.reading.bits} bits as in the model, the axis "
-            f"has {held.adc_bits} bits: correct adc_bits or the model"
+            "adc", f"expected an ADC of {facts.reading.bits} bits as in the model, got "
+            f"{held.adc_bits} bits from the axis: correct adc_bits or the model"
         )  # fmt: skip
     largest_N = max(tuning.order.forces)
     most_N = tuning.order.force_max_N / (1 + analyzer.SWING / 2)
@@ -191,8 +193,8 @@ def _sensor_settings(held: AxisSettings, facts: PlantFacts) -> Settings:
         return {}
     if not quantity.never_set(held.force_scale, held.calibration_date):
         raise Refusal(
-            "scale", f"expected a force_scale of {scale:.6g} uN/count as in the model, the axis "
-            f"has {held.force_scale:g}: calibrate the axis, or correct the model"
+            "scale", f"expected a force_scale of {scale:.6g} uN/count as in the model, got "
+            f"{held.force_scale:g} from the axis: calibrate the axis, or correct the model"
         )  # fmt: skip
     return {"force_scale": max(1, round(scale))}
 
@@ -228,10 +230,10 @@ def _expect_noise(rest: Rest) -> None:
     response."""
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
-            "dither", "expected a noise of the measured force at rest of "
-            f"{analyzer.QUIET_LSB:g} ADC codes rms or more, got {rest.noise_lsb:.2g}: without "
-            "noise the rounding hides the response; use an ADC of more bits or less filtering; a "
-            "simulated axis has the noise of [[adc]] in its model, sensor_noise_n of the data sheet"
+            "dither", f"expected a measurement noise of at least {analyzer.QUIET_LSB:g} ADC codes "
+            f"rms at rest, got {rest.noise_lsb:.2g}: without noise, the rounding to ADC codes "
+            "hides the response; use an ADC with more bits, or less filtering; for a simulated "
+            "axis, state the noise in [[adc]] of the model (sensor_noise_n of the data sheet)"
         )  # fmt: skip
 
 
@@ -253,7 +255,9 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
         contact = plant.tables.contact
         stiffness = plant.value(contact.stiffness) if contact else None
     if not stiffness or contact is None:
-        raise InputError(f"{model}: contact: expected one contact that has a stiffness")
+        raise InputError(
+            f"{model}: contact: expected a model with exactly one contact that has a stiffness"
+        )
     far = contact.between[1]
     mass = sum(kg for body, kg in facts.masses_kg.items() if body != far)
     speed = min(simulation.APPROACH_M_PER_S, IMPACT_PEAK_N / math.sqrt(stiffness * mass))
@@ -413,7 +417,8 @@ def write(tuning: TuningFolder, designed: Designed) -> Written:
         _restore_earlier_law(tuning)
         raise Refusal(
             "certificate",
-            f"expected a certificate that matches the axis, its state is {certificate}",
+            "expected a certificate that matches the axis, got the certificate state "
+            f"{certificate}",
         )
     as_found.replace_saved(tuning, axis.link.read(list(values)))
     return Written(certificate, len(values))
@@ -466,9 +471,9 @@ def verify(
             levels[f"verified-{force:g}N"] = about
             if about.Ms - 2 * about.Ms_error > about.Ms_predicted + MS_TOLERANCE:
                 raise Refusal(
-                    "verify", f"expected an Ms of at most {MS_TOLERANCE:g} above its prediction "
-                    f"{about.Ms_predicted:.3g} at {force:g} N, got {about.Ms:.3g} "
-                    f"+-{2 * about.Ms_error:.2g}"
+                    "verify", "expected a measured Ms that exceeds the predicted Ms "
+                    f"{about.Ms_predicted:.3g} at {force:g} N by at most {MS_TOLERANCE:g}, got "
+                    f"{about.Ms:.3g} +-{2 * about.Ms_error:.2g}"
                 )  # fmt: skip
     except Refusal as refusal:
         _restore_earlier_law(tuning)
@@ -502,8 +507,8 @@ def _verified(
             return row, used
         tuning.say("the sensitivity function is uncertain at all frequencies: more averages")
     raise Refusal(
-        "verify", "expected frequencies at which the sensitivity function is certain, got none; "
-        "give more averages"
+        "verify", "expected frequencies at which the sensitivity function is known with small "
+        "uncertainty, got none; give more averages"
     )  # fmt: skip
 
 
@@ -558,7 +563,11 @@ class TuningStep(Generic[R]):
         """The result of the step. Raises Refusal if the step is not done."""
         done = self.done(tuning)
         if done is None:
-            raise Refusal(self.name, "expected that this step was done before; run it alone first")
+            raise Refusal(
+                self.name,
+                "expected a complete earlier result of this step, got none; run this step first, "
+                "with --only",
+            )
         return done
 
 
@@ -671,8 +680,8 @@ class Tuning(TuningFolder):
             other = [key for key in AXIS_KEYS if before[key] != now[key]]
             if other:
                 raise InputError(
-                    f"{self.folder}: expected a tuning of the same axis, got another "
-                    f"{', '.join(other)}; give another folder"
+                    f"{self.folder}: expected a folder of the same axis and order, got a folder "
+                    f"with another {', '.join(other)}; give another folder"
                 )
             self._renew(held, identity)
         TUNE.write(self.folder, identity)

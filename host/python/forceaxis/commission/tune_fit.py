@@ -267,10 +267,11 @@ def _workpiece(
         if not all(one.declared for one in on_table):
             raise Refusal(
                 "friction", "expected a workpiece that slides on its table, but dry friction of "
-                f"{on_table[0].newton:.3g} N holds the workpiece within the bounds, so its mass "
-                "cannot be measured; add the friction to the model and give the weighed mass as a "
-                f"prior, {mass}=KG; without the prior, the law is designed for "
-                f"{UNKNOWN_MASS_FACTOR:g} times less and more than the mass of the model",
+                f"{on_table[0].newton:.3g} N holds the workpiece at all forces within the bounds, "
+                "so that the mass of the workpiece cannot be measured; add the friction to the "
+                f"model and weigh the workpiece, then give the mass as a prior, {mass}=KG; "
+                f"without this prior, the law is designed for {UNKNOWN_MASS_FACTOR:g} times less "
+                "and more than the mass of the model",
                 friction_models.toml_lines(frictions),
             )  # fmt: skip
         found[mass] = Prior(facts.parameters[mass].value, known.MASS_SPREAD)

@@ -134,8 +134,8 @@ def read_touch_down(file: Path) -> TouchDownRecord:
         good = False
     if not good:
         raise InputError(
-            f"{file}: expected numbers below {', '.join(TOUCH_DOWN_COLUMNS)} as a tuning writes "
-            "them; delete that file and verify.json, the step is done again"
+            f"{file}: expected numbers in the columns {', '.join(TOUCH_DOWN_COLUMNS)}, which a "
+            "tuning has written; delete this file and verify.json, so that `tune` repeats the step"
         )
     return record
 
@@ -174,4 +174,6 @@ class TuningFolder(as_found.AxisFolder):
         try:
             read_response(self.folder / name, self.given)
         except InputError as error:
-            raise InputError(f"{error}; delete {step}.json, the step is done again") from None
+            raise InputError(
+                f"{error}; delete {step}.json, so that `tune` repeats the step"
+            ) from None
