@@ -232,7 +232,7 @@ def test_one_flipped_bit_changes_the_result(can):
     assert told["hashes"]["plant"] != told["hashes"]["axis"]
     assert told["statistics"]["plant"]["flipped"] == 1
     assert done.stderr.startswith(
-        "forceaxis: link lcm: expected the same trace hash of both processes"
+        "forceaxis: link lcm: expected equal trace hashes of plant and firmware"
     )
     assert done.stderr.count("\n") == 1
     flipped = can["flipped"]

@@ -64,6 +64,6 @@ def expect_keys(
     these = "this key" if len(unknown) == 1 else "these keys"
     fail(
         unknown[0],
-        f"expected {kind or 'one of ' + ', '.join(known)}, got {', '.join(unknown)}{hint}; "
-        f"remove or rename {these}",
+        f"expected {kind or 'one of ' + ', '.join(known)}, got {', '.join(unknown)}{hint}; remove "
+        f"or rename {these}",
     )

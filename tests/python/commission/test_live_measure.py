@@ -250,10 +250,10 @@ def test_noise_of_a_slow_cycle_between_two_codes_is_none():
     ("arguments", "says"),
     [
         (("measure",), "expected exactly one connection to an axis"),
-        (("measure", "--sim", "session"), "expected --free .*--force .*or both"),
+        (("measure", "--sim", "session"), "expected --free (measure out of contact), --force"),
         (
             ("measure", "fig3_9", "--sim", "session"),
-            "expected either TARGET .*or a connection to an axis",
+            "expected either TARGET (a simulation) or a connection to an axis",
         ),
         (
             ("measure", "--sim", "session", "--force", "0,3"),

@@ -618,7 +618,7 @@ def test_the_mode_is_that_of_fit_design_and_margins(plants, done, tmp_path, monk
         ("arm=stuck", "arm: expected an element that switches"),
         ("sensor=open", "sensor: expected one of its states"),
         ("sensor", "--mode: sensor: expected ELEMENT=STATE"),
-        ("sensor=apart", "expected a path from drive.command"),
+        ("sensor=apart", "expected a signal path from drive.command"),
     ],
 )
 def test_a_wrong_mode_is_one_line_before_anything_is_done(plants, tmp_path, mode, says):

@@ -189,8 +189,12 @@ def test_a_search_is_repeated_to_the_bit_and_a_smaller_peak_of_S_costs_bandwidth
         ("ms: expected a number above 1", {}, {"ms": 1.0}),
         ("gain_margin: expected a number above 1", {}, {"gain_margin": 0.5}),
         ("timing: expected zoh or zoh+1", {}, {"timings": ("zoh+2",)}),
-        ("ms: expected margins that a law keeps over the set", {}, {"gain_margin": 1e5}),
-        ("expected an ADC on channel 0", {"model": "fig3_7", "ranges": [], "modes": ({},)}, {}),
+        ("ms: expected margins that a force law can keep", {}, {"gain_margin": 1e5}),
+        (
+            "expected a model with an ADC on channel 0",
+            {"model": "fig3_7", "ranges": [], "modes": ({},)},
+            {},
+        ),
         ("expected a path", {"modes": ({"sensor": "apart"},)}, {}),
     ],
 )

@@ -39,7 +39,7 @@ def test_verbs_about_designs_take_the_sliding_mode(press):
     assert MODE in printed("compliance", model, "--points", "2", "--from", "5e5", "--to", "1e6")
     stuck = verbs.forceaxis("advise", str(model), "--linear", "--mode", "seals=stuck")
     assert stuck.returncode == 2
-    assert "while seals is stuck; --mode seals=forward gives one" in stuck.stderr
+    assert "while seals is stuck; --mode seals=forward gives a signal path" in stuck.stderr
     for verb, *more in (("compliance",), ("design", "--over", "k_s=30%", "--no-simulate")):
         done = verbs.forceaxis(verb, str(model), *more, "--mode", "seals=stuck")
         assert done.returncode == 2 and "while seals is stuck" in done.stderr, verb

@@ -55,7 +55,11 @@ def test_a_parameter_of_the_model(contact):
             "force_gian: expected an object, a parameter, duration_s or seed, got force_gian, "
             "laws, durations; did you mean force_gain, duration_s\\?; remove or rename these keys",
         ),
-        ({"firmware.force_gain": 1}, {"force_gain": 2}, "force_gain: expected one value, got two"),
+        (
+            {"firmware.force_gain": 1},
+            {"force_gain": 2},
+            "force_gain: expected one value, got one as a keyword",
+        ),
         ({}, {"force_gain": [1, 2]}, "force_gain: expected a number or a text with a unit, got"),
         ({}, {"force_gain": None}, "force_gain: expected a number or a text with a unit, got None"),
         ({}, {"force_setpoint": "75 kg"}, "force_setpoint: expected a force in N, got"),

@@ -158,7 +158,7 @@ def test_what_is_not_one_ring_down_is_refused(tmp_path):
     save(file, time_s=t[:20], signal=noise[:20])
     assert "at least 30 samples, got 20" in refusal("decrement", file)
     save(file, time_s=t, signal=0 * t)
-    assert "found 0" in refusal("decrement", file)
+    assert "got 0" in refusal("decrement", file)
     # A second mode nearby widens the intervals, and is reported.
     other = 0.2 * np.exp(-4 * t) * np.sin(2 * np.pi * 50 * t)
     save(file, time_s=t, signal=np.exp(-10 * t) * np.sin(2 * np.pi * 33 * t) + other)
@@ -181,8 +181,8 @@ def test_too_short_a_ring_down_is_refused(tmp_path):
     file = save(tmp_path / "a.csv", time_s=t, a=y, b=y)
     assert "--signal" in refusal("decrement", file)
     assert "column c" in refusal("decrement", file, "--signal", "c")
-    assert "3 cycles, found 2" in refusal("decrement", file, "--signal", "a", "--to-s", 0.26)
-    assert "3 cycles, found 0" in refusal("decrement", file, "--signal", "a", "--to-s", 0.05)
+    assert "3 cycles, got 2" in refusal("decrement", file, "--signal", "a", "--to-s", 0.26)
+    assert "3 cycles, got 0" in refusal("decrement", file, "--signal", "a", "--to-s", 0.05)
     assert "not both" in refusal("decrement", file, "--signal", "a", "--mass", 1, "--stiffness", 2)
     assert "+-ERROR" in refusal("decrement", file, "--signal", "a", "--mass", "1+-x")
     file.write_text("time_s,a\n0,1\n1,x\n")
@@ -380,7 +380,9 @@ def test_a_csv_file_of_another_analyzer(response, tmp_path):
     file.write_text("frequency_hz,magnitude,phase_deg,coherence\n1,-1,1,.5\n")
     assert "magnitude: expected values above 0" in refusal("fit", "fig4_19", file, *asked, *about)
     file.write_text("frequency_hz,magnitude,phase_deg,coherence\n1,1,1,.5\n2e9,1,1,.5\n")
-    assert "frequency_hz: expected rising" in refusal("fit", "fig4_19", file, *asked, *about)
+    assert "frequency_hz: expected frequencies above 0" in refusal(
+        "fit", "fig4_19", file, *asked, *about
+    )
 
 
 def test_a_damaged_recording_is_refused(response, tmp_path):
@@ -392,7 +394,7 @@ def test_a_damaged_recording_is_refused(response, tmp_path):
         return refusal("fit", "fig4_19", tmp_path / "bad.npz", "--fit", "m_r")
 
     for bad in ([1], 3, about | {"more": 1}, about | {"overrides": [1]}):
-        assert "expected response.npz as" in words(about=json.dumps(bad))
+        assert "expected a CSV file or a file response.npz" in words(about=json.dumps(bad))
     assert "inject: expected volts" in words(about=json.dumps(about | {"inject": 1}))
     assert "band_hz: expected" in words(about=json.dumps(about | {"band_hz": [None, 1]}))
     variance = saved["variance"]
@@ -400,7 +402,7 @@ def test_a_damaged_recording_is_refused(response, tmp_path):
         assert "variance: expected" in words(variance=bad)
     with (tmp_path / "bad.npz").open("wb") as file:
         np.save(file, variance)
-    assert "expected response.npz as" in refusal(
+    assert "expected a CSV file or a file response.npz" in refusal(
         "fit", "fig4_19", tmp_path / "bad.npz", "--fit", "m_r"
     )
 

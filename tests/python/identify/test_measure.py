@@ -365,7 +365,7 @@ LINE = {
         "output: expected one of robot.position",
     ),
     "unknown input": (["fig3_12", "--input", "nothing"], "input: expected one of"),
-    "no path": (["fig3_8", "--output", "rotor.velocity"], "no path from drive.command"),
+    "no path": (["fig3_8", "--output", "rotor.velocity"], "no signal path from drive.command"),
     "code without firmware": (["fig3_12", "--output", "adc0"], "needs inject = codes"),
     "Nyquist": (
         ["fig3_12", "--inject", "codes", "--level", 9, "--band", "1:750"],
@@ -375,12 +375,15 @@ LINE = {
     "band text": (["fig3_12", "--band", "9"], "--band: 9: expected LOW:HIGH"),
     "band order": (["fig3_12", "--band", "9:2"], "expected two rising frequencies"),
     "too little data": (["fig3_12", "--averages", "2"], "averages: expected a whole number 4"),
-    "no line": (["fig3_12", "--resolution", "500"], "too little data"),
+    "no line": (["fig3_12", "--resolution", "500"], "expected at least one line"),
     "too long": (["fig3_12", "--resolution", "0.002"], "expected a measurement of at most"),
-    "codes level": (["fig3_12", "--inject", "codes"], "level: expected whole codes"),
+    "codes level": (
+        ["fig3_12", "--inject", "codes"],
+        "level: expected a whole number of DAC codes",
+    ),
     "DAC": (
         ["fig3_9", "--inject", "codes", "--level", 2048, "--bias", 2047],
-        "at most 2048 codes as the sum of level and bias",
+        "sum of level and bias of at most 2048 codes",
     ),
     "empty": (["", "--output", "drive.current"], "TARGET: expected a measurement or a model"),
     "stiff": (
@@ -389,14 +392,20 @@ LINE = {
     ),
     "hann": (
         ["fig3_12", "--window", "hann", "--band", "5:9", "--resolution", 4],
-        "whose first line is the third",
+        "omits the first two lines",
     ),
-    "clamped": (["fig4_19", "--output", "adc0", "--clamped", "--free"], "either clamped or free"),
+    "clamped": (
+        ["fig4_19", "--output", "adc0", "--clamped", "--free"],
+        "either `clamped` or `free`",
+    ),
     "no contact": (
         ["laboratory", "--output", "sensor.force"],
-        "keep the contact by a bias or by clam",
+        "use a bias or clam",
     ),
-    "window": (["fig3_12", "--excitation", "sine", "--window", "hann"], "expected none with sine"),
+    "window": (
+        ["fig3_12", "--excitation", "sine", "--window", "hann"],
+        "expected no window with the excitation sine",
+    ),
     "parameter": (["fig3_12", "--set", "nothing=1"], "nothing"),
     "unused": (
         ["fig3_12", "--plant-set", "k_g=1"],
@@ -465,7 +474,9 @@ UNSTABLE = {"k_preamp_fdbk": 400.0, "a_preamp_fdbk": 20.0}
 
 
 def test_unstable_plants_are_refused():
-    with pytest.raises(InputError, match=r"a pole at \+60.* 1/s: unstable excitation"):
+    with pytest.raises(
+        InputError, match=r"a pole at \+60.* 1/s, with which the excited axis is unstable"
+    ):
         measure.measure("fig3_12", {"set": UNSTABLE})
     with pytest.raises(InputError, match="unstable excitation: ") as error:
         measure.measure("fig3_12", plant_set=UNSTABLE)

@@ -129,7 +129,7 @@ def test_models_without_a_force_loop():
     assert len(MODELS) >= 36
     assert {"fig4_27", "fig4_5", "nl_gravity", "nl_stop", "nl_viscous"} <= NO_READING
     for name in NO_READING:
-        with pytest.raises(InputError, match=r"adc: expected an ADC on channel 0"):
+        with pytest.raises(InputError, match=r"adc: expected a model with an ADC on channel 0"):
             loops.force_loop(name)
 
 
@@ -459,7 +459,9 @@ def test_law_parameters_are_required_and_refused():
     for law in loops.LAWS:
         for missing in loops.LAWS[law]:
             given = {n: v for n, v in PARAMETERS[law].items() if n != missing}
-            with pytest.raises(InputError, match=f"{missing}: expected with law"):
+            with pytest.raises(
+                InputError, match=f"{missing}: expected a value of this parameter, because law"
+            ):
                 loops.force_loop("fig4_19", law, **given)
     with pytest.raises(
         InputError, match="derivative_s: expected this parameter only with another law"
@@ -766,21 +768,30 @@ def test_poles_verb():
     ("arguments", "expected"),
     [
         (["limit", "fig9_9"], "MODEL: fig9_9: expected"),
-        (["limit", "fig4_5"], "adc: expected an ADC on channel 0"),
+        (["limit", "fig4_5"], "adc: expected a model with an ADC on channel 0"),
         (["limit", "fig4_19", "--output", "robot.speed"], "output: expected one of"),
-        (["limit", "fig4_19", "--mode", "sensor=apart"], "expected a path from drive.command"),
+        (
+            ["limit", "fig4_19", "--mode", "sensor=apart"],
+            "expected a signal path from drive.command",
+        ),
         (["limit", "fig4_19", "--mode", "sensor=open"], "sensor: expected one of its states"),
         (["limit", "fig4_19", "--set", "m_x=1"], "parameters.m_x: expected one of"),
         (["limit", "fig2_3", "--set", "b_m=1"], "parameters.b_m: expected a parameter that"),
-        (["limit", "fig4_19", "--law", "pi"], "--integral-rad-per-s: expected with law pi"),
+        (
+            ["limit", "fig4_19", "--law", "pi"],
+            "--integral-rad-per-s: expected a value of this parameter, because law pi",
+        ),
         (
             ["limit", "fig4_19", "--lead-pole-hz", "9"],
             "--lead-pole-hz: expected this parameter only",
         ),
         (["limit", "fig4_19", "--gain", "1", "--firmware-gain", "1"], "got both"),
         (["limit", "fig4_19", "--gain", "-1"], "--gain: expected a number from"),
-        (["poles", "fig4_19", "--free"], "expected a path from drive.command to"),
-        (["poles", "fig4_19", "--law", "pi"], "--law: expected a law only with --gain"),
+        (["poles", "fig4_19", "--free"], "expected a signal path from drive.command to"),
+        (
+            ["poles", "fig4_19", "--law", "pi"],
+            "--law: expected --gain or --firmware-gain together with a law",
+        ),
         (["poles", "fig4_19", "--input", "arm.force"], "input: expected one of"),
     ],
 )

@@ -140,10 +140,11 @@ def test_a_friction_that_the_drive_cannot_break_loose_stays_stuck(tmp_path):
     assert [one.name for one in working.held(path)] == ["guide"]
     assert working.working(path).modes == {"guide": "stuck"}
     with pytest.raises(
-        InputError, match=r"guide is stuck, since its 501 N are more than the drive"
+        InputError,
+        match=r"guide sticks, because the breakaway force 501 N exceeds the force of the drive",
     ):
         loops.force_loop(path)
-    with pytest.raises(InputError, match=r"guide is stuck, since its 501 N"):
+    with pytest.raises(InputError, match=r"guide sticks, because the breakaway force 501 N"):
         over.modes_all(path)
     held = model(tmp_path, ("guide",), coulomb=20.0, stiction=600.0)
     assert working.working(held).modes == {"guide": "stuck"}
@@ -164,14 +165,17 @@ def test_a_value_that_changes_is_seen(tmp_path):
 def test_the_element_that_cuts_the_path_is_named(tmp_path):
     path = model(tmp_path, ("guide", "bed"), play=2e-4)
     for modes, said in (
-        ({"guide": "stuck"}, r"while guide is stuck; `states` guide=forward gives one"),
+        ({"guide": "stuck"}, r"while guide is stuck; `states` guide=forward gives a signal path"),
         (
             {"gear_spring.high": "apart"},
             r"while gear_spring.high is apart; `states` gear_spring.high=",
         ),
-        ({"sensor": "apart"}, r"while sensor is apart; `states` sensor=pressed gives one"),
+        (
+            {"sensor": "apart"},
+            r"while sensor is apart; `states` sensor=pressed gives a signal path",
+        ),
     ):
-        with pytest.raises(InputError, match=r"expected a path from drive.command.*" + said):
+        with pytest.raises(InputError, match=r"expected a signal path from drive.command.*" + said):
             loops.force_loop(path, modes=modes)
 
 

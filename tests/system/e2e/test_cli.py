@@ -375,7 +375,10 @@ def test_a_verdict_that_is_not_stable_says_why(overrides, verdict, because):
         (["poles", "sim/measurements/fig3_9.toml"], ["expected a model", "../models/fig4_5.toml"]),
         (["run", "sim/models/fig4_19.toml"], ["expected an experiment, got a model"]),
         (["run", "sim/measurements/fig3_9.toml"], ["got a measurement", "`forceaxis measure`"]),
-        (["measure", CONTACT], ["expected a measurement or a model, got an experiment"]),
+        (
+            ["measure", CONTACT],
+            ["expected the file of a measurement or a model, got an experiment"],
+        ),
     ],
 )
 def test_a_file_of_another_kind_is_named(arguments, words):

@@ -205,7 +205,7 @@ def test_another_structure_is_taken_that_contact_leaves_with_more_bandwidth(
 def test_a_law_that_no_gain_makes_stable_is_refused(found, monkeypatch, order):
     monkeypatch.setattr(simulate, "BACKOFFS", 1)
     monkeypatch.setattr(search, "search", lambda *a: answer(*a, factor=5))
-    with pytest.raises(package.InputError, match="contact that settles"):
+    with pytest.raises(package.InputError, match="contact force that settles"):
         for_set.design(order(FINE, latency="0"))
 
 
@@ -247,10 +247,10 @@ def test_forces_and_approach_are_the_users(found, order):
     for given, words in (
         (
             {"forces_N": (30.0, 5000.0)},
-            "forces_N: 5000 N: expected at most 637.5 N, what the sensor",
+            "forces_N: 5000 N: expected at most 637.5 N, the end of the range",
         ),
         ({"forces_N": (0.5,)}, "forces_N: 0.5 N: expected at least 2.5 N"),
-        ({"approach_mm_per_s": 1e-6}, "approach_mm_per_s: expected 1 to"),
+        ({"approach_mm_per_s": 1e-6}, "approach_mm_per_s: expected a speed of 1 to"),
     ):
         with pytest.raises(package.InputError, match=words):
             for_set.design(order(**given))
@@ -312,9 +312,9 @@ def test_a_part_that_the_approach_does_not_reach_is_not_blamed_on_the_law():
         with pytest.raises(package.InputError) as refused:
             simulate.safe(bench, Bank(5.0, 5.0), [{}], (0,), 2)
     text = str(refused.value)
-    assert "never touches it (5 mm away)" in text
+    assert "never touches the workpiece at a distance of 5 mm" in text
     assert (
-        "position gain" in text and "flexure" in text and "does not depend on the force law" in text
+        "position gain" in text and "flexure" in text and "the cause is not the force law" in text
     )
     assert "softer pad" not in text
 
@@ -346,9 +346,15 @@ REFUSED = {
     "unknown parameter": (["laboratory", "--over", "k_x=30%"], "k_x=30%: expected a parameter"),
     "no model": (["nothing", *OVER], "MODEL: nothing: expected a path"),
     "no file": (["nothing.toml", *OVER], "nothing.toml"),
-    "bits": (["laboratory", *OVER, "--adc-bits", "17"], "--adc-bits: expected 8 to 16, got 17"),
+    "bits": (
+        ["laboratory", *OVER, "--adc-bits", "17"],
+        "--adc-bits: expected 8 to 16 bits, got 17",
+    ),
     "ms": (["laboratory", *OVER, "--ms", "1"], "--ms: expected a number above 1"),
-    "no force": (["fig4_5", "--over", "m_r=10%"], "adc: expected one on channel 0"),
+    "no force": (
+        ["fig4_5", "--over", "m_r=10%"],
+        "adc: expected a model with an [[adc]] on channel 0",
+    ),
     "no contact": (["CONTACTLESS", "--over", "m_r1=10%"], "contact: expected a model with"),
 }
 
@@ -399,7 +405,7 @@ def test_a_folder_that_is_there_is_left_alone(found, tmp_path):
     (tmp_path / "note").write_text("mine")
     done = forceaxis("design", EXPERIMENT, *OVER, "--out", tmp_path)
     assert done.returncode == 2
-    assert "expected no such file or folder" in done.stderr
+    assert "expected the name of a new file or folder" in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["note"]
 
 

@@ -74,8 +74,8 @@ def test_a_design_is_refused_where_the_fit_is(measured):
     [
         (("bode", "--of", "loop"), "--of: expected only without --measured"),
         (("bode", "--output", "encoder"), "--output: expected only without --measured"),
-        (("bode", "--measured", "free"), "expected responses between the same signals"),
-        (("bode", "--measured", "nowhere"), "expected response.npz as forceaxis measure"),
+        (("bode", "--measured", "free"), "expected responses with equal input and equal output"),
+        (("bode", "--measured", "nowhere"), "expected a CSV file or a file response.npz"),
     ],
 )
 def test_what_does_not_belong_to_it_is_one_line(measured, words, text):

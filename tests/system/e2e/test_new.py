@@ -280,7 +280,7 @@ BAD = [
     # Three poles in a ring: 2 pi 300 is more than 2 pi (30 + 100), so Hurwitz says unstable.
     (
         "--velocity-loop-hz 300 --velocity-filter-hz 30 --current-loop-hz 100",
-        ["--velocity-loop-hz", "stable by itself"],
+        ["--velocity-loop-hz", "expected a bandwidth at which the drive is stable"],
     ),
     ("--full-scale-speed-m-per-s 100 --sensor-stiffness-n-per-m 1e9", ["--full-scale-speed"]),
     ("--encoder-counts-per-rev 1e9", ["--encoder-counts-per-rev", "2^31 counts"]),

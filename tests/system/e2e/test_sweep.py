@@ -317,7 +317,7 @@ def test_two_sweeps_in_one_folder_are_refused(small):
         refused(
             forceaxis_sweep(*summary["command"].split()[2:]),
             "journal.jsonl",
-            "no other running sweep",
+            "another sweep uses this folder",
         )
 
 

@@ -572,7 +572,10 @@ def test_update_refuses_what_it_would_have_to_move(tmp_path):
         file.write_text(content)
         done = forceaxis("test", file, "--update")
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-        assert f"{name}.toml: expect: expected a table whose values can be replaced" in done.stderr
+        assert (
+            f"{name}.toml: expect: expected a table [expect] whose values can be replaced"
+            in done.stderr
+        )
         assert file.read_text() == content
 
 

@@ -340,7 +340,9 @@ def branch_start(loop: Loop, limit: Limit) -> complex:
     """The open-loop pole in 1/s at which a branch of the root locus begins. This branch is the one
     that is on the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
-        raise InputError("gain: expected a loop with a critical gain, it is stable at every gain")
+        raise InputError(
+            "gain: expected a loop with a critical gain, got a loop that is stable at every gain"
+        )
     gains = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 40) * limit.gain])
     branches = loop.locus(gains)
     target = 2j * math.pi * limit.frequency_hz
@@ -368,7 +370,9 @@ class _Over:
     def __init__(self, design: Design, over: Sequence[str], modes_: str) -> None:
         if design.timing == "continuous":
             raise ParameterError(
-                "timing", "expected zoh or zoh+1 with `over`, because the firmware samples"
+                "timing",
+                "expected zoh or zoh+1 together with `over`, because the firmware samples the "
+                "measured force",
             )
         self.design, self.over = design, tuple(over)
         self.modes: tuple[dict[str, str], ...]

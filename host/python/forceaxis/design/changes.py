@@ -113,7 +113,8 @@ class Design:
         """Raises InputError if the model has no force sensor on channel 0 of its ADCs."""
         if self.facts.reading is None:
             raise InputError(
-                f"{self.model}: adc: expected one on channel 0 that reads a force, there is none"
+                f"{self.model}: adc: expected a model with an [[adc]] on channel 0 that reads a "
+                "force, got none"
             )
 
     def value(self, given: Given | None) -> float | None:

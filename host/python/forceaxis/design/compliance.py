@@ -102,7 +102,8 @@ def element_of(model: str | Path, overrides: Overrides) -> str:
     if not isinstance(name, str) or name not in linear.facts(model, overrides).parameters:
         raise ParameterError(
             "element",
-            f"expected the name of a stiffness, the contact of {model} has a number",
+            "expected the name of a stiffness parameter, because the stiffness of the contact in "
+            f"{model} is a number",
         )
     return name
 
@@ -116,13 +117,16 @@ def compliance(order: ComplianceOrder) -> Compliance:
         known = design.facts.parameters
         if element not in known or known[element][1] != "N/m":
             stiff = sorted(n for n, (_, unit) in known.items() if unit == "N/m")
-            raise ParameterError("element", f"expected one of {', '.join(stiff)}, got {element}")
+            raise ParameterError(
+                "element",
+                f"expected the name of a stiffness, one of {', '.join(stiff)}, got {element}",
+            )
         own = known[element][0]
         low, high = span or (own * SPAN[0], own * SPAN[1])
         if not (0 < low < high and 2 <= points <= POINTS_MAX):
             raise ParameterError(
-                "lowest", f"expected above 0 and below `highest`, with 2 to {POINTS_MAX} `points`, "
-                f"got {low:g}, {high:g} and {points}",
+                "lowest", f"expected 0 < `lowest` < `highest` and 2 to {POINTS_MAX} `points`, got "
+                f"`lowest` {low:g}, `highest` {high:g} and {points} `points`",
             )  # fmt: skip
         over = tuple(
             sets.workpiece(design.model, design.overrides) if order.over is None else order.over

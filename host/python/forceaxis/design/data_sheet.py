@@ -44,7 +44,7 @@ class SheetField:
             value = math.nan
         if not self.low <= value <= self.high or (self.name.endswith("_bits") and value % 1):
             raise ParameterError(
-                self.name, f"expected {span}, got {text!r}; the unit is part of the name"
+                self.name, f"expected {span}, got {text!r}; the unit is the last part of the key"
             )
         return value
 

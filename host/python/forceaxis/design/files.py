@@ -120,7 +120,11 @@ class NewFolder:
 def refuse_existing(out: Path) -> None:
     """Raise InputError if `out` is an existing file or a folder that is not empty."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise ParameterError("out", f"{out}: expected no such file or folder, take another name")
+        raise ParameterError(
+            "out",
+            f"{out}: expected the name of a new file or folder, but this name already exists; "
+            "choose another name",
+        )
 
 
 def write(

@@ -52,13 +52,13 @@ def check(order: DesignOrder) -> None:
                 name, f"expected a number above {low:g}, at most 100, got {value:g}"
             )
     if order.adc_bits is not None and not 8 <= order.adc_bits <= 16:
-        raise ParameterError("adc_bits", f"expected 8 to 16, got {order.adc_bits}")
+        raise ParameterError("adc_bits", f"expected 8 to 16 bits, got {order.adc_bits}")
     for force_N in order.forces_N:
         if not 0 < force_N < math.inf:
-            raise ParameterError("forces_N", f"expected newtons above 0, got {force_N:g}")
+            raise ParameterError("forces_N", f"expected forces above 0 N, got {force_N:g} N")
     if not order.over:
         raise ParameterError(
-            "over", "expected at least one parameter with its tolerance, such as k_w=30%,m_w=30%"
+            "over", "expected at least one parameter with a tolerance, such as k_w=30%,m_w=30%"
         )
 
 
@@ -138,13 +138,16 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
-        raise InputError(f"{plant.model}: encoder: expected one for the approach, there is none")
+        raise InputError(
+            f"{plant.model}: encoder: expected a model with an [encoder], which the approach "
+            "needs, got none"
+        )
     most = objects.BY_NAME["approach_velocity_max"].max
     count_per_s = round(order.approach_mm_per_s / 1e3 * abs(plant.facts.required_encoder.scale))
     if not 1 <= count_per_s <= most:
         raise ParameterError(
-            "approach_mm_per_s", f"expected 1 to {most} encoder counts per second, "
-            f"{order.approach_mm_per_s:g} mm/s are {count_per_s}",
+            "approach_mm_per_s", f"expected a speed of 1 to {most} encoder counts per second, got "
+            f"{order.approach_mm_per_s:g} mm/s, which is {count_per_s} counts per second",
         )  # fmt: skip
     return order.firmware | {"approach_velocity_max": count_per_s}
 
@@ -212,7 +215,7 @@ def simulated(
                 other.slowed = SlowedApproach(speed, share * speed, before, losses, longer_s)
                 best, bench = other, slow
     if best is None:
-        raise refused or InputError("simulation: expected a contact that settles")
+        raise refused or InputError("simulation: expected a contact force that settles, got none")
     best.frictions = bench.frictions
     bench.wait_for(best.bank)
     if best.p_bank.force_gain:
@@ -280,7 +283,7 @@ def settled(
         if best:
             break
     if best is None:
-        raise refused or InputError("simulation: expected a contact that settles")
+        raise refused or InputError("simulation: expected a contact force that settles, got none")
     best.passed_over = {name: why for name, why in passed.items() if name != best.chosen}
     return best
 

@@ -175,7 +175,10 @@ class Grid:
                 refused = error  # without a path, every law is stable
                 continue
             if loop.codes_per_gain is None:
-                raise _core.InputError(f"{loop.model}: adc: expected a force sensor at ADC 0")
+                raise _core.InputError(
+                    f"{loop.model}: adc: expected a model with a force sensor on ADC channel 0, "
+                    "got none"
+                )
             self.members.append(member)
             self.open_loops.append(loop)
             grids.append(_frequencies(loop, density))

@@ -70,7 +70,7 @@ def derive(v: SheetValues) -> AxisConstants:
     if k_amp <= 0:
         raise ParameterError(
             "current_loop_hz", f"expected more than R/(2 pi L) = {R / (2 * math.pi * L):.4g} Hz, "
-            f"got {v.current_loop_hz:g}; raise it or check R and L",
+            f"got {v.current_loop_hz:g} Hz; raise `current_loop_hz`, or check R and L",
         )  # fmt: skip
     k_tach = v.tachometer_v_s_per_rad or full_V * r / speed
     # Without filter and inductance, (R + k_amp k_current) i = k_amp (k_preamp_cmd u -
@@ -84,8 +84,9 @@ def derive(v: SheetValues) -> AxisConstants:
     if k_fdbk < 0:
         natural = (b + k_torque * back / (Z * r**2)) / (2 * math.pi * mass)
         raise ParameterError(
-            "velocity_loop_hz", f"expected more than the {natural:.4g} Hz of friction and back EMF "
-            f"alone, got {v.velocity_loop_hz:g}; raise it or the current loop",
+            "velocity_loop_hz", f"expected more than {natural:.4g} Hz, the bandwidth due to "
+            f"friction and back EMF without a velocity loop, got {v.velocity_loop_hz:g} Hz; raise "
+            "`velocity_loop_hz` or `current_loop_hz`",
         )  # fmt: skip
     k_cmd = speed / full_V * D * Z * r / (k_torque * k_amp)
     b_transmission = 0.0
@@ -204,9 +205,9 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     poles = np.concatenate([plant.poles().real, free.poles().real])
     if poles.max() > 1e-6 * np.abs(poles).max():
         raise ParameterError(
-            "velocity_loop_hz", "expected a drive that is stable by itself with this current loop, "
-            f"filter and transmission, got {v.velocity_loop_hz:g}; lower it or raise "
-            "`velocity_filter_hz` and `current_loop_hz`",
+            "velocity_loop_hz", "expected a bandwidth at which the drive is stable with its "
+            f"current loop, filter and transmission, got {v.velocity_loop_hz:g} Hz; lower "
+            "`velocity_loop_hz`, or raise `velocity_filter_hz` and `current_loop_hz`",
         )  # fmt: skip
     volts = v.command_full_scale_v / DAC_CODES
     force = loops.force_loop(model, modes=sliding, output="adc0")
@@ -219,9 +220,9 @@ def first_gains(axis: AxisConstants, model: Path) -> First:
     code = v.full_scale_speed_m_per_s / DAC_CODES
     if gain * setpoint < 2 or limit * FIRST_GAIN_SHARE < 1 / 256:
         raise ParameterError(
-            "full_scale_speed_m_per_s", "expected a speed at which the safe approach takes at "
-            f"least two DAC codes, got {v.full_scale_speed_m_per_s:g} "
-            f"({gain * setpoint:.2g} codes); lower it, or check sensor and amplifier",
+            "full_scale_speed_m_per_s", "expected a speed at which the safe approach outputs at "
+            f"least two DAC codes, got {v.full_scale_speed_m_per_s:g} m/s ({gain * setpoint:.2g} "
+            "DAC codes); lower `full_scale_speed_m_per_s`, or check sensor and amplifier",
         )  # fmt: skip
     weight, dry = v.weight_n, v.guide_coulomb_n
     moving = linear.linearise(
@@ -308,7 +309,9 @@ def render(
         if abs(target) >= 2**31:
             key = "encoder_counts_per_rev" if v.encoder_counts_per_rev else "encoder_counts_per_mm"
             raise ParameterError(
-                key, "expected a move of less than 2^31 counts; give a coarser encoder"
+                key,
+                "expected a travel of less than 2^31 encoder counts; give a shorter travel or "
+                "an encoder with a lower resolution",
             )
         context |= dict(
             f=first, target=target, approach_mm_per_s=1e3 * approach_m_per_s(axis),
@@ -385,7 +388,9 @@ def write(
     folder = Path(folder)
     title = folder.name
     if not title or any(c in title for c in '"\\') or not title.isprintable():
-        raise InputError(f"NAME: expected the name of a folder without quotes, got {str(folder)!r}")
+        raise InputError(
+            f"NAME: expected the name of a folder without quotation marks, got {str(folder)!r}"
+        )
     axis = derive(values)
     written = {MODEL: render(MODEL, title, axis, sources)}
     with tempfile.TemporaryDirectory() as scratch:
@@ -434,10 +439,13 @@ def refuse_existing(folder: Path, force: bool) -> None:
     """Raises InputError if `folder` is a file, or if the folder contains files of an axis and the
     user did not permit to replace them (`force`)."""
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder or nothing, got a file; take another name")
+        raise InputError(
+            f"{folder}: expected the name of a new or existing folder, got a file; choose another "
+            "name"
+        )
     there = [name for name in (*FILES, HELD) if (folder / name).exists()]
     if there and not force:
         raise ParameterError(
-            "name", f"{folder}: expected no {', '.join(there)} there; take another name or give "
-            "`force`",
+            "name", f"{folder}: expected a folder without {', '.join(there)}; choose another "
+            "name, or give `force` to replace these files",
         )  # fmt: skip

@@ -128,8 +128,9 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
     if spare:
         return spare
     raise _core.InputError(
-        f"no contact settles in simulation, not at {1e3 * speed:.3g} mm/s with {gain:g} of the "
-        f"designed gain ({refused}); a softer sensor or pad would"
+        "simulation: expected a contact force that settles, but the force does not settle even at "
+        f"{1e3 * speed:.3g} mm/s with {gain:g} of the designed gain ({refused}); use a softer "
+        "sensor or a softer pad"
     )
 
 

@@ -316,7 +316,8 @@ def check_plants(problem: SearchProblem) -> None:
         if loop.limit().gain == 0:
             raise InputError(
                 f"{loop.model}: {member.label()}: expected a plant that is stable with a small "
-                f"gain, it is {loop.limit().reason}; add damping or narrow the set"
+                f"gain, but this plant is {loop.limit().reason}; add damping, or give smaller "
+                "tolerances"
             )
 
 
@@ -385,9 +386,9 @@ def _p_of(rows: list[StructureDesign]) -> P:
 
 def _no_gain() -> ParameterError:
     return ParameterError(
-        "ms", "expected margins that a law keeps over the set while the force follows the "
-        f"set-point, but no gain from {GAIN_STEP:.4f} codes per 8-bit count on does; narrow `over` "
-        "or accept smaller margins",
+        "ms", "expected margins that a force law can keep for the whole set of plants, but no "
+        f"gain of {GAIN_STEP:.4f} DAC codes per 8-bit count or more keeps these margins; give "
+        "smaller tolerances in `over` or smaller margins",
     )  # fmt: skip
 
 

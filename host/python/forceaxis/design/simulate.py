@@ -139,17 +139,17 @@ class ContactBench:
         signal = self.facts.required_reading.signal
         if self.facts.signals.get(signal) != "N":
             raise InputError(
-                f"{self.design.model}: adc: expected a force on channel 0, {signal} is none"
+                f"{self.design.model}: adc: expected a force on channel 0, got the signal {signal}"
             )
         if not self.facts.contacts:
             raise InputError(
-                f"{self.design.model}: contact: expected one that a force law can press on, there "
-                "is none; add a [[contact]]"
+                f"{self.design.model}: contact: expected a model with a contact on which the "
+                "force law can press, got none; add a [[contact]]"
             )
         if self.facts.encoder is None:
             raise InputError(
-                f"{self.design.model}: encoder: expected one to approach with, there is none; add "
-                "an [encoder]"
+                f"{self.design.model}: encoder: expected a model with an [encoder], which the "
+                "approach needs, got none; add an [encoder]"
             )
 
     def _settings(self, bits: int) -> dict[str, float | str]:
@@ -185,8 +185,8 @@ class ContactBench:
         """Raises InputError if the sensor cannot measure a given force or the drive cannot produce
         it."""
         for most_N, what in (
-            (min(counts, 255.0) * self.count_N, "what the sensor reads"),
-            (self._stall_N(), "the drive's largest force"),
+            (min(counts, 255.0) * self.count_N, "the end of the range of the force sensor"),
+            (self._stall_N(), "the largest force of the drive"),
         ):
             if self.forces_N[-1] > most_N:
                 raise ParameterError(
@@ -195,8 +195,8 @@ class ContactBench:
                 )
         if self.forces_N[0] < self.count_N:
             raise ParameterError(
-                "forces_N", f"{self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, a "
-                "count of the reading at 8 bits",
+                "forces_N", f"{self.forces_N[0]:.4g} N: expected at least {self.count_N:.4g} N, "
+                "one 8-bit count of the measured force",
             )  # fmt: skip
 
     def _position_gain(self) -> float:
@@ -591,9 +591,10 @@ def safe(
         return SafeDesign(tried, loss, chosen, cuts)
     last, share = cuts[-1], tried.force_gain / bank.force_gain
     raise InputError(
-        f"simulation: expected a contact that settles, but {last.case} does not settle even at the "
-        f"gain {last.force_gain:.3g}, {share:.2g} of the designed gain ({last.why}); use a smaller "
-        "set, a softer pad, a slower approach or other forces"
+        f"simulation: expected a contact force that settles, but the case {last.case} does not "
+        f"settle even at the gain {last.force_gain:.3g}, {share:.2g} of the designed gain "
+        f"({last.why}); use a smaller set of plants, a softer pad, a slower approach or other "
+        "forces"
     )
 
 
@@ -606,8 +607,8 @@ def _expect_contact(bench: ContactBench, bad: Sequence[SimulatedContact]) -> Non
     gain = float(bench.settings["position_gain"])
     raise InputError(
         f"simulation: expected an approach that reaches the workpiece, but {never[0].case} never "
-        f"touches it ({1e3 * bench.gap_m():.3g} mm away); this does not depend on the force law: "
-        f"the position gain {gain:.4g} is too small against a flexure, gravity or dry friction, or "
-        "the approach is too slow; raise [firmware] position_gain or the approach speed, or start "
-        "nearer to the workpiece"
+        f"touches the workpiece at a distance of {1e3 * bench.gap_m():.3g} mm; the cause is not "
+        f"the force law: the position gain {gain:.4g} is too small for a flexure, gravity or dry "
+        "friction, or the approach is too slow; raise [firmware] position_gain or the approach "
+        "speed, or start nearer to the workpiece"
     )

@@ -70,7 +70,7 @@ def against_of(text: str) -> str:
     names = text.split(",")
     if len(names) != 2 or names[0] != "bandwidth" or names[1] not in AGAINST:
         raise ParameterError(
-            "pareto", f"expected bandwidth and one of {', '.join(AGAINST)}, got {text}"
+            "pareto", f"expected two figures, bandwidth and one of {', '.join(AGAINST)}, got {text}"
         )
     return names[1]
 

@@ -369,10 +369,10 @@ class Reader:
         if given.min is not None or given.max is not None:
             return self.limits(key, given, low)
         if given.value is None:
-            self.fail(key, "expected value or min or max; add value = ...")
+            self.fail(key, "expected one of the keys value, min or max; add value = ...")
         expected = self.number(f"{key}.value", given.value, low)
         if given.tolerance is not None and given.relative is not None:
-            self.fail(key, "expected tolerance or relative, not both")
+            self.fail(key, "expected either tolerance or relative, got both keys")
         if given.relative is not None:
             if expected == 0:
                 self.fail(
@@ -389,15 +389,21 @@ class Reader:
     def limits(self, key: str, given: NumberTable, low: float) -> Number:
         """The Number from the keys min and max."""
         if (given.value, given.tolerance, given.relative) != (None, None, None):
-            self.fail(key, "expected either min and max or value with its tolerance, not both")
+            self.fail(
+                key, "expected either min and max, or value with tolerance, got keys of both kinds"
+            )
         limits = Number(
             -math.inf if given.min is None else given.min,
             math.inf if given.max is None else given.max,
         )
         if limits.low > limits.high:
-            self.fail(key, f"expected min below max, got {limits.low:g} and {limits.high:g}")
+            self.fail(
+                key, f"expected min below max, got min {limits.low:g} and max {limits.high:g}"
+            )
         if limits.high < low:
-            self.fail(f"{key}.max", f"expected at least {low:g}, because {key} is never smaller")
+            self.fail(
+                f"{key}.max", f"expected at least {low:g}, because {key} is never below this value"
+            )
         return limits
 
 
@@ -453,23 +459,31 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
     rate = _core.TICKS_PER_SECOND
     signal = expect.signal or (f"{contacts[0]}.force" if contacts else "encoder")
     if signal not in done.columns:
-        reader.fail("signal", f"expected a column ({', '.join(done.columns)}), got {signal!r}")
+        reader.fail(
+            "signal", f"expected a column of the trace ({', '.join(done.columns)}), got {signal!r}"
+        )
     if "peak_force_N" in expect.wanted and not contacts:
         reader.fail(
-            "peak_force_N", "expected a model with a contact, got one without; remove the key"
+            "peak_force_N",
+            "expected a model with a contact, got a model without contacts; remove this key",
         )
     held = result.metrics.held_force
     if asked := [key for key in HELD_FORCE_KEYS if key in expect.wanted and not held]:
-        reader.fail(min(asked), "expected an experiment that controls a force; remove the key")
+        reader.fail(
+            min(asked),
+            "expected an experiment that controls a force, got another experiment; remove this key",
+        )
     first = math.ceil(expect.from_s * rate - 1e-9)
     values = done.columns[signal][first:].astype(float)
     if len(values) < 2:
-        reader.fail("from_s", f"expected a time before the end, {done.time_s[-1]:g} s")
+        reader.fail("from_s", f"expected a time before the end of the run, {done.time_s[-1]:g} s")
     lasts_s = (len(values) - 1) / rate
     final_s = lasts_s / 10 if expect.final_s is None else expect.final_s
     if final_s > lasts_s + 1e-9:
         reader.fail(
-            "final_s", f"expected at most the {lasts_s:g} s that follow from_s, got {final_s:g}"
+            "final_s",
+            f"expected at most {lasts_s:g} s, the time from from_s to the end of the run, got "
+            f"{final_s:g} s",
         )
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])

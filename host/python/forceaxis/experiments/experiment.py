@@ -106,7 +106,10 @@ class Experiment:
         given = {str(name): value for name, value in (overrides or {}).items()}
         for name, value in self._full_names(values).items():
             if name in given:
-                raise InputError(f"{name}: expected one value, got two; remove one value")
+                raise InputError(
+                    f"{name}: expected one value, got one as a keyword and one in the overrides; "
+                    "remove one of the two"
+                )
             given[name] = value
         texts = [f"{name}={_text_of(name, value)}" for name, value in given.items()]
         return Result(runs.run(self._file, texts, text=self._text))
@@ -125,8 +128,9 @@ class Experiment:
             if name in objects.BY_NAME and name in self.parameters:
                 fail(
                     name,
-                    "expected one meaning, got an object of the firmware and a parameter; write "
-                    f'run({{"firmware.{name}": ...}}) or run({{"{name}": ...}})',
+                    "expected a name with one meaning, got the name of an object of the firmware "
+                    f'and of a parameter; write run({{"firmware.{name}": ...}}) or '
+                    f'run({{"{name}": ...}})',
                 )
             prefix = "experiment." if name in OF_EXPERIMENT else ""
             full[("firmware." if name in objects.BY_NAME else prefix) + name] = value

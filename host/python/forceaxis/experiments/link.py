@@ -84,7 +84,9 @@ def program(name: str) -> str:
         if place.is_file() and os.access(place, os.X_OK):
             return str(place)
     shown = ", ".join(paths.display(p) for p in places)
-    raise LinkError(f"{name}: expected this program in one of {shown}; tools/setup builds it")
+    raise LinkError(
+        f"{name}: expected this program in one of {shown}; `tools/setup` builds the program"
+    )
 
 
 def under_vcan(link: LinkOptions) -> None:
@@ -199,7 +201,10 @@ class AxisNode:
         try:
             self._pipes[0].write(text.encode())
         except OSError:
-            raise LinkError(f"axis_node (pid {self.process.pid}) ended") from None
+            raise LinkError(
+                f"axis_node (pid {self.process.pid}): expected a running program, but axis_node "
+                "ended"
+            ) from None
 
     def _report(self, timeout_s: float) -> str:
         """The JSON object that the process prints next. Raises InputError, LinkError."""
@@ -215,7 +220,7 @@ class AxisNode:
         fields = [str(run_id), str(Path(experiment).resolve()), *overrides]
         if any(c in text for text in fields for c in "\t\n"):
             raise InputError(
-                f"{experiment}: expected names of files and overrides without tabs and line breaks"
+                f"{experiment}: expected file names and overrides without tabs and line breaks"
             )
         self._send("\t".join(fields) + "\n")
         line = self._line(30)
@@ -375,7 +380,7 @@ def expect_same(report: LinkReport) -> None:
     """Raises LinkError if the two processes of a run have computed different trace hashes."""
     if not report.same:
         raise LinkError(
-            f"link {report.kind}: expected the same trace hash of both processes, got "
-            f"{report.hashes.plant} of the plant and {report.hashes.axis} of the firmware, because "
-            "a message was changed on its way"
+            f"link {report.kind}: expected equal trace hashes of plant and firmware, got "
+            f"{report.hashes.plant} from the plant and {report.hashes.axis} from the firmware, "
+            "because a message was changed between the two processes"
         )

@@ -88,7 +88,7 @@ def parse(
     if not low < high:
         fail("FROM below TO")
     if log and low <= 0:
-        fail("FROM above 0 for :log")
+        fail("FROM above 0, because :log spaces the values logarithmically")
     swept = SweepParameter(name, low, high, log)
     if "TOLERANCE" in more:
         if not 0 < values[2] < high - low:

@@ -104,8 +104,8 @@ class CheckedExperiment:
 
         if not self.checks:
             raise InputError(
-                f"{self.file}: expect: expected values to compare; add a table [expect] with "
-                "values, which the verb `forceaxis test` can measure"
+                f"{self.file}: expect: expected a table [expect] with at least one value; "
+                "`forceaxis test --update` fills the table with the measured values"
             )
         lines = [str(check) for check in self.checks if not check.passed]
         if lines:

@@ -127,7 +127,10 @@ def find(
         elif target.exists():
             found = [target]
         else:
-            raise InputError(f"{target}: expected a folder or an experiment file, there is none")
+            raise InputError(
+                f"{target}: expected a folder or an experiment file, got no such path; check the "
+                "path"
+            )
         files |= {p.resolve(): p for p in sorted(found)}
     if pattern:
         asked = f"*{pattern.lower()}*"
@@ -142,8 +145,8 @@ def find(
         if others and not skipped:
             add = f"{', '.join(others[:3])}: no experiments, because they have no duration_s"
         raise InputError(
-            f"{where}: expected an experiment with a table [expect], found none, and "
-            f"{len(skipped)} without this table; {add}"
+            f"{where}: expected at least one experiment with a table [expect], got {len(skipped)} "
+            f"experiments without this table; {add}"
         )
     return tests, skipped
 

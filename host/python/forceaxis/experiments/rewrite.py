@@ -54,7 +54,7 @@ def updated(text: str, examined: Examined) -> str:
     # tomlkit may refuse a text that the reader of experiments accepts
     except tomlkit.exceptions.ParseError as error:
         file = examined.run.experiment
-        raise InputError(f"{file}: file: expected TOML that can be edited, {error}") from None
+        raise InputError(f"{file}: file: expected TOML that can be edited, got: {error}") from None
     table = document["expect"]
     for check in [c for c in examined.checks if not c.passed or c.warning]:
         entry, allowed = table[check.key], TOLERANCES.get(check.key)
@@ -85,8 +85,8 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
     filled_nothing = new == old and not examined.checks
     if before != after or lost > changed or filled_nothing:
         raise InputError(
-            f"{file}: expect: expected a table whose values can be replaced; write [expect] on a "
-            "line of its own, at the end of the file"
+            f"{file}: expect: expected a table [expect] whose values can be replaced; write "
+            "[expect] at the end of the file, on a separate line"
         )
     return new.replace("\n", "\r\n") if crlf else new
 

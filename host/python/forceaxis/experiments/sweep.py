@@ -120,9 +120,13 @@ def plan(request: SweepRequest) -> SweepPlan:
         parse("bisect", name, text, ("TOLERANCE",), False) for name, text in request.bisect.items()
     ]
     if len(searches) > 1:
-        raise ParameterError("bisect", "expected one parameter; use `grid` for the others")
+        raise ParameterError(
+            "bisect", "expected exactly one parameter to bisect; use `grid` for further parameters"
+        )
     if not axes and not searches:
-        raise ParameterError("grid", "expected what to vary: `grid`, `random` or `bisect`")
+        raise ParameterError(
+            "grid", "expected at least one parameter to vary, in `grid`, `random` or `bisect`"
+        )
     if request.refine and (searches or request.random or len(axes) > 2):
         raise ParameterError(
             "refine", "expected a `grid` of one or two parameters, without `bisect`"
@@ -339,7 +343,8 @@ class Journal:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InputError(
-                f"{path}: expected no other running sweep in this folder; give another folder"
+                f"{path}: expected a folder without a running sweep, but another sweep uses this "
+                "folder; give another folder"
             ) from None
         file.seek(0)
         data = file.read()
@@ -353,13 +358,14 @@ class Journal:
             return
         if not lines or not set(identity) <= set(lines[0]):
             raise InputError(
-                f"{path}: line 1: expected a journal of forceaxis sweep; give another folder"
+                f"{path}: line 1: expected the journal of a sweep, got another file; give another "
+                "folder"
             )
         for name in identity:
             if lines[0][name] != identity[name]:
                 what = {"inputs_hash": "experiment, model and overrides"}.get(name, name[:-5])
                 raise InputError(
-                    f"{path}: {name}: expected the same {what} as the runs in this folder, "
+                    f"{path}: {name}: expected the {what} of the runs in this folder, "
                     f"{lines[0][name][:12]}, got {identity[name][:12]}; give another folder"
                 )
         file.truncate(len(whole))
@@ -496,14 +502,16 @@ class Cluster:
             import distributed
         except ImportError:
             raise ParameterError(
-                "scheduler", "expected the package distributed; pip install forceaxis[cluster]"
+                "scheduler",
+                "expected the package distributed; install distributed with `pip install "
+                "'forceaxis[cluster]'`",
             ) from None
 
         def fail(error: str | Exception) -> NoReturn:
             raise ParameterError(
                 "scheduler",
-                f"{address}: expected the address of a running Dask scheduler, "
-                f"tcp://HOST:PORT; {error}",
+                f"{address}: expected the address tcp://HOST:PORT of a running Dask scheduler; "
+                f"{error}",
             ) from None
 
         if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
@@ -531,7 +539,9 @@ class Cluster:
         cores = sum(self.client.nthreads().values())
         if cores == 0:
             raise ParameterError(
-                "scheduler", f"{self.address}: expected workers; start them with `dask worker`"
+                "scheduler",
+                f"{self.address}: expected a Dask scheduler with at least one worker, got "
+                "none; start workers with `dask worker`",
             )
         size = max(1, min(64, len(jobs) // (4 * cores)))
         futures = {
@@ -552,8 +562,8 @@ class Cluster:
             raise
         except Exception as error:
             raise SimulationError(
-                f"{self.address}: expected every group of points to be run, {error}; the same "
-                "command runs the missing points"
+                f"{self.address}: expected a result for each group of points, got: {error}; "
+                "repeat the command, which runs only the missing points"
             ) from error
         finally:
             self.client.cancel(list(futures))

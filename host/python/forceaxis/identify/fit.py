@@ -194,14 +194,14 @@ def fit(
     for name, value in starts.items():
         if not (math.isfinite(value) and value > 0):
             raise InputError(
-                f"{where}: {name}: expected a start value above 0, got {value:g}; give a start "
-                "value"
+                f"{where}: {name}: expected a start value above 0, got {value:g}; give another "
+                "start value"
             )
     p, n, dof = len(starts), len(measured.frequency_hz), measured.dof
     if n < p + 2:
         raise InputError(
-            f"{where}: expected at least {p + 2} frequencies for {p} parameters, got {n}; measure "
-            "a wider band, or with more lines"
+            f"{where}: expected a response with at least {p + 2} frequencies for {p} parameters, "
+            f"got {n}; measure a wider frequency band, or use a smaller resolution_hz"
         )
     problem = FitProblem(measured, starts)
     problem.expect_effects(where)
@@ -263,9 +263,9 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
     if size[-1] < LEAST_SINGULAR_RATIO * size[0]:
         together = [n for n, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
         raise InputError(
-            f"{where}: expected parameters with different effects on the response, got "
-            f"{', '.join(together)}, of which only a combination has an effect; fit all but one of "
-            "them"
+            f"{where}: expected parameters with different effects on the response, but only a "
+            f"combination of {', '.join(together)} changes the response; remove one of these "
+            "parameters from the fit"
         )
 
 
@@ -314,7 +314,7 @@ def read_response(
         zipfile.BadZipFile,
     ):  # fmt: skip
         raise InputError(
-            f"{file}: expected response.npz as forceaxis measure writes it, or a CSV file"
+            f"{file}: expected a CSV file or a file response.npz, which `forceaxis measure` writes"
         ) from None
     return checked(measured, file)
 
@@ -390,7 +390,7 @@ def response_of_csv(
     f, a, b, coherence = read_columns(file, ["frequency_hz", *parts, "coherence"])
     response: Complexes = np.asarray(a * np.exp(1j * np.radians(b)) if polar else a + 1j * b)
     if not np.all((coherence > 0) & (coherence < 1)):
-        raise InputError(f"{file}: coherence: expected 0 < coherence < 1")
+        raise InputError(f"{file}: coherence: expected values above 0 and below 1")
     if polar and not np.all(a > 0):
         raise InputError(f"{file}: magnitude: expected values above 0")
     if not np.all((abs(a) < 1e30) & (abs(b) < 1e30)):
@@ -435,7 +435,9 @@ def starts_of(
         try:
             starts[name] = float(value) if given else known[name][0]
         except ValueError:
-            raise ParameterError("names", f"{text}: expected NAME=START, a number") from None
+            raise ParameterError(
+                "names", f"{text}: expected NAME=START with a number as START"
+            ) from None
     return starts, {name: known[name][1] for name in starts}
 
 

@@ -59,7 +59,7 @@ class ExcitedPlant:
             self.plant = _core.Excited(model, dict(overrides), setup.seed, parts, setup.clamped)
         except _core.SimulationError as error:
             raise InputError(
-                f"{where}: set: expected a plant that can be simulated, {error}"
+                f"{where}: set: expected a plant that can be simulated, got: {error}"
             ) from None
         self.rate = _core.TICKS_PER_SECOND * parts
         if setup.inject == "codes":
@@ -81,7 +81,7 @@ class ExcitedPlant:
             self.plant.write(name, float(value))
         except ValueError as error:
             raise InputError(
-                f"{self.where}: excitation: expected values that the firmware accepts, {error}"
+                f"{self.where}: excitation: expected values that the firmware accepts, got: {error}"
             ) from None
 
     def prepare(self, rng: np.random.Generator, line: int | None) -> None:
@@ -159,8 +159,9 @@ class ExcitedPlant:
 def unstable(where: str, text: str) -> InputError:
     """The error for a response whose amplitude grows."""
     return InputError(
-        f"{where}: excitation: expected a response that settles, got an unstable excitation: "
-        f"{text}; lower the level, or close a loop that controls the position of the axis"
+        f"{where}: excitation: expected a response that settles, but the excited axis is "
+        f"unstable: {text}; lower the level, or close a loop that controls the position of the "
+        "axis"
     )
 
 
@@ -186,15 +187,15 @@ def settling_steps(system: linear.System, where: str) -> int:
     if size.max(initial=0) > 1 + 1e-7:
         rate = float(np.log(size.max()) / system.dt)
         raise InputError(
-            f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s: unstable "
-            "excitation; change the parameters, or measure with open contacts"
+            f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s, with which "
+            "the excited axis is unstable; change the parameters, or measure with open contacts"
         )
     still = abs(poles - 1) < 1e-7  # poles of integrators, whose drift is removed
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
         raise InputError(
-            f"{where}: model: expected a plant with damping, but one of its modes of vibration "
-            "never settles; add damping to its springs"
+            f"{where}: model: expected a plant with damping, but a mode of vibration of this "
+            "plant never settles; add damping to the springs"
         )
     return math.ceil(math.log(TRANSIENT_SHARE) / math.log(slowest)) if slowest > 0 else 1
 
@@ -260,8 +261,8 @@ def measure_setup(
     if steps > MOST_STEPS:
         raise InputError(
             f"{where}: resolution_hz: expected a measurement of at most {MOST_STEPS / rate:g} s, "
-            f"this one takes {steps / rate:.4g} s (it waits for transients that last "
-            f"{settling / rate:.3g} s); raise resolution_hz or take fewer averages"
+            f"got a measurement of {steps / rate:.4g} s, which includes the wait for transients "
+            f"of {settling / rate:.3g} s; raise resolution_hz or take fewer averages"
         )
 
     bench = ExcitedPlant(setup, {**overrides, **(plant_set or {})}, parts, samples, where)
@@ -301,16 +302,17 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
     last = math.floor(high * samples / rate + 1e-9)
     if last < first:
         raise InputError(
-            f"{where}: resolution_hz: expected a line between {low:g} and {high:g} Hz, got too "
-            f"little data for one; measure longer, with a smaller resolution_hz"
+            f"{where}: resolution_hz: expected at least one line of the spectrum between {low:g} "
+            f"and {high:g} Hz, got none; use a smaller resolution_hz, which measures longer"
         )
     # The removal of mean and drift distorts the two lines next to 0 Hz.
     if setup.window == "hann":
         first = max(first, FIRST_HANN_LINE)
         if last < first:
             raise InputError(
-                f"{where}: resolution_hz: expected a third of the highest frequency or less with "
-                f"window hann, whose first line is the third, got {rate / samples:g} Hz"
+                f"{where}: resolution_hz: expected at most a third of the highest frequency of "
+                "band_hz, because window hann omits the first two lines of the spectrum, got "
+                f"{rate / samples:g} Hz"
             )
     lines = np.arange(first, last + 1)
     if setup.excitation == "sine":
@@ -335,7 +337,8 @@ def settling_of(
         if not continuous.select(outputs=[name]).has_path():
             raise InputError(
                 f"{where}: {'input' if name == setup.input else 'output'}: expected a signal that "
-                f"the drive acts on, there is no path from drive.command to {name}"
+                f"the drive moves, but there is no signal path from drive.command to {name}; "
+                "choose another signal"
             )
     settling = settling_steps(continuous.sampled(dt=dt), where)
     # The changed plant may settle later than the nominal plant. If it is unstable, the excitation
@@ -449,7 +452,10 @@ def estimate(
         place += len(used)
         uu, yy = (abs(U) ** 2).sum(0), (abs(Y) ** 2).sum(0)
         if not uu.all():
-            raise InputError(f"{where}: level: expected an excitation, but the input stays at 0")
+            raise InputError(
+                f"{where}: level: expected an excitation that changes the input, but the input "
+                "stays at 0; raise the level"
+            )
         H = (U.conj() * Y).sum(0) / uu
         response[here] = H
         residual = (abs(Y - H * U) ** 2).sum(0)
@@ -463,8 +469,8 @@ def estimate(
     if not (variance > 0).all():
         raise InputError(
             f"{where}: level: expected an output that changes by more than one count, but "
-            f"{done.output} does not; raise the level, or keep the contact by a bias or by clamped "
-            "contacts"
+            f"{done.output} changes less; raise the level, or use a bias or clamped contacts that "
+            "keep the contact closed"
         )
     scale = done.scale
     return replace(

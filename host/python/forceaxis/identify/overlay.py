@@ -40,7 +40,7 @@ def overlay(
     if len(signals) > 1:
         found = ", ".join(sorted(f"{i} to {o}" for i, o, _ in signals))
         raise ParameterError(
-            "measured", f"expected responses between the same signals, got {found}"
+            "measured", f"expected responses with equal input and equal output, got {found}"
         )
     known: list[curves.Curve] = []
     rows: list[MeasuredCurve] = []

@@ -96,7 +96,7 @@ def rows_of(path: Path | str) -> list[tuple[int, list[str]]]:
             rows = csv.reader(file)
             return [(rows.line_num, row) for row in rows if row]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a CSV file in UTF-8, {error}") from None
+        raise InputError(f"{path}: expected a CSV file in UTF-8, got: {error}") from None
 
 
 def header_of(path: Path | str) -> list[str]:
@@ -112,8 +112,9 @@ def read_columns(path: Path | str, names: Sequence[str]) -> list[Reals]:
     for name in names:
         if header.count(name) != 1:
             raise InputError(
-                f"{path}: expected {'a' if name not in header else 'one'} column {name}, got "
-                f"{', '.join(header) or 'no columns'}; name the columns in the first line"
+                f"{path}: expected exactly one column with the name {name}, got the columns "
+                f"{', '.join(header) or '(none)'}; write the names of the columns in the first "
+                "line"
             )
     places = [header.index(name) for name in names]
     columns: list[list[float]] = [[] for _ in names]
@@ -256,8 +257,8 @@ def ring_down(
     explained = 1 - (np.sum(residuals**2) / (n - p)) / (spread / (n - 1))
     if not explained >= LEAST_EXPLAINED or not 0 < omega < math.pi * (n - 1) / time[-1]:
         raise InputError(
-            f"{where}: expected one decaying vibration, the best fit explains "
-            f"{100 * max(explained, 0):.3g} % of the record; select a part of the record by "
+            f"{where}: expected a record of one decaying vibration, but the best fit explains "
+            f"only {100 * max(explained, 0):.3g} % of the record; select a part of the record by "
             "`from_s` and `to_s`, filter the record, or strike harder"
         )
     cycles = int(time[-1] * omega / (2 * math.pi) + 0.01)
@@ -278,8 +279,8 @@ def ring_down(
     decrement = estimate(turn * rate / omega, turn * by_cycle)
     if decrement.value + 3 * decrement.half < -1e-6:
         raise InputError(
-            f"{where}: expected a decaying vibration, got one that grows: decrement {decrement}; "
-            "select a part of the record by `from_s` and `to_s`"
+            f"{where}: expected a decaying vibration, got a growing vibration with the decrement "
+            f"{decrement}; select a part of the record by `from_s` and `to_s`"
         )
     offset = damped_sine(time, rate, omega)[:, 2:] @ found.x[4:] * unit + values.mean()
     ends = np.array([0.0, (cycles - 1) * turn / omega])
@@ -307,7 +308,9 @@ def ring_down(
 def _expect_samples(time_s: Reals, where: Path | str) -> None:
     """Raises InputError for times that do not rise, and for too few samples."""
     if len(time_s) < 2 or np.any(np.diff(time_s) <= 0):
-        raise InputError(f"{where}: time_s: expected at least two rising times, in s")
+        raise InputError(
+            f"{where}: time_s: expected at least two times in s, each larger than the time before"
+        )
     if len(time_s) < LEAST_SAMPLES:
         raise InputError(
             f"{where}: expected at least {LEAST_SAMPLES} samples, got {len(time_s)}; record longer"
@@ -351,8 +354,8 @@ def noise_of(
 def too_short(where: Path | str, cycles: float, floor: float) -> InputError:
     """The error for a record with too few periods."""
     return InputError(
-        f"{where}: expected a decaying vibration of at least {LEAST_CYCLES} cycles, found "
-        f"{int(cycles)}; record longer, strike harder, or lower `floor`, which is {floor:g}"
+        f"{where}: expected a decaying vibration of at least {LEAST_CYCLES} cycles, got "
+        f"{int(cycles)}; record longer, strike harder, or set `floor` below {floor:g}"
     )
 
 
@@ -436,9 +439,9 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
     lowest = math.sqrt(4 * k / m) / (2 * math.pi)
     if f < lowest:
         raise InputError(
-            f"split: frequency: expected at least {lowest:.5g} Hz, the frequency of two equal "
-            f"masses of {m:g} kg together on {k:g} N/m, got {f:g} Hz; check mass, stiffness and "
-            "frequency"
+            f"split: frequency: expected at least {lowest:.5g} Hz, the frequency for two equal "
+            f"masses with the total mass {m:g} kg and a spring of {k:g} N/m, got {f:g} Hz; check "
+            "total mass, stiffness and frequency"
         )
     large, small = (
         propagate(part, total_mass, stiffness, frequency_hz, unit="kg")
@@ -466,10 +469,13 @@ def regression_of(
     at, values = read_columns(path, [x, y])
     fewest = 4 if offset else 3
     if len(at) < fewest:
-        raise InputError(f"{path}: expected at least {fewest} rows, got {len(at)}; measure more")
+        raise InputError(
+            f"{path}: expected a file with at least {fewest} rows, got {len(at)}; measure more "
+            "points"
+        )
     if not at.any() or (offset and np.ptp(at) == 0):
         what = "different values" if offset else "values other than 0"
-        raise InputError(f"{path}: {x}: expected {what}; measure at several speeds")
+        raise InputError(f"{path}: {x}: expected a column with {what}; measure at several speeds")
     columns = np.stack([at, np.ones(len(at))], 1) if offset else at[:, None]
     found = regression(columns, values)
     return [Estimate(*pair, unit) for pair, unit in zip(found, units, strict=False)]
@@ -490,8 +496,8 @@ def motor_damping(
     """
     if ratio.value <= 0:
         raise InputError(
-            f"{where}: expected a tachometer voltage that rises with the motor's, got "
-            f"{ratio.value:.4g} V/V; check signs and columns"
+            f"{where}: expected a tachometer voltage that rises with the motor voltage, got a "
+            f"slope of {ratio.value:.4g} V/V; check the signs and the names of the columns"
         )
     return propagate(
         lambda r, t, tach, b, R: (t * tach / r - b * t) / R,

@@ -123,8 +123,8 @@ def fit(
     peaks, troughs = _extremes(f, target, modes, prominence_db)
     if not peaks:
         raise InputError(
-            f"response: expected at least one peak with a prominence of {prominence_db} dB, found "
-            "none; lower `prominence_db` or give more frequencies"
+            f"response: expected at least one peak with a prominence of {prominence_db} dB or "
+            "more, got none; lower `prominence_db` or give more frequencies"
         )
     found = _match(f, target, peaks, troughs)
     if refine:
@@ -159,7 +159,9 @@ def _checked(
     if len(f) < 10:
         raise InputError(f"frequency_hz: expected at least 10 frequencies, got {len(f)}")
     if not (np.all(f > 0) and np.all(np.diff(f) > 0)):
-        raise InputError("frequency_hz: expected rising frequencies > 0")
+        raise InputError(
+            "frequency_hz: expected frequencies above 0, each larger than the frequency before"
+        )
     for name, values in (("response", data), ("rigid_response", rigid)):
         if not (np.isfinite(values).all() and np.all(np.abs(values) > 0)):
             raise InputError(f"{name}: expected finite values that are not 0")
@@ -302,7 +304,7 @@ def of_measurement(
     from forceaxis.identify import fit as fit_response
 
     if not 0 < prominence_db < 200:
-        raise ParameterError("prominence_db", f"expected 0 to 200, got {prominence_db:g}")
+        raise ParameterError("prominence_db", f"expected 0 to 200 dB, got {prominence_db:g} dB")
     data = fit_response.read_response(response, model)
     body = replace(data, output=rigid, free=True, overrides=overrides)
     found = fit(data.frequency_hz, data.response, body.predict(), modes, prominence_db, refine)

@@ -69,13 +69,16 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
         table = toml.read(path)
         if "duration_s" in table:
             raise InputError(
-                f"{where}: duration_s: expected a measurement or a model, got an experiment; use "
-                "`forceaxis run`"
+                f"{where}: duration_s: expected the file of a measurement or a model, got an "
+                "experiment; use `forceaxis run` for an experiment"
             )
         if isinstance(table.get("model"), str):
             given = table | {"model": os.path.normpath(path.parent / table["model"])}
         elif not any(key in table for key in ("body", "drive", "parameters_file")):
-            raise InputError(f"{where}: model: expected the path of a model beside the measurement")
+            raise InputError(
+                f"{where}: model: expected the path of a model, relative to the file of the "
+                "measurement"
+            )
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
     # the title of the file is not correct for another signal
@@ -172,15 +175,24 @@ def check(given: SetupTable, where: str) -> Setup:
         band_hz=(float(low), float(high)),
     )
     if setup.window == "hann" and setup.excitation != "noise":
-        fail("window", f"expected none with {setup.excitation}, which is measured over a period")
+        fail(
+            "window",
+            f"expected no window with the excitation {setup.excitation}, because the measurement "
+            "covers complete periods; remove this key",
+        )
     if setup.free and setup.clamped:
-        fail("clamped", "expected either clamped or free contacts")
+        fail(
+            "clamped",
+            "expected either `clamped` or `free` contacts, got both; remove one of the keys",
+        )
     if codes:
         _check_codes(setup, fail)
     else:
         for key, signal in (("input", setup.input), ("output", setup.output)):
             if signal in CODES:
-                fail(key, f"expected a simulated signal, {signal} needs inject = codes")
+                fail(
+                    key, f"expected a signal of the plant, got {signal}, which needs inject = codes"
+                )
     return setup
 
 
@@ -188,12 +200,12 @@ def _check_codes(setup: Setup, fail: Callable[[str, str], NoReturn]) -> None:
     """Reports a level or bias in DAC codes that the firmware cannot excite with."""
     level, bias = setup.level, setup.bias
     if not (level <= 2048 and level == int(level)):
-        fail("level", f"expected whole codes 1..2048, got {level:g}")
+        fail("level", f"expected a whole number of DAC codes from 1 to 2048, got {level:g}")
     if not (-2048 <= bias <= 2047 and bias == int(bias)):
-        fail("bias", f"expected a whole code -2048..2047, got {bias:g}")
+        fail("bias", f"expected a whole DAC code from -2048 to 2047, got {bias:g}")
     if level + abs(bias) > 2048:
         fail(
             "level",
-            "expected at most 2048 codes as the sum of level and bias, because the range of the "
-            f"DAC ends there, got {level:g} and {bias:g}",
+            "expected a sum of level and bias of at most 2048 codes, the end of the range of the "
+            f"DAC, got level {level:g} and bias {bias:g}",
         )

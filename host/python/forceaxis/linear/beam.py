@@ -71,8 +71,9 @@ class Factored:
             num, den = gain * np.real(np.poly(zeros)), np.real(np.poly(poles))
         if not (np.isfinite(num).all() and np.isfinite(den).all()):
             raise InputError(
-                f"transfer function: expected coefficients below 1e308, got {len(poles)} poles "
-                f"up to {np.abs(poles).max():.3g} 1/s; use fewer modes or the factors (zpk)"
+                f"transfer function: expected coefficients below 1e308, but {len(poles)} poles up "
+                f"to {np.abs(poles).max():.3g} 1/s give larger coefficients; use fewer modes, or "
+                "use the zeros and poles of zpk()"
             )
         return control.TransferFunction(num, den)
 
@@ -229,7 +230,7 @@ class Beam:
         if output not in zeros:
             raise InputError(f'beam output: expected "actuator" or "tip", got "{output}"')
         if modes < 1:
-            raise InputError(f"beam: expected a number of modes of at least 1, got {modes}")
+            raise InputError(f"beam: expected at least 1 mode, got {modes}")
         return Factored(zeros[output](modes), self.poles(modes)[1:], 1 / self.mass_kg, -1)
 
     def approximation_error(self, modes: int, output: str = "actuator", through: int = 4) -> float:
@@ -242,7 +243,7 @@ class Beam:
         peak there and its error increases up to the last frequency.
         """
         if modes < through:
-            raise InputError(f"beam: expected a number of modes of at least {through}, got {modes}")
+            raise InputError(f"beam: expected at least {through} modes, got {modes}")
         marks = self.natural_frequencies(through)
         if output == "actuator":
             marks = np.concatenate([marks, self.rate * clamped_free_roots(through) ** 2])
@@ -269,7 +270,7 @@ class Beam:
         parts. With more elements the modes approach those of the beam.
         """
         if elements < 1:
-            raise InputError(f"beam: expected a number of elements of at least 1, got {elements}")
+            raise InputError(f"beam: expected at least 1 element, got {elements}")
         part = self.length_m / (2 * elements)
         m = self.mass_per_length_kg_per_m * part
         masses = np.full(elements + 1, 2 * m)
@@ -302,12 +303,14 @@ class LumpedBeam:
         n = len(self.lengths_m)
         if n < 1 or len(self.masses_kg) != n + 1 or len(self.inertias_kgm2) != n:
             raise InputError(
-                "LumpedBeam: expected one length and inertia an element and one mass more, got "
+                "LumpedBeam: expected n lengths, n inertias and n + 1 masses for n elements, got "
                 f"{n} lengths, {len(self.masses_kg)} masses, {len(self.inertias_kgm2)} inertias"
             )
         values = (self.bending_stiffness_Nm2, *self.lengths_m, *self.masses_kg, *self.inertias_kgm2)
         if not (np.isfinite(values).all() and min(values) > 0):
-            raise InputError("LumpedBeam: expected stiffness, lengths, masses and inertias > 0")
+            raise InputError(
+                "LumpedBeam: expected numbers above 0 for stiffness, lengths, masses and inertias"
+            )
 
     @classmethod
     def figure_2_24(
@@ -365,8 +368,8 @@ class LumpedBeam:
         """
         if len(self.lengths_m) != 1:
             raise InputError(
-                "LumpedBeam.nonminimum_phase: expected a beam of one element; use the zeros of "
-                "`system` for other beams"
+                "LumpedBeam.nonminimum_phase: expected a beam with one element, got more; use the "
+                "zeros of `system` for this beam"
             )
         return self.tip_offset_m * self.lengths_m[0] / 2 * self.masses_kg[1] > self.inertias_kgm2[0]
 

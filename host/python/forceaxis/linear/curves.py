@@ -220,7 +220,7 @@ def model_curve(
     if not system.has_path():
         cut = working.cut_by(path, own.overrides, states, lambda other: plant(other).has_path())
         raise InputError(
-            f"{path}: expected a path from {input} to {own.output}; there is none{cut}"
+            f"{path}: expected a signal path from {input} to {own.output}, got none{cut}"
         )
     if own.timing != "continuous":
         system = system.sampled(loops.TIMINGS.index(own.timing) - 1)
@@ -247,7 +247,8 @@ def check_span(span_hz: tuple[float, float], timing: str) -> None:
     if not (1e-6 <= low_hz < high_hz <= highest):
         raise ParameterError(
             "from_hz",
-            f"expected FROM < TO, from 1e-6 to {highest:g} Hz, got {low_hz:g} and {high_hz:g}",
+            f"expected FROM < TO, both within 1e-6 to {highest:g} Hz, got FROM {low_hz:g} and TO "
+            f"{high_hz:g}",
         )
 
 
@@ -289,7 +290,8 @@ def bode_of(request: LoopRequest, view: BodeView) -> tuple[list[Curve], PlantBod
     if request.has_gain and view.input != "drive.command":
         raise ParameterError(
             "gain",
-            "expected a gain only with `input` drive.command, because the loop acts at this input",
+            "expected `input` drive.command together with a gain, because the loop acts on this "
+            "input; remove the gain or the input",
         )
     check_span(view.span_hz, timing)
     linear.once("output", view.outputs)

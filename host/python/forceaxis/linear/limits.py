@@ -284,8 +284,8 @@ def step_response(loop: Loop, gain: float, duration_s: float) -> StepResponse:
     if not np.isfinite(value).all():
         raise ParameterError(
             "duration_s",
-            "expected a response that remains finite, but the response becomes too large within "
-            f"{duration_s:g} s; use a shorter duration or a lower gain",
+            "expected a response within the range of floating-point numbers, but the response "
+            f"exceeds this range within {duration_s:g} s; use a shorter duration or a lower gain",
         )
     return StepResponse(stable, *figures, final, time_s, value)
 
@@ -351,14 +351,16 @@ def poles_of(request: LoopRequest, input: str | None, output: str | None) -> Pol
     if not request.has_gain and (input is not None or own.firmware_gain is None):
         if request.law not in (None, "p") or request.parameters:
             raise ParameterError(
-                "law", "expected a law only with `gain` or `firmware_gain`, which close the loop"
+                "law",
+                "expected `gain` or `firmware_gain` together with a law, because only a gain "
+                "closes the loop; add a gain or remove the law",
             )
         return _plant_poles(request, own, input or "drive.command", output or "reading")
     if input is not None:
         raise ParameterError(
             "input",
-            "expected an input only without a gain, because the input of a closed "
-            "loop is its set-point",
+            "expected no input together with a gain, because the input of a closed loop is the "
+            "set-point; remove the input or the gain",
         )
     loop = replace(request, output=output or "reading").loop()
     gain = request.gain_of(loop)
@@ -381,8 +383,8 @@ def _plant_poles(request: LoopRequest, own: ModelSettings, input: str, output: s
     if not plant.has_path():
         cut = working.cut_by(path, overrides, mode.modes, lambda m: plant_in(m).has_path())
         raise _core.InputError(
-            f"{path}: output: expected a path from {input} to {output}, it does not answer "
-            f"in this mode{cut or '; choose another output or mode'}"
+            f"{path}: output: expected a signal path from {input} to {output}, got none in this "
+            f"mode{cut or '; choose another output or mode'}"
         )
     timing = request.timing or "continuous"
     if timing != "continuous":

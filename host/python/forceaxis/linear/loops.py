@@ -166,14 +166,20 @@ def _check(spec: LoopSpec) -> None:
     """Raises ParameterError if a field of the specification contradicts another field."""
     law, bank = spec.law, spec.bank
     if law == "bank" and bank is None:
-        raise ParameterError("law", "expected law bank only with an experiment that selects a bank")
+        raise ParameterError(
+            "law",
+            "expected an experiment that selects a bank together with law bank; choose another "
+            "law or another experiment",
+        )
     if bank is not None and law not in ("bank", *MOTION_LAWS):
         raise ParameterError(
             "law", f"expected law bank or a law of motion for an experiment with a bank, got {law}"
         )
     if bank is not None and spec.is_continuous:
         raise ParameterError(
-            "timing", "expected zoh or zoh+1 with law bank, because a bank is sampled"
+            "timing",
+            "expected zoh or zoh+1 together with law bank, because the firmware computes a "
+            "bank once per tick",
         )
     if law not in LAWS:
         raise ParameterError("law", f"expected one of {', '.join(LAWS)}, got {law}")
@@ -189,7 +195,9 @@ def _check(spec: LoopSpec) -> None:
         _check_number(name, value)
     for name in LAWS[law]:
         if name not in spec.parameters:
-            raise ParameterError(name, f"expected with law {law}")
+            raise ParameterError(
+                name, f"expected a value of this parameter, because law {law} uses this parameter"
+            )
 
 
 def _check_number(name: str, value: float) -> None:
@@ -230,14 +238,19 @@ def _controlled(known: PlantFacts, where: str, law: str, output: str) -> tuple[s
     no such signal."""
     if known.drive is None:
         raise _core.InputError(
-            f"{where}: drive: expected a model with a [drive], there is none; choose another model"
+            f"{where}: drive: expected a model with a [drive], got a model without a drive; "
+            "choose another model"
         )
     if output == "reading" and known.reading is None:
         raise no_reading(where)
     signal = known.required_reading.signal if output == "reading" else output
     unit = known.signals.get(signal, "count")
     if unit != "N" and law in MOTION_LAWS:
-        raise ParameterError("output", f"expected a force with law {law}, {signal} is in {unit}")
+        raise ParameterError(
+            "output",
+            f"expected a force as output with law {law}, got {signal} in {unit}; choose another "
+            "output",
+        )
     return signal, unit
 
 
@@ -245,8 +258,8 @@ def _encoder_scale(known: PlantFacts, where: str) -> float:
     """Returns the number of encoder counts per metre."""
     if known.encoder is None:
         raise _core.InputError(
-            f"{where}: encoder: expected a model with an [encoder] for a loop with velocity "
-            "gain, there is none"
+            f"{where}: encoder: expected a model with an [encoder], because the loop has a "
+            "velocity gain, got a model without an encoder"
         )
     return known.required_encoder.scale
 
@@ -321,8 +334,8 @@ def _feedback(spec: LoopSpec, site: _Site, signal: str, moves: bool, names: list
             where, site.overrides, site.states, lambda m: read((spec.output,), m).has_path()
         )
         raise _core.InputError(
-            f"{where}: output: expected a path from drive.command to {signal}, it does not answer "
-            f"in this mode{cut or '; choose another output or another mode of the elements'}"
+            f"{where}: output: expected a signal path from drive.command to {signal}, got none in "
+            f"this mode{cut or '; choose another output or another mode of the elements'}"
         )
 
     def row(matrix: Matrix, name: str) -> Matrix:
@@ -353,8 +366,9 @@ def _continuous(system: System, law: str, where: str) -> _Plant:
     if law == "pd":
         if direct[0, 0]:
             raise _core.InputError(
-                f"{where}: output: expected a signal that does not jump with the command, its "
-                "derivative (law pd) is not proper; choose another timing or output"
+                f"{where}: output: expected a signal that does not jump when the command jumps, "
+                "because law pd uses the derivative of this signal; choose another timing or "
+                "output"
             )
         rate, rate_direct = f @ A, f @ B
     return _Plant(A, B, f, rate, x, v, direct, rate_direct, system.states)
@@ -428,7 +442,7 @@ def _with_law(spec: LoopSpec, plant: _Plant) -> System:
 def no_reading(where: str) -> _core.InputError:
     """Returns the error for a model without an ADC on channel 0."""
     return _core.InputError(
-        f"{where}: adc: expected an ADC on channel 0, there is none; choose another output"
+        f"{where}: adc: expected a model with an ADC on channel 0, got none; choose another output"
     )
 
 

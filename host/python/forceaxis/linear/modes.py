@@ -267,8 +267,9 @@ def modes(
 
         cut = working.cut_by(path, overrides, states, moves)
         raise InputError(
-            f"{path}: expected an output that the input moves, got no path from {input} to "
-            f"{output} in this mode{cut or '; name others, or another state by `states`'}"
+            f"{path}: expected an output that the input moves, got no signal path from {input} to "
+            f"{output} in this "
+            f"mode{cut or '; choose other signals, or give another state in `states`'}"
         )
     driven = linear.linearise(path, [input], [output], overrides, states, free)
     matched, others = match(m, driven)

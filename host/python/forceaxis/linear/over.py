@@ -504,8 +504,8 @@ def modes_all(
     if math.prod(map(len, choices)) > COMBINATIONS_MAX:
         raise ParameterError(
             "modes",
-            f"expected at most {COMBINATIONS_MAX} combinations of the model's states with "
-            "all; choose visited",
+            f"expected at most {COMBINATIONS_MAX} combinations of states for the value all, got "
+            "more; use the value visited",
         )
     fixed = dict(fixed or {})
     every = (
@@ -524,7 +524,7 @@ def modes_all(
 
         cut = working.cut_by(where, overrides, own.modes, has_path)
         raise _core.InputError(
-            f"{where}: expected a path from drive.command to {output} in some mode; there is none"
-            f"{cut}"
+            f"{where}: expected a signal path from drive.command to {output} in at least one "
+            f"mode, got none{cut}"
         )
     return found

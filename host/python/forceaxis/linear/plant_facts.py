@@ -85,7 +85,8 @@ class PlantFacts:
         """The drive of the model. Raises InputError if the model has no drive."""
         if self.drive is None:
             raise _core.InputError(
-                f"{self.path}: expected a model with a [drive], there is none; choose another model"
+                f"{self.path}: expected a model with a [drive], got a model without a drive; "
+                "choose another model"
             )
         return self.drive
 
@@ -94,8 +95,8 @@ class PlantFacts:
         """The sensor of the model. Raises InputError if the model has no sensor."""
         if self.reading is None:
             raise _core.InputError(
-                f"{self.path}: expected a model with an [[adc]] of channel 0, there is none; "
-                "choose another model"
+                f"{self.path}: expected a model with an [[adc]] of channel 0, got none; choose "
+                "another model"
             )
         return self.reading
 
@@ -104,8 +105,8 @@ class PlantFacts:
         """The encoder of the model. Raises InputError if the model has no encoder."""
         if self.encoder is None:
             raise _core.InputError(
-                f"{self.path}: expected a model with an [encoder], there is none; choose another "
-                "model"
+                f"{self.path}: expected a model with an [encoder], got a model without an "
+                "encoder; choose another model"
             )
         return self.encoder
 

@@ -99,7 +99,10 @@ def ranges_of(
                 f"{', '.join(sorted(known))}{suggestion(name, known)}",
             )
         if name in ranges:
-            raise ParameterError("over", f"{name}: expected each parameter once")
+            raise ParameterError(
+                "over",
+                f"{name}: expected each parameter once, got this parameter twice; remove one",
+            )
         nominal = known[name].value
         ranges[name] = (nominal, *_span(text, span, nominal))
     if len(ranges) > RANGES_MAX:
@@ -121,6 +124,7 @@ def _span(text: str, span: str, nominal: float) -> tuple[float, float]:
         fits = False
     if not (fits and all(map(math.isfinite, ends))):
         raise ParameterError(
-            "over", f"{text}: expected NAME=PERCENT% above 0 and below 100, or NAME=LOW..HIGH"
+            "over",
+            f"{text}: expected NAME=LOW..HIGH, or NAME=PERCENT% with PERCENT above 0 and below 100",
         )
     return ends[0], ends[1]

@@ -127,7 +127,10 @@ def varied(overrides: Overrides, vary: Iterable[str]) -> list[tuple[str, dict[st
         if not chosen or any(str(one[name])[:1].isalpha() for one in chosen):
             raise ParameterError("vary", f"{text}: expected NAME=NUMBER,NUMBER,...")
         if name in runs[0][1] or len({one[name] for one in chosen}) < len(chosen):
-            raise ParameterError("vary", f"{text}: expected each parameter and each value once")
+            raise ParameterError(
+                "vary",
+                f"{text}: expected each parameter and each value once, got one twice; remove one",
+            )
         runs = [
             (f"{label}, {name} = {linear.shown(one[name])}".removeprefix(", "), given | one)
             for label, given in runs

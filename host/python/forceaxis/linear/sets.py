@@ -234,9 +234,14 @@ def _modes_of(
         raise ParameterError("modes", "expected either `modes` or `states`, got both")
     modes = modes or ("nominal" if fixed else "visited" if own.experiment else "all")
     if modes == "visited" and own.experiment is None:
-        raise ParameterError("modes", "visited: expected an experiment; give all, or nominal")
+        raise ParameterError(
+            "modes", "visited: expected an experiment, got a model; use the value all or nominal"
+        )
     if request.free and modes != "nominal":
-        raise ParameterError("modes", "expected nominal with `free`, modes are those in contact")
+        raise ParameterError(
+            "modes",
+            "expected nominal together with `free`, because the other values need a contact",
+        )
     if modes == "visited":
         assert own.experiment is not None
         return over.modes_visited(own.experiment, own.texts, request.output)
@@ -360,16 +365,22 @@ def bode(
     if part == "plant":
         if several or request.has_law:
             raise ParameterError(
-                "of", "expected loop, closed or sensitivity with a law or a set, got plant"
+                "of",
+                "expected loop, closed or sensitivity together with a law or a set of plants, "
+                "got plant",
             )
         return curves.bode_of(request, view)
     if view.input != "drive.command" or len(view.outputs) > 1:
-        raise ParameterError("of", f"{part}: expected no `input` and one `output`")
+        raise ParameterError("of", f"{part}: expected exactly one `output` and no `input`")
     request = replace(request, output=view.outputs[0])
     if not several:
         return curves.loop_bode_of(request, view, part)
     if view.vary:
-        raise ParameterError("vary", "expected without `over`, `modes` and `timing` both")
+        raise ParameterError(
+            "vary",
+            "expected `vary` without a set of plants (`over`, `modes`, or `timing` both); remove "
+            "`vary` or the set",
+        )
     found = loop_set(request, ranges, modes)
     curves.check_span(view.span_hz, found.timings[0])
     return _curves_over(found, curves.PARTS[part], view.span_hz, 250, of=part)

@@ -85,8 +85,8 @@ def of(text: str | Path, overrides: Overrides | None = None, plant: bool = False
     path = find(text)
     if path.resolve() == (paths.EXPERIMENTS / "tables.toml").resolve():
         raise _core.InputError(
-            f"{path}: expected a model or an experiment, got the file with the list of tables of "
-            "the thesis"
+            f"{path}: expected a model or an experiment, got the file that lists the tables of "
+            "the thesis; choose another file"
         )
     table = toml.read(path)
     if not is_experiment(table):
@@ -118,7 +118,8 @@ def _law(path: Path, firmware: Firmware) -> str:
         return "p"
     name = dict(MODES_OF_OPERATION.values)[drive] if drive else NATIVE_MODES[native]
     raise _core.InputError(
-        f"{path}: firmware: expected a mode that controls force, got {name}; give the model instead"
+        f"{path}: firmware: expected an experiment with a mode that controls force, got the mode "
+        f"{name}; give the model of this experiment instead"
     )
 
 
@@ -129,7 +130,8 @@ def _bank(path: Path, firmware: Firmware) -> banks.Bank | None:
     except KeyError:
         number = int(firmware["force_bank"])
         raise _core.InputError(
-            f"{path}: firmware: expected bank_{number} with force_bank = {number}"
+            f"{path}: firmware: expected the values of bank_{number}, because force_bank is "
+            f"{number}"
         ) from None
 
 
@@ -138,7 +140,10 @@ def _parameters(path: Path, law: str, firmware: Firmware, known: PlantFacts) -> 
     if law not in ("stiffness", "damping", "impedance"):
         return {}
     if known.reading is None or known.encoder is None:
-        raise _core.InputError(f"{path}: model: expected an ADC 0 and an encoder with law {law}")
+        raise _core.InputError(
+            f"{path}: model: expected a model with an ADC on channel 0 and an encoder, which law "
+            f"{law} needs"
+        )
     scale = abs(known.required_reading.per_count * known.required_encoder.scale)
     found = {}
     if law != "damping":

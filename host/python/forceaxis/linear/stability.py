@@ -132,8 +132,8 @@ class Loop:
         loop. Raises InputError if the loop does not feed back the signal of ADC 0."""
         if self.codes_per_gain is None:
             raise _core.InputError(
-                "firmware gain: expected a loop that controls the signal of ADC channel 0; use "
-                "its gain k"
+                "firmware gain: expected a loop that controls the signal of ADC channel 0, got "
+                "another loop; use the gain k of this loop instead"
             )
         return gain * self.codes_per_gain
 

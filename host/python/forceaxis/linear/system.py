@@ -276,12 +276,13 @@ def overrides(texts: Iterable[str]) -> dict[str, float | str]:
         name, _, value = text.partition("=")
         if not name or not value:
             raise ParameterError(
-                "overrides", f"{text}: expected NAME=VALUE, a number or a quantity"
+                "overrides", f"{text}: expected NAME=VALUE with a number or a quantity as VALUE"
             )
         if name in values:
             raise ParameterError(
                 "overrides",
-                f"{name}: expected one value, got {values[name]} and {value}; remove one",
+                f"{name}: expected one value, got {values[name]} and {value}; remove one of these "
+                "values",
             )
         try:
             values[name] = float(value)
@@ -305,7 +306,11 @@ def states(texts: Sequence[str]) -> dict[str, str]:
     another form."""
     for text in texts:
         if not all(text.partition("=")):
-            raise ParameterError("states", f"{text}: expected ELEMENT=STATE")
+            raise ParameterError(
+                "states",
+                f"{text}: expected ELEMENT=STATE, the name of an element and a state of this "
+                "element",
+            )
     return {t.partition("=")[0]: t.partition("=")[2] for t in texts}
 
 
@@ -351,7 +356,9 @@ def linearise(
 def once(parameter: str, names: Sequence[str]) -> None:
     """Raises InputError if the names for a parameter contain one name twice."""
     if len(set(names)) < len(names):
-        raise ParameterError(parameter, f"expected each name once, got {', '.join(names)}")
+        raise ParameterError(
+            parameter, f"expected each name once, got {', '.join(names)}; remove repeated names"
+        )
 
 
 def check_export(path: str | Path | None) -> None:

@@ -296,8 +296,8 @@ def cut_by(
     for one in held(path, overrides):
         if has_path({**taken, one.name: SLIDING}):
             return (
-                f"; {one.name} is stuck, since its {one.stiction_N:.4g} N are more than the drive "
-                "brings to it: check both"
+                f"; {one.name} sticks, because the breakaway force {one.stiction_N:.4g} N exceeds "
+                "the force of the drive on this element: check both forces"
             )
     switches = plant_facts.read(str(path), overrides).switches
     order = [*(name for name in taken if name in switches), *switches]
@@ -305,5 +305,5 @@ def cut_by(
         for state in reversed(switches[name]):
             if state != taken.get(name) and has_path({**taken, name: state}):
                 now = f" while {name} is {taken[name]}" if name in taken else ""
-                return f"{now}; `states` {name}={state} gives one"
+                return f"{now}; `states` {name}={state} gives a signal path"
     return ""

@@ -91,8 +91,8 @@ def files(folder: Path) -> list[Path]:
     if the folder contains no experiment."""
     if not folder.is_dir():
         raise InputError(
-            f"{folder}: expected a folder with experiments, there is no such folder; "
-            "`forceaxis new NAME` writes one"
+            f"{folder}: expected a folder with experiments, got no such folder; `forceaxis new "
+            "NAME` writes a folder with experiments"
         )
     below = sorted(p for p in folder.rglob("*.toml") if p.is_file())
     found = [
@@ -103,8 +103,9 @@ def files(folder: Path) -> list[Path]:
     ]
     if not found:
         raise InputError(
-            f"{folder}: expected at least one experiment (a .toml with model and duration_s), "
-            f"found none among {len(below)} .toml files; `forceaxis new NAME` writes two"
+            f"{folder}: expected at least one experiment (a .toml file with model and "
+            f"duration_s), got {len(below)} other .toml files; `forceaxis new NAME` writes two "
+            "experiments"
         )
     return found
 

@@ -260,7 +260,7 @@ def _output(name: str, process: subprocess.Popen[str]) -> str:
     succeeded."""
     out, _ = process.communicate(timeout=60)
     if process.returncode != 0 or not out.strip():
-        raise link.LinkError(f"{name}: expected a run to its end, status {process.returncode}")
+        raise link.LinkError(f"{name}: expected exit status 0, got {process.returncode}")
     return out
 
 

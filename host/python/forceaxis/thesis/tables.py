@@ -84,7 +84,10 @@ class CellResult(Cell):
         the experiment does not limit the ripple."""
         limit_count = self.criterion.force_ripple_max_count
         if limit_count is None:
-            raise InputError(f"Fig {key_of(self)}: expected force_ripple_max_count in [verdict]")
+            raise InputError(
+                f"Fig {key_of(self)}: expected a table [verdict] with the key "
+                "force_ripple_max_count"
+            )
         return limit_count
 
 
