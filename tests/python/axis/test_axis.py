@@ -92,8 +92,14 @@ def test_set_reads_back_what_the_axis_has():
         (["force_gain=7", "watchdog=5"], "watchdog: expected 10 to 65535 ms, got 5"),
         (["force_gain=7", "force=1"], "force: expected an object that can be written"),
         (["force_gain=7", "fault"], "fault: expected NAME=VALUE"),
-        (["force_gain=7 N"], "force_gain: expected a value in code/count or V/N, got 7 N"),
-        (["force_setpoint=7 kg"], "force_setpoint: expected a value in count or N, got 7 kg"),
+        (
+            ["force_gain=7 N"],
+            "force_gain: expected a value with the unit code/count or V/N, got 7 N",
+        ),
+        (
+            ["force_setpoint=7 kg"],
+            "force_setpoint: expected a value with the unit count or N, got 7 kg",
+        ),
         (["mode=sideways"], "mode: expected one of disabled"),
     ],
 )

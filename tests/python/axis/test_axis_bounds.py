@@ -303,7 +303,7 @@ def test_a_length_without_a_scale_is_refused_with_what_would_give_it(axis, tmp_p
     axis.link.use_model(CONTACT.parents[1] / "models/laboratory.toml")
     axis.set(target_position="10 mm")
     assert axis.read("target_position") == round(10 * MM)
-    with pytest.raises(InputError, match="expected a value in count or m, got 10 N"):
+    with pytest.raises(InputError, match="expected a value with the unit count or m, got 10 N"):
         axis.set(target_position="10 N")
 
 

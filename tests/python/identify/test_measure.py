@@ -396,7 +396,7 @@ LINE = {
     ),
     "clamped": (
         ["fig4_19", "--output", "adc0", "--clamped", "--free"],
-        "either `clamped` or `free`",
+        "either --clamped or --free",
     ),
     "no contact": (
         ["laboratory", "--output", "sensor.force"],

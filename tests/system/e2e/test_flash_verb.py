@@ -343,7 +343,7 @@ def test_another_object_table_is_told(bench, elf, tmp_path):
         ("probe", "expected an ST-Link on USB, there is none", 1),
         ("access", "expected to be allowed to use the ST-Link", 1),
         ("chip", "the chip does not answer", 1),
-        ("other", r"expected an STM32F446 \(0x421\).*0x413", 1),
+        ("other", r"expected the chip STM32F446 \(identifier 0x421\).*0x413", 1),
         ("mute", "expected the identifier of the chip; last output: nothing", 1),
         ("program", "the chip could not be written", 2),
         ("verify", "the chip does not hold what was written", 2),
@@ -477,7 +477,7 @@ def test_other_machines(bench, tmp_path):
         ("cut.elf", b"\x7fELF\x01\x01", "this file ends too early"),
         ("elf.bin", b"\x7fELF\x01\x01", "got an ELF file"),
         ("sum.hex", b":0100000001FF\n", "hex:1: expected a record with a correct checksum"),
-        ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got 7"),
+        ("kind.hex", b":00000007F9\n", "hex:1: expected a record of type 0 to 5, got type 7"),
         ("cut.hex", b":0100000001FE\n", "expected an end record"),
         (
             "more.hex",

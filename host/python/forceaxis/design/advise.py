@@ -57,8 +57,8 @@ from forceaxis.linear.stability import Limit, Loop
 from forceaxis.results import json_field
 
 GAIN_MARGIN = 2.0
-# ratio to the crossing frequency up to which a noncolocated mode may limit the gain by its phase
-# lag
+# ratio of the frequency of a mode to the crossing frequency up to which a noncolocated mode may
+# limit the gain by its phase lag
 LAG = 3.0
 
 
@@ -95,19 +95,20 @@ class Performance:
 @dataclass(frozen=True, kw_only=True)
 class FiguresOverSet(WorstFigures):
     """Worst figures over a set of plants with the largest gain that keeps the margins.
-    firmware_gain: this gain in DAC codes per 8-bit count."""
+    firmware_gain: the largest gain in DAC codes per 8-bit count."""
 
     firmware_gain: float
 
 
 @dataclass(frozen=True)
 class SimulatedLimit:
-    """The largest gain of the firmware at which simulated contacts are stable, in DAC codes per
-    8-bit count."""
+    """The largest force_gain, in DAC codes per 8-bit count, at which all simulated contacts are
+    stable."""
 
-    stable_gain: float | None  # None: no simulated run is stable
-    unstable_gain: float | None  # next simulated gain; None: all larger gains are stable
-    of_limit: float | None  # stable_gain as a share of the linear limit
+    stable_gain: float | None  # None: the simulation is unstable at every gain
+    # smallest unstable gain above stable_gain; None: all larger gains are stable
+    unstable_gain: float | None
+    of_limit: float | None  # ratio of stable_gain to the critical gain of the linear loop
     runs: int  # number of simulated runs
     ripple_count: float | None  # force ripple in 8-bit counts, at a smaller gain
 
@@ -135,8 +136,8 @@ class PresentDesign(Performance):
 @dataclass(frozen=True, kw_only=True)
 class AdviceRow(Performance):
     """The figures of the design with one change. change: name of the change; thesis: section of the
-    thesis that proposes the change; in_firmware: whether the firmware supports it; simulated: None
-    if a run is not possible or was not requested."""
+    thesis that proposes the change; in_firmware: whether the firmware supports this change;
+    simulated: None if a run is not possible or was not requested."""
 
     change: str
     kind: str
@@ -167,7 +168,7 @@ class LimitingMode:
 @dataclass(frozen=True)
 class NoLimitingMode:
     """Stands for the limiting mode if no mode of vibration limits the gain. how: text about the
-    effect that limits."""
+    effect that limits the gain."""
 
     how: str
     name: str = "none"
@@ -232,7 +233,7 @@ class AdviceOrder:
 
 def performance(loop: Loop, reference_hz: float | None = None) -> Performance:
     """The figures of a loop at its critical gain. reference_hz: frequency of the figure
-    loop_gain_at, None: the crossover frequency of the loop itself."""
+    loop_gain_at, None: the crossover frequency of this loop."""
     limit = loop.limit()
     zero = abs(loop.open.at(0.0 if loop.dt is None else 1.0))
     found = Performance(
@@ -328,14 +329,15 @@ def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode |
 
 
 def next_crossing(loop: Loop) -> NextCrossing | None:
-    """The next pole that becomes unstable above the critical gain, or None. Without the first
-    unstable pole, the gain of the next pole would be the critical gain."""
+    """The next pole that becomes unstable above the critical gain, or None. If the first unstable
+    pole stayed stable, the gain of the next pole would be the critical gain."""
     limit = loop.limit()
     above = [c for c in limit.crossings if limit.gain and c.gain > limit.gain and c.direction > 0]
     return NextCrossing(above[0].gain, above[0].frequency_hz) if above else None
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # a branch from z = 0 starts at -infinity
+# the logarithm of z = 0, the start of a branch, is -infinity
+@np.errstate(divide="ignore", invalid="ignore")
 def branch_start(loop: Loop, limit: Limit) -> complex:
     """The open-loop pole in 1/s at which a branch of the root locus begins. This branch is the one
     that is on the stability boundary at the critical gain."""
@@ -403,15 +405,15 @@ class _Over:
         goal = replace(self.goal, timings=(spec.timing,), adc_bits=bits)
         try:
             found = self.problem(change, goal, random=0).worst(spec.bank or Bank(1.0))
-        except InputError:  # no gain keeps all members stable
+        except InputError:  # no gain keeps all plants of the set stable
             return None
         if found.worst is None:
             return None
         return FiguresOverSet(**vars(found.worst), firmware_gain=found.bank.force_gain)
 
     def designed(self) -> list[Change]:
-        """Changes from the present law to a bank that is designed for the set, one with the present
-        ADC and one with an ADC of more bits."""
+        """Two changes from the present law to a bank that is designed for the set of plants: with
+        the present ADC, and with an ADC of more bits."""
         made = []
         finer = [c.firmware["adc_bits"] for c in converter(self.design)]
         for bits in (self.goal.adc_bits, *finer):
@@ -466,7 +468,7 @@ Rows = list[tuple[AdviceRow, Change]]
 def _simulated(
     design: Design, present: PresentDesign, rows: Rows, order: AdviceOrder
 ) -> tuple[PresentDesign, Rows]:
-    """(present design, rows) with the limits that simulated runs with the firmware have found."""
+    """Returns (present design, rows) with the limits from simulated runs of the firmware."""
     own = simulated_limit(design, NO_CHANGE, present, order.threads)
     quiet = (own.stable_gain or 0) / GAIN_MARGIN
     done: Rows = []
@@ -480,8 +482,8 @@ def _simulated(
 
 
 def _rows(design: Design, base: Performance, factor: float, group: _Over | None) -> Rows:
-    """The rows of the advice with their changes, sorted by rank. group: figures over the set of
-    plants, None without a set."""
+    """The rows of the advice with their changes, sorted by rank. group: computes the figures over a
+    set of plants; None without a set."""
     made = changes(design, base.frequency_hz, factor)
     if group:
         made = [c for c in made if c.kind != "amplifier"] + group.designed()

@@ -20,7 +20,7 @@ class BankFigures:
 
     @property
     def bank(self) -> "Bank":
-        """The bank with which loops are computed and firmware is set."""
+        """The bank in the form that the loop analysis and the firmware settings use."""
         from forceaxis.linear.bank import Bank
 
         return Bank(self.force_gain, self.integral_rad_per_s, self.velocity_gain, self.sections)

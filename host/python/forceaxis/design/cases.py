@@ -11,8 +11,8 @@ from forceaxis.experiments.run_result import Metrics, MissedLimit, read_metrics,
 
 @dataclass(frozen=True)
 class ContactCase:
-    """A first contact at a force set-point in N and an approach speed in m/s; with `strike_N_s`
-    above 0 an impact of that impulse follows."""
+    """A first contact at a force set-point in N and an approach speed in m/s; if `strike_N_s` is
+    above 0, an impact with this impulse in N s follows."""
 
     setpoint_N: float
     speed_m_per_s: float
@@ -69,26 +69,29 @@ class SimulatedContact(Outcome):
 
     law: str  # "design" or "p"
     case: str
-    member: dict[str, float]  # values of parameters in SI; empty: the nominal plant
+    # {parameter: value in SI units} of the simulated plant; empty: the nominal plant
+    member: dict[str, float]
     latency_ticks: int
     verdict: str
     fault: str
-    static_error_percent: float | None  # None: the experiment controls no force
+    # static error of the force; None: the experiment controls no force
+    static_error_percent: float | None
     missed: tuple[MissedLimit, ...]
     peak_N: float
     losses: int  # number of contact losses in the whole run
     saturated_ms: float
-    settle_ms: float | None  # None: the force does not settle
+    settle_ms: float | None  # settling time; None: the force does not settle
     overshoot_percent: float | None
-    losses_max: int | None = None  # contact losses that the verdict permits; None: any number
+    # largest number of contact losses that the verdict permits; None: no limit
+    losses_max: int | None = None
 
 
 def simulated_contact(
     law: str, case: str, member: dict[str, float], latency_ticks: int, run: ContactRun,
     losses_max: int | None = None,
 ) -> SimulatedContact:  # fmt: skip
-    """The row of a simulated run in the result of `design`. losses_max: number of contact losses
-    that the verdict permits, None: any number."""
+    """The row of a simulated run in the result of `design`. losses_max: largest number of contact
+    losses that the verdict permits; None: no limit."""
     metrics, held = run.metrics, run.metrics.held_force
     settle_s = held.settle_s if held else None
     return SimulatedContact(
@@ -113,7 +116,7 @@ def simulated_contact(
 class GainCut:
     """A gain that was rejected because a simulated contact was not stable. force_gain: DAC codes
     per 8-bit count; failed, simulated: numbers of contacts; case: first case that was not stable;
-    why: the limits that this case did not keep."""
+    why: the limits that the first unstable case did not keep."""
 
     force_gain: float
     failed: int

@@ -18,12 +18,14 @@ from forceaxis.linear.plant_set import Member, PlantSet
 from forceaxis.linear.stability import Loop
 
 ATTEMPTS = 12  # largest number of gains for which the exact figures are computed
-# first gain as a share of the gain of the grid, because the grid seldom has the worst member
+# ratio of the first tried gain to the gain from the grid, because the grid seldom contains the
+# worst plant
 FIRST_GAIN_FACTOR = 0.995
-REACHED_SHARE = 0.97  # share of a bound from which the bound counts as reached
-MODE_FACTOR = 1.35  # a frequency within this factor of the frequency of a mode belongs to it
+REACHED_SHARE = 0.97  # share of a bound above which a sentence names this bound as reached
+# a frequency within this factor of the frequency of a mode is assigned to this mode
+MODE_FACTOR = 1.35
 
-# {name of a bound in GainLimit: text}
+# {name of a bound in GainLimit: text about the bound for a sentence}
 CONSTRAINTS = {
     "ms": "peak of |S|",
     "mt": "peak of |T|",
@@ -47,11 +49,12 @@ class WorstFigures:
     gain_margin: float | None
     phase_margin_deg: float | None
     static_error: float  # share of the set-point
-    member: dict[str, float | str]  # the plant with the lowest fS: values in SI, states, timing
+    # plant with the lowest fS: {parameter: value in SI units}, states and timing
+    member: dict[str, float | str]
 
     @property
     def bandwidth_Hz(self) -> float:
-        """fS in Hz; 0 if it does not exist."""
+        """fS in Hz, the bandwidth; 0 if fS does not exist."""
         return self.fS_Hz or 0.0
 
     @property
@@ -63,7 +66,7 @@ class WorstFigures:
 
     @property
     def largest_ms(self) -> float:
-        """The larger of Ms and Ms_late; 0 if none of the two exists."""
+        """The larger value of Ms and Ms_late; 0 if neither Ms nor Ms_late exists."""
         return max((ms for ms in (self.Ms, self.Ms_late) if ms is not None), default=0.0)
 
 
@@ -76,7 +79,7 @@ class PFigures(WorstFigures):
 
 @dataclass(frozen=True)
 class NoPFigures:
-    """Figures of the P law if it keeps the margins at no gain: there are none."""
+    """Stands for the figures of the P law if no gain of the P law keeps the margins."""
 
     force_gain: float = 0.0
 
@@ -156,7 +159,8 @@ def exact(
         factor = min(_factor(w, goal, t) for t, w in found.items())
         if factor >= 1:
             return bank, _figures(found, grids, bank)
-        # Each attempt lowers the gain more, because a peak may decrease little with the gain.
+        # Each attempt reduces the gain by a larger factor, because a peak may decrease little with
+        # the gain.
         bank = lowered(bank, (0.999 * factor) ** (1 + attempt))
     return replace(bank, force_gain=0.0), None
 

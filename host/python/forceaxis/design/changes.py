@@ -1,4 +1,4 @@
-"""An axis as a design: its model with parameter values, and the changes of it that `advise`
+"""An axis as a design: its model with parameter values, and the changes of the model that `advise`
 compares."""
 
 import contextlib
@@ -24,13 +24,14 @@ from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.linear.stability import Loop
 
-FACTOR = 2.0  # by which `advise` multiplies and divides a parameter
+FACTOR = 2.0  # factor by which `advise` multiplies and divides a parameter
 # Stiffness and damping of the grip pads of the thesis (5.1, 5.1.2) and mass of its sensor (Fig
 # 4.26), in SI units.
 SOFT_PAD, HARD_PAD, PAD_DAMPING, SENSOR_MASS = 25000.0, 120000.0, 30.0, 0.14
-WORKPIECE_ZETA = 0.11  # damping ratio of the workpiece with the damper of 5.2
-NO_PAD = 1e7  # stiffness of a contact without a pad in N/m (Fig 4.24)
-# table [verdict] for an experiment that has none, the same as in contact.toml
+# damping ratio of a workpiece whose support has the damper of thesis section 5.2
+WORKPIECE_ZETA = 0.11
+NO_PAD = 1e7  # stiffness in N/m of a contact without a grip pad (Fig 4.24)
+# table [verdict] for an experiment without this table, with the values of contact.toml
 VERDICT: dict[str, float | bool] = {
     "window_s": 1.0,
     "contact_held": True,
@@ -41,18 +42,21 @@ KIND_OF_UNIT = {"N/m": "stiffness", "kg": "mass", "N s/m": "damping", "N m s/rad
 
 @dataclass(frozen=True)
 class Change:
-    """One change of a design. A field that has its default changes nothing."""
+    """One change of a design. A field with its default value leaves the design unchanged."""
 
     name: str = ""
-    kind: str = ""  # stiffness, mass, damping, grip, sampling, converter, amplifier, control
+    # kind of the change: stiffness, mass, damping, grip, sampling, converter, amplifier or control
+    kind: str = ""
     overrides: Mapping[str, float] = field(default_factory=dict)  # {parameter: SI value}
     edits: tuple[TableEdit, ...] = ()  # of the model file
-    spec: LoopSpec | None = None  # law and sampling; None: law p with the timing of the design
+    # control law and timing of the loop; None: law p with the timing of the design
+    spec: LoopSpec | None = None
     states: Mapping[str, str] = field(default_factory=dict)  # {element: state}
-    firmware: Mapping[str, int] = field(default_factory=dict)  # objects that the simulation needs
-    simulated: bool = True  # False: not run by `advise --simulate`
-    in_firmware: bool = True  # False: firmware and simulator do not support it
-    thesis: str = ""  # section of the thesis that proposes it
+    # {firmware object: value} that a simulation with this change needs
+    firmware: Mapping[str, int] = field(default_factory=dict)
+    simulated: bool = True  # False: `advise --simulate` does not simulate this change
+    in_firmware: bool = True  # False: firmware and simulator do not support this change
+    thesis: str = ""  # section of the thesis that proposes this change
 
 
 NO_CHANGE = Change()
@@ -154,7 +158,7 @@ class Design:
 
     def job(self, change: Change = NO_CHANGE, **sets: float) -> tuple[str, list[str]]:
         """(experiment, texts NAME=VALUE) of a simulated run with the firmware, with a change of the
-        design. sets: values of firmware objects."""
+        design. sets: {firmware object: value} for the run."""
         model = self.changed_model(change)
         if model not in self._runs:
             self._runs[model] = self.run_file(model)
@@ -252,7 +256,7 @@ def pads(design: Design) -> list[Change]:
 def _with_pad(
     tables: model_file.ModelFile, contact: model_file.ModelLink, stiffness: float, sensor: str
 ) -> tuple[dict[str, float], tuple[TableEdit, ...]]:
-    """(parameters, edits of the model) with which the contact has the stiffness of a pad.
+    """Returns (parameters, edits of the model) that give the contact the stiffness of a grip pad.
 
     If the contact is the force sensor itself, the sensor becomes a spring, and an additional body
     between sensor and pad gets the mass of the sensor."""
@@ -275,7 +279,7 @@ def _with_pad(
 
 
 def _present(values: Mapping[str, Given | None]) -> dict[str, Given]:
-    """The entries of `values` that are not None."""
+    """Returns the entries of `values` whose value is not None."""
     return {key: value for key, value in values.items() if value is not None}
 
 
@@ -297,7 +301,7 @@ def workpiece_damping(design: Design) -> list[Change]:
 
 
 def together(one: Change, other: Change) -> Change:
-    """A change that makes two changes at once, which edit different tables of the model."""
+    """One change that combines two changes, which edit different tables of the model."""
     return Change(
         "both improvements: soft pad, damped workpiece", "grip",
         {**one.overrides, **other.overrides}, one.edits + other.edits, thesis="5.1, 5.2",

@@ -33,11 +33,12 @@ from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.linear.plant_facts import Overrides
 from forceaxis.results import json_field
 
-SPAN = (1 / 20, 4.0)  # range of the stiffness as multiples of the stiffness in the model
+SPAN = (1 / 20, 4.0)  # lowest and highest stiffness, as multiples of the stiffness in the model
 POINTS_MAX = 40  # largest number of stiffnesses
-# factors of the impulse in the cases of simulate
+# factors by which the impulse of the impacts in simulate.py is multiplied
 STRIKE_FACTORS = np.geomspace(0.25, 64.0, 9)
-STATIC_HZ = 0.01  # frequency of the static response, above 0 for an axis that integrates
+# frequency at which the static response is computed; above 0, because an axis may integrate
+STATIC_HZ = 0.01
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class CompliancePoint:
     fS_Hz: float | None
     p_static_error: float | None  # share of the set-point
     static_error: float | None
-    motion_m: float  # travel of the drive from first contact to the set-point
-    # largest stable impact; 0: the smallest simulated impact is unstable
+    motion_m: float  # travel of the drive in m from the first contact to the force set-point
+    # impulse of the largest stable impact; 0: the smallest simulated impact is unstable
     p_strike_N_s: float | None
     strike_N_s: float | None
     p_bank: BankKeys | None
@@ -62,8 +63,8 @@ class CompliancePoint:
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
-    """The content of `forceaxis compliance --json`; present: stiffness of the model in N/m; over:
-    the tolerances; strike_max_N_s: the largest impact that is simulated."""
+    """The content of `forceaxis compliance --json`; present: stiffness in the model in N/m; over:
+    tolerances of the set of plants; strike_max_N_s: impulse of the largest simulated impact."""
 
     model: str
     element: str
@@ -84,14 +85,16 @@ class ComplianceOrder:
     an option of the verb."""
 
     text: str  # MODEL or EXPERIMENT
-    element: str | None = None  # a parameter in N/m; None: the stiffness of the contact
+    element: str | None = None  # name of a parameter in N/m; None: the stiffness of the contact
     overrides: Mapping[str, float | str] | None = None
-    over: Sequence[str] | None = None  # texts NAME=PERCENT%; None: `sets.workpiece`
-    span: tuple[float, float] | None = None  # (lowest, highest) N/m; None: SPAN
+    # tolerances as texts NAME=PERCENT%; None: those of `sets.workpiece`
+    over: Sequence[str] | None = None
+    # (lowest, highest) stiffness in N/m; None: SPAN times the stiffness in the model
+    span: tuple[float, float] | None = None
     points: int = 9
     bits: int | None = None  # None: those of the model
     threads: int | None = None
-    states: Mapping[str, str] | None = None  # {element: state} of all plants
+    states: Mapping[str, str] | None = None  # {element: state} that all plants of the set have
 
 
 def element_of(model: str | Path, overrides: Overrides) -> str:
@@ -216,7 +219,7 @@ def _strike(design: Design, bits: int, bank: Bank, threads: int | None) -> float
 
 
 def _strikes(bench: ContactBench) -> tuple[ContactCase, list[float]]:
-    """(case with an impact at the middle set-point, series of its impulses in N s)."""
+    """Returns (case with an impact at the middle set-point, impulses in N s that are simulated)."""
     case = next(c for c in bench.cases if c.strike_N_s and c.setpoint_N == bench.setpoints_N[1])
     return case, [float(s) * case.strike_N_s for s in STRIKE_FACTORS]
 
@@ -247,7 +250,8 @@ def figure(result: Compliance) -> Figure:
     for ax, (label, *curves) in zip(axes, panels, strict=True):
         style(ax)
         ax.set_xscale("log")
-        struck = ax is axes[-1]  # here 0 is a result: the smallest impact is unstable
+        # in this diagram, 0 is a valid value: the smallest impact is unstable
+        struck = ax is axes[-1]
         if not struck:
             ax.set_yscale("log")
         for name, column, colour in curves:

@@ -13,10 +13,10 @@ from forceaxis.design.grid import Response
 from forceaxis.linear.bank import TICK_S
 from forceaxis.linear.stability import Loop
 
-PERIOD_RAMPS = 30.0  # period of the trapezoid in ramp times
-HARMONICS = 256  # number of harmonics of the set-point
-POINTS = 2048  # number of points in time of one period
-OVERSHOOT_MAX = 0.055  # largest overshoot as a share of the set-point
+PERIOD_RAMPS = 30.0  # period of the trapezoidal force set-point, as a multiple of the ramp time
+HARMONICS = 256  # number of harmonics by which the periodic set-point is represented
+POINTS = 2048  # number of instants per period at which the force is computed
+OVERSHOOT_MAX = 0.055  # largest permitted overshoot as a share of the set-point
 # Largest undershoot, as (ramp times after the start, share of the set-point): from the first time
 # on, and from the second time on. At first, the vibration after the impact adds to the force.
 SHORT_MAX = ((1.25, 0.02), (1.6, 0.025))

@@ -10,12 +10,14 @@ from forceaxis.results import from_json
 
 GRAVITY_M_PER_S2 = 9.81
 
-DefaultValue = Callable[["SheetValues"], float]  # computes a default from the fields before it
+# function that computes the default of a field from the values of the fields before
+DefaultValue = Callable[["SheetValues"], float]
 
 
 @dataclass(frozen=True)
 class SheetField:
-    """One value of a data sheet: how it is asked for, checked and replaced by a default."""
+    """One value of a data sheet: the question to the user, the check of the answer, and the
+    default."""
 
     part: str  # of the axis, such as "motor"
     unit: str
@@ -23,13 +25,15 @@ class SheetField:
     high: float  # largest accepted value
     default: float | DefaultValue | None  # None: the default is the word
     why: str  # the origin of the default
-    ask: str  # question: name of the quantity and its place in data sheets
+    # question to the user: name of the quantity, and where data sheets state this quantity
+    ask: str
     word: str | None = None  # a word that is accepted instead of a number, such as "none"
     # name of another field; this field has an effect only if the other field is a number
     needs: str | None = None
-    # name of another field; this field has an effect only if the other field has its word
+    # name of another field; this field has an effect only if the other field has its `word` as
+    # value
     instead_of: str | None = None
-    name: str = ""  # of the field in SheetValues; ends in the unit
+    name: str = ""  # name of this field in SheetValues, which ends with the unit
 
     def parse(self, text: str) -> float | None:
         """The number in a text of the user; None if the text is the word of the field. Raises
@@ -246,19 +250,19 @@ class SheetValues:
 
     @property
     def radius_m(self) -> float:
-        """Travel per radian of the motor."""
+        """Travel of the axis in m for one radian of the motor."""
         if self.lead_mm_per_rev is None:
             return self.pulley_radius_mm / 1e3
         return self.lead_mm_per_rev / 1e3 / (2 * math.pi)
 
     @property
     def rotor_mass_kg(self) -> float:
-        """Inertia of the rotor, reflected to the axis."""
+        """Inertia of the rotor as an equivalent mass at the axis, in kg."""
         return self.rotor_inertia_kg_m2 / self.radius_m**2
 
     @property
     def total_mass_kg(self) -> float:
-        """Moving mass and reflected rotor."""
+        """Moving mass plus the inertia of the rotor as a mass at the axis, in kg."""
         return self.rotor_mass_kg + self.moving_mass_kg
 
     @property
@@ -268,12 +272,12 @@ class SheetValues:
 
     @property
     def back_emf_speed_m_per_s(self) -> float:
-        """Speed at which the back EMF equals the supply."""
+        """Speed in m/s at which the back EMF equals the supply voltage."""
         return self.supply_v * self.radius_m / max(self.back_emf_v_s_per_rad, 1e-12)
 
     @property
     def weight_n(self) -> float:
-        """Component of the weight along the axis, positive toward the workpiece."""
+        """Component of the weight along the axis in N, positive toward the workpiece."""
         rise = math.radians(self.inclination_deg or 0.0)
         return -GRAVITY_M_PER_S2 * self.moving_mass_kg * math.sin(rise)
 
@@ -341,7 +345,8 @@ def collect(
             if text not in (None, field.word):
                 raise ParameterError(field.name, refusal)
             values[field.name] = None
-            # An answer from before the user returned to an earlier question may have an origin.
+            # If the user has returned to an earlier question, this field may already have an
+            # origin.
             sources.pop(field.name, None)
             i += 1
             continue
@@ -367,8 +372,8 @@ def collect(
 
 
 def without_effect(field: SheetField, values: Mapping[str, float | None]) -> str | None:
-    """Reason why a field of the data sheet has no effect, given the values of the fields before it;
-    None if the field has an effect."""
+    """Reason why a field of the data sheet has no effect with the values of the fields before; None
+    if the field has an effect."""
     if field.needs and values[field.needs] is None:
         word = BY_NAME[field.needs].word
         return f"expected no value while `{field.needs}` is {word}; give that one too"

@@ -7,8 +7,9 @@ import tomlkit
 
 from forceaxis import _core, toml
 
-BANK = 1  # number of the bank to which a design is written
-LOSS = ("contact_loss_cap", "contact_loss_dwell")  # objects for the time after a contact loss
+BANK = 1  # number of the firmware bank to which a design is written
+# firmware objects that limit the output after a contact loss
+LOSS = ("contact_loss_cap", "contact_loss_dwell")
 
 
 class ExperimentText(TypedDict, total=False):

@@ -51,7 +51,8 @@ def bank_objects(
 ) -> dict[str, float]:  # fmt: skip
     """{object: engineering value} of the bank in an experiment file: sensor, bank, certificate,
     limits after a contact loss, and last the selection of the bank. worst_ms: largest Ms over the
-    set of plants; ranges, units: of the parameters of the set; date: of the certificate."""
+    set of plants; ranges, units: ranges and units of the parameters of the set; date: date of the
+    certificate."""
     settings = _core.inputs(str(experiment))["firmware"]
     first = 15 * (BANK - 1) + 1
     names = [
@@ -79,9 +80,9 @@ def bank_objects(
 
 
 class NewFolder:
-    """Context in which a new folder is written completely or not at all. Its files are written to a
-    temporary folder, which gets the final name at the end of the context. If an exception ends the
-    context, the temporary folder is deleted."""
+    """Context in which a new folder is written completely or not at all. The files are first
+    written to a temporary folder, which gets the final name at the end of the context. If an
+    exception ends the context, the temporary folder is deleted."""
 
     def __init__(self, out: str | Path) -> None:
         self.out = Path(out)
@@ -143,7 +144,7 @@ def write(
         folder.write("model.toml", tomlkit.dumps(document))
         names.append("model.toml")
         model = "model.toml"
-    # The files are read from the folder of the bench, because a relative path of the new folder is
+    # The files are read from the folder of the bench, because a path relative to the new folder is
     # valid only after the folder has its name.
     case = bench.shown
     values = bank_objects(

@@ -29,14 +29,15 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.loops import LoopSpec
 from forceaxis.linear.plant_set import Member, PlantSet, ranges_of
 
-# gain, as a share of the limit of P, and integral rate of the law with which the modes are found
+# law with which the visited modes are found: gain as a share of the critical gain of P, and
+# integral rate
 PROBE_SHARE, PROBE_RAD_PER_S = 1 / 6, 5.0
 
-Say = Callable[[str], None]  # shows a text about the progress
+Say = Callable[[str], None]  # function that shows a text about the progress to the user
 # Writes the page of a design into a folder. The last argument is the path of the experiment that
 # the page tells the user to run.
 PageWriter = Callable[[files.NewFolder, ContactBench, DesignOutcome, str], None]
-# returns the design with the structure of the given name; None if no gain keeps the margins
+# function that returns the design with the structure of a name; None if no gain keeps the margins
 Instead = Callable[[str], DesignOutcome | None]
 
 
@@ -81,8 +82,8 @@ def plant_set(bench: ContactBench, order: DesignOrder) -> PlantSet:
 def visited(
     bench: ContactBench, bank: Bank, modes: Sequence[dict[str, str]]
 ) -> tuple[dict[str, str], ...]:
-    """`modes`, and the modes that occur with a bank at the largest force and in an impact, without
-    duplicates. A mode is {element: state}."""
+    """Returns `modes` and the modes that occur in two simulations with a bank, at the largest force
+    and in an impact, without duplicates. A mode is {element: state}."""
     jobs = [bench.job(case, bank, {}, 0) for case in bench.extreme()]
     if bench.own is not None:
         jobs.append(bench.own_job(bench.own, bank, 0))
@@ -134,7 +135,8 @@ def design(
 
 
 def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
-    """The firmware settings of an order, with the approach speed in encoder counts per second."""
+    """Returns the firmware settings of an order; the approach speed is in encoder counts per
+    second."""
     if order.approach_mm_per_s is None:
         return order.firmware
     if plant.facts.encoder is None:
@@ -155,7 +157,7 @@ def asked(order: DesignOrder, plant: Design) -> dict[str, float | str]:
 def found(
     plant: Design, plants: PlantSet, order: DesignOrder, bits: int, say: Say
 ) -> tuple[DesignOutcome, Instead]:
-    """(result of the search, function that returns the result with another structure)."""
+    """Returns (result of the search, function that returns the result with another structure)."""
     units = {n: unit for n, (_, unit) in plant.facts.parameters.items()}
 
     def outcome(answer: search.SearchResult) -> DesignOutcome:
@@ -229,7 +231,8 @@ def calmer(
 ) -> tuple[float, ContactBench]:
     """(share of the approach speed, bench at this speed) with the smallest number of contact losses
     that the impact alone causes. Among equal numbers, the fastest speed is chosen."""
-    fewest: dict[float, int] = {}  # {share of the approach speed: contact losses}
+    # {share of the approach speed: number of contact losses that the impact alone causes}
+    fewest: dict[float, int] = {}
     for share in simulate.SPEED_SHARES[1:]:
         slow = bench.at(share)
         slow.wait_for(bank)
@@ -246,7 +249,8 @@ def settled(
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
     """The design with the largest bandwidth among those whose simulated contacts settle. The
-    structure is the chosen one or another one. Raises InputError if there is no such design."""
+    structure is the structure of the search or another structure. Raises InputError if there is no
+    such design."""
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
@@ -274,7 +278,8 @@ def settled(
             try:
                 one = one and left(one, least)
             except InputError as error:
-                # The error of the last try is reported, because this try had the smallest gain.
+                # The error of the last attempt is reported, because the last attempt had the
+                # smallest gain.
                 refused = error
                 passed[name] = str(error)
                 continue

@@ -17,14 +17,14 @@ from forceaxis.design import model_file
 from forceaxis.linear import working
 from forceaxis.linear.plant_facts import Overrides
 
-MULTIPLE_MAX = 2.0  # largest multiple of the declared friction
+MULTIPLE_MAX = 2.0  # largest simulated dry friction, as a multiple of the declared friction
 
 
 @dataclass(frozen=True)
 class FrictionRange:
     """A friction element of a model and the range of its force. between: the bodies at its ends;
     declared_N: (parameter, declared value in N) of sliding force and breakaway force; most: largest
-    multiple of the declared values."""
+    simulated multiple of the declared values."""
 
     name: str
     between: tuple[str, str]
@@ -58,8 +58,8 @@ def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[Frict
 
 
 def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
-    """Two plants as {parameter: force in N}: the plant without friction, and the plant with the
-    largest value of each friction. Empty for a model without friction."""
+    """Returns two plants as {parameter: force in N}: the plant without friction, and the plant with
+    the largest value of each friction. Empty for a model without friction."""
     if not found:
         return []
     shares = ([0.0 for _ in found], [one.most for one in found])

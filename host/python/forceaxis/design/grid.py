@@ -28,18 +28,20 @@ Response = NDArray[np.complex128]
 
 LOWEST_HZ = 0.02  # lowest frequency of a grid
 HALF_RATE_HZ = 0.5 / TICK_S  # highest frequency of a grid
-SLOW_HZ = 1.0  # below this frequency a grid has fewer points
+SLOW_HZ = 1.0  # frequency below which a grid has fewer points per decade
 POINTS_PER_DECADE = (60, 270)  # below and above SLOW_HZ
-# number of points on each side of a resonance, and the farthest of them in half-widths
+# number of points on each side of a resonance, and distance of the farthest point in half-widths of
+# the resonance
 POINTS_PER_SIDE, FARTHEST_HALF_WIDTHS = 42, 25.0
 THIN = 1 / 3  # density of a thin grid
 DELAYS = {"zoh": 0, "zoh+1": 1}  # {timing: delay in ticks}
 HALF_POWER = 0.5  # |S|^2 at -3 dB
-BLOCK_MEMBERS = 16  # members of each Grid that blocks() returns
-# Largest gain at high frequency in codes per 8-bit count. It does not grow with the ADC's
-# resolution, because the noise in N of the measured force does not decrease.
+BLOCK_MEMBERS = 16  # number of plants in each Grid that blocks() returns
+# Largest gain at high frequency in DAC codes per 8-bit count. This bound does not grow with the
+# resolution of the ADC, because the noise of the measured force in N does not decrease.
 HF_DEFAULT = 80.0
-HF_SHARE = 0.99  # used share of a bound of the gain, because coefficients are rounded
+# share of the bound of hf_gain that a design uses, because the firmware rounds coefficients
+HF_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,8 @@ class Goal:
         )
 
     def hf_cure(self) -> str:
-        """Text about the change of the axis or of the goal that permits a larger gain at high
-        frequency."""
+        """Text about a change of the axis or of the goal with which a larger gain at high frequency
+        is permitted."""
         if self.bounds().hf_gain >= HF_SHARE * hf_most(self.adc_bits):
             return "an ADC of more bits permits a larger gain"
         if self.hf_gain:
@@ -117,7 +119,7 @@ class GainLimit(NamedTuple):
     place: GridPlace | None
 
 
-Index = tuple[int, int]  # index (member, frequency) in an array of a Grid
+Index = tuple[int, int]  # index (plant, frequency) of an element in an array of a Grid
 
 
 def hf_most(adc_bits: int) -> float:
@@ -128,7 +130,7 @@ def hf_most(adc_bits: int) -> float:
 
 def _frequencies(loop: Loop, density: float) -> Samples:
     """The frequencies of the grid of one plant in Hz, ascending, up to half the tick rate. density:
-    number of points as a share of that of a full grid."""
+    number of points, divided by the number of points of a full grid."""
     ends = (LOWEST_HZ, SLOW_HZ, HALF_RATE_HZ)
     parts = [
         np.geomspace(low, high, round(density * dense * math.log10(high / low)))
@@ -172,7 +174,7 @@ class Grid:
             except _core.InputError as error:
                 if "expected a path" not in str(error):
                     raise
-                refused = error  # without a path, every law is stable
+                refused = error  # without a signal path from drive to sensor, every law is stable
                 continue
             if loop.codes_per_gain is None:
                 raise _core.InputError(
@@ -185,7 +187,7 @@ class Grid:
         if not self.members:
             raise refused or _core.InputError("members: expected at least one plant, got none")
         longest = max(map(len, grids))
-        # Shorter rows are padded with their last frequency.
+        # Rows with fewer frequencies are extended by repetition of their last frequency.
         self.frequency_hz = np.array([np.pad(g, (0, longest - len(g)), "edge") for g in grids])
         self.plant = np.array(
             [
@@ -231,7 +233,7 @@ class Grid:
         if bounds.mt is not None:
             share = 1 - 1 / bounds.mt**2
             yield "mt", _first_root(ahead, share * q, 1.0)
-        # Crossings of the negative real axis; the real part there is interpolated.
+        # Crossings of the negative real axis; the real part at each crossing is interpolated.
         im = L.imag
         left, right = im[:, :-1], im[:, 1:]
         rows, columns = np.nonzero((left * right < 0) & (a[:, :-1] < 0) & (a[:, 1:] < 0))
@@ -300,8 +302,8 @@ class Grid:
         return np.array(s), np.array(t)
 
     def margins(self, law: Response, gain: float) -> tuple[float | None, float | None]:
-        """(gain margin, phase margin in degrees), each the smallest value of all members and
-        timings. A margin is None if no member has this margin."""
+        """Returns (gain margin, phase margin in degrees), each as the smallest value over all
+        plants and timings. A margin is None if no member has this margin."""
         factor, phase = math.inf, math.inf
         for L, q in self.loops(law):
             value = gain * L
@@ -316,7 +318,7 @@ class Grid:
             rows, columns = np.nonzero(size[:, :-1] * size[:, 1:] < 0)
             i, j = size[rows, columns], size[rows, columns + 1]
             share = i / (i - j)
-            turned = -value  # the angle of this value is the phase margin
+            turned = -value  # the angle of -value is the phase margin
             near = turned[rows, columns] * (1 - share) + turned[rows, columns + 1] * share
             phase = min(phase, np.min(np.abs(np.angle(near)), initial=math.inf))
         return (
@@ -326,8 +328,8 @@ class Grid:
 
 
 def blocks(plants: PlantSet, members: Sequence[Member], timings: Sequence[str]) -> list[Grid]:
-    """All members on several grids, each with a few members, so that the arrays of a grid fit the
-    cache of the processor."""
+    """Returns several grids with a few plants each, so that the arrays of a grid are smaller than
+    the cache of the processor."""
     found: list[Grid] = []
     refused: _core.InputError | None = None
     for i in range(0, len(members), BLOCK_MEMBERS):

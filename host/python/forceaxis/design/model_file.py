@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound="DataclassInstance")
 
-Given = float | str  # a value in a file: a number, a quantity with its unit, or a parameter
+# value of a key in a model file: a number, a quantity with unit, or the name of a parameter
+Given = float | str
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class ModelAdc:
 
 @dataclass(frozen=True)
 class ModelDrive:
-    """The [drive] of a model file; only the values that a design changes or needs by name."""
+    """The table [drive] of a model file, with the values that a design changes or reads."""
 
     type: str = ""
     b_m: Given | None = None
@@ -150,7 +151,8 @@ def read(model: str | Path) -> ModelFile:
 
 
 def _of_table(kind: type[T], table: Mapping[str, Any], where: str) -> T:
-    """The dataclass `kind` from the keys of a table that are its fields."""
+    """Returns an object of the dataclass `kind` from the keys of a table that have the names of
+    fields."""
     known = {field.name for field in dataclasses.fields(kind)}
     return from_json(kind, {key: table[key] for key in known & table.keys()}, where)
 

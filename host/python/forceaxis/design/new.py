@@ -21,16 +21,17 @@ if TYPE_CHECKING:
     from forceaxis.linear.stability import Loop
 
 APPROACH_M_PER_S = 0.02  # largest approach speed of a new axis
-MOMENTUM_SHARE = 0.1  # share of the sensor's full scale, for the peak force at the first contact
+MOMENTUM_SHARE = 0.1  # peak force at the first contact, as a share of the full scale of the sensor
 TICK_S = 1.0 / _core.TICKS_PER_SECOND
-FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1  # usual range of L / R of a motor
-DAC_CODES = 2048  # DAC codes from 0 V to the full scale of the command
+# shortest and longest usual electrical time constant L / R of a motor in s
+FASTEST_TAU_S, SLOWEST_TAU_S = 2e-5, 0.1
+DAC_CODES = 2048  # number of DAC codes from 0 V to the full scale of the command voltage
 # the first gains are this share of the linear limit, because contact loss makes a loop unstable
 # earlier
 FIRST_GAIN_SHARE = 1 / 6
 MODEL, CONTACT, STEP = "model.toml", "contact.toml", "step.toml"
 FILES = (MODEL, CONTACT, STEP)
-HELD = "held.toml"  # experiment of a contact with the designed bank
+HELD = "held.toml"  # name of the experiment that makes contact with the designed bank
 
 
 @dataclass
@@ -143,13 +144,13 @@ def within(name: str, value: float) -> float:
 
 @dataclass
 class First:
-    """The first gains of a new axis and what the axis does with them. Gains are in DAC codes per
-    count, the set-point is in force counts at 8 bits."""
+    """The first gains of a new axis, and results that follow from these gains. Gains are in DAC
+    codes per count, the set-point is in force counts at 8 bits."""
 
     limit: float
     gain: float
     setpoint: float
-    held: float  # share of the set-point at which the force settles without integral action
+    held: float  # settled force without integral action, as a share of the set-point
     contact_s: float  # duration of contact.toml
     position_limit: float
     position_gain: float
@@ -157,8 +158,9 @@ class First:
     speed_m_per_s: float
     acceleration_m_per_s2: float
     step_s: float  # duration of step.toml
-    pushes_N: float  # force of the axis at the start of the approach, from command and weight
-    # multiple of the declared dry friction that pushes_N overcomes; None: less than 1
+    # force of the axis in N at the start of the approach, from the command and the weight
+    pushes_N: float
+    # largest multiple of the declared dry friction that pushes_N overcomes; None: below 1
     friction_most: float | None
     raised: bool  # True if the set-point was raised to overcome the friction
 
@@ -328,12 +330,13 @@ def render(
 class BankForAxis:
     """The bank that was designed for a new axis, and the P law at the same margins."""
 
-    over: list[str]  # tolerances of the set, NAME=PERCENT%
-    modes: list[dict[str, str]]  # {element: state} of each mode of the set
+    over: list[str]  # tolerances of the set of plants as texts NAME=PERCENT%
+    modes: list[dict[str, str]]  # {element: state} of each mode of the set of plants
     structure: str
     bank: BankKeys
     fS_Hz: float  # bandwidth over the set
-    p_fS_Hz: float | None  # bandwidth of P over the set; None: P keeps the margins at no gain
+    # bandwidth of the P law over the set of plants; None: no gain of P keeps the margins
+    p_fS_Hz: float | None
     p_force_gain: float  # DAC codes per 8-bit count
     p_static_error: float | None  # share of the set-point
     limited_by: str  # sentence about the bound that limits the bandwidth
@@ -358,17 +361,18 @@ class NewAxis:
 
     folder: str
     files: list[str]
-    total_mass_kg: float  # moving mass and reflected rotor
-    force_limit_gain: float  # highest stable force_gain of the linear loop
+    total_mass_kg: float  # moving mass plus the inertia of the rotor as a mass at the axis
+    force_limit_gain: float  # largest force_gain at which the linear force loop is stable
     force_gain: float  # DAC codes per 8-bit count
     force_setpoint: float  # 8-bit counts
     setpoint_N: float
-    held_share: float  # share of the set-point at which the force of contact.toml settles
-    held_with: str  # end of a sentence: what held_share includes or excludes
+    held_share: float  # settled force in contact.toml as a share of the set-point
+    # end of a sentence about held_share: whether the weight and dry friction are included
+    held_with: str
     position_gain: float  # DAC codes per encoder count
     design: BankForAxis | NoBank | None  # None: the user did not ask for a bank
     defaults: list[str]  # names of the data-sheet values that are defaults
-    doubts: list[str]  # sentences about values that are possible but unlikely
+    doubts: list[str]  # sentences about data-sheet values that are possible but unlikely
     marked: int  # number of model values that are defaults
 
 
@@ -408,7 +412,7 @@ def write(
     with paths.replacing(folder, *written) as files:
         for file, text in zip(files, written.values(), strict=True):
             file.write_text(text, encoding="utf-8")
-        if HELD not in written:  # a file of this name belongs to the replaced model
+        if HELD not in written:  # an existing file HELD belongs to the replaced model
             (folder / HELD).unlink(missing_ok=True)
     return NewAxis(
         folder=paths.display(folder),

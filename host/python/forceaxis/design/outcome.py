@@ -18,7 +18,7 @@ from forceaxis.results import json_field
 from forceaxis.words import counted
 
 LATENCIES = {"both": (0, 1), "0": (0,), "1": (1,)}  # values of latency_ticks
-TIMINGS = ("zoh", "zoh+1")  # timing in loops.TIMINGS with the latency 0 and 1
+TIMINGS = ("zoh", "zoh+1")  # names in loops.TIMINGS for a latency of 0 ticks and of 1 tick
 MEMBERS = 12  # number of random plants on which contacts are simulated
 
 
@@ -28,24 +28,26 @@ class DesignOrder:
     is an option of the verb."""
 
     text: str  # MODEL or EXPERIMENT
-    over: tuple[str, ...] = ()  # tolerances, NAME=PERCENT% or NAME=LOW..HIGH
+    over: tuple[str, ...] = ()  # tolerances as texts NAME=PERCENT% or NAME=LOW..HIGH
     overrides: Mapping[str, float | str] = field(default_factory=dict)  # {parameter: value}
     together: tuple[dict[str, float], ...] = ({},)  # as PlantSet has them
     modes: str = "visited"
-    states: dict[str, str] = field(default_factory=dict)  # {element: state} of all members
+    # {element: state} that all plants of the set have
+    states: dict[str, str] = field(default_factory=dict)
     ms: float = 2.0  # largest permitted Ms
     ms_late: float = 2.2  # largest permitted Ms with one tick of latency
-    gain_margin: float = 2.3  # smallest permitted gain margin, as a factor
+    gain_margin: float = 2.3  # smallest permitted gain margin as a factor of the gain
     adc_bits: int | None = None  # None: that of the model
     latency: str = "both"  # a key of LATENCIES
     # largest gain at high frequency in codes per 8-bit count; None here and below: as in grid.Goal
     hf_gain: float | None = None
-    ramp_s: float | None = None  # rise time of the set-point that the force has to follow
+    ramp_s: float | None = None  # rise time in s of the set-point ramp that the force has to follow
     # values of firmware objects in addition to those of the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
-    # set-points of first contacts; empty: chosen by the ranges of sensor and drive
+    # force set-points of the simulated first contacts in N; empty: chosen by the ranges of sensor
+    # and drive
     forces_N: tuple[float, ...] = ()
-    # approach speed; None: that of the experiment, otherwise 20 mm/s
+    # approach speed; None: the speed of the experiment, or 20 mm/s without an experiment
     approach_mm_per_s: float | None = None
     simulate: bool = True
     threads: int | None = None
@@ -104,11 +106,12 @@ class ContactLoss:
 class SlowedApproach:
     """The reduction of the approach speed because contacts were lost. losses_before, losses:
     largest number of contact losses of a simulated first contact at the original and at the reduced
-    speed; longer_s: how much later the first contact is."""
+    speed; longer_s: additional time until the first contact in s."""
 
     from_m_per_s: float
     to_m_per_s: float
-    losses_before: int | None  # None: contacts do not settle at the original speed
+    # number of contact losses at the original speed; None: the force does not settle at this speed
+    losses_before: int | None
     losses: int
     longer_s: float
 
@@ -176,7 +179,7 @@ class DesignOutcome:
     loss: ContactLoss | None = None
     rows: list[SimulatedContact] = field(default_factory=list)
     cuts: list[GainCut] = field(default_factory=list)
-    # {structure: reason why it was not chosen}
+    # {name of a structure: reason why this structure was not chosen}
     passed_over: dict[str, str] = field(default_factory=dict)
     out: str | None = None
     written: list[str] = field(default_factory=list)
@@ -196,8 +199,8 @@ class DesignOutcome:
 
     @property
     def p_bank(self) -> Bank:
-        """The P law at the margins of the design. Its gain is 0 if P keeps the margins at no
-        gain."""
+        """The P law with the largest gain that keeps the margins of the design; the gain is 0 if no
+        gain keeps the margins."""
         return Bank(self.p.force_gain)
 
     @property

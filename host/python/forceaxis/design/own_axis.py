@@ -21,9 +21,11 @@ from forceaxis.linear.bank import Bank
 from forceaxis.progress import phase
 
 GAIN_SHARES = (1.0, 0.7, 0.5)  # of the designed gain
-# Permitted contact losses of a first contact: first try, and second try for a light workpiece.
+# Permitted contact losses of a first contact: in the first attempt, and in the second attempt for a
+# light workpiece.
 LOSSES_MAX = (1, 3)
-RANDOM_FRICTIONS, SEED = 3, 1988  # number and seed of members with random friction
+# number of simulated plants with random friction, and seed of the random numbers
+RANDOM_FRICTIONS, SEED = 3, 1988
 
 
 def design(folder: Path) -> tuple[str | None, BankForAxis | NoBank]:
@@ -85,8 +87,8 @@ def _designed(plant: Design, folder: Path) -> tuple[str, BankForAxis]:
 
 @dataclass(frozen=True)
 class SettledContact:
-    """A bank with which simulated contacts settle; text: of the experiment HELD; the approach speed
-    in m/s."""
+    """A bank with which simulated contacts settle, the text of the experiment HELD, and the
+    approach speed in m/s."""
 
     bank: Bank
     text: str
@@ -95,11 +97,11 @@ class SettledContact:
 
 def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledContact:
     """The first combination of approach speed, action at a contact loss and gain with which
-    simulated contacts settle. Raises InputError if there is none."""
+    simulated contacts settle. Raises InputError if no combination settles."""
     scale = abs(plant.facts.required_encoder.scale)
     fastest = ContactBench(plant, bits).cases[0].speed_m_per_s
     rubs = bool(ContactBench(plant, bits).frictions)
-    # first combination whose contacts settle but are lost more than LOSSES_MAX[0] times
+    # first combination with which contacts settle after more than LOSSES_MAX[0] contact losses
     spare: SettledContact | None = None
     # With friction, the default at a contact loss, a cap of 0 DAC codes, is tried last, because the
     # axis may then stay at standstill.
@@ -135,8 +137,8 @@ def _settled(plant: Design, folder: Path, bits: int, designed: Bank) -> SettledC
 
 
 def _losses(bench: ContactBench, speed_m_per_s: float, stands: bool) -> Sequence[Mapping[str, int]]:
-    """Firmware objects for a contact loss, in the order in which they are simulated. stands: only
-    the defaults of the firmware, with which friction may keep the axis at standstill."""
+    """Firmware objects for a contact loss, in the order in which they are simulated. stands: True
+    for only the defaults of the firmware, with which friction may keep the axis at standstill."""
     if stands:
         return [{}]
     first = simulate.losses(bench, speed_m_per_s)

@@ -16,17 +16,18 @@ from forceaxis.linear.bank import Bank
 from forceaxis.linear.plant_set import PlantSet
 
 NAME = "PI and one biquad"
-RANDOM = 40  # random choices of values on which the result is checked, besides the corners
+RANDOM = 40  # number of random plants on which the result is checked, in addition to the corners
 PI_RATES_RAD_PER_S = np.geomspace(0.1, 100, 31)  # integral rates of the PI laws
-PI_BANDWIDTH_MIN_HZ = 0.05  # bandwidth that a PI law is assumed to have at least
-# factor by which limited_by() changes a bound, and the ratio of bandwidths that is an effect
+PI_BANDWIDTH_MIN_HZ = 0.05  # smallest bandwidth in Hz that the search assumes for a PI law
+# factor by which limited_by() changes a bound, and smallest ratio of bandwidths that is an effect
+# of this change
 BOUND_FACTOR, BANDWIDTH_RATIO_MIN = 1.3, 1.02
 # smallest integral rate as a share of the bandwidth of PI, because with a smaller rate a static
 # error disappears too slowly
 INTEGRAL_MIN = 0.15
-EVALUATIONS = 200  # number of laws that a simplex evaluates
-RESTARTS = 2  # number of further simplexes that begin at the best law
-ZEROS_MAX = 3  # largest number of antiresonances at which the search begins
+EVALUATIONS = 200  # largest number of control laws that one simplex search evaluates
+RESTARTS = 2  # number of further simplex searches that begin at the best law
+ZEROS_MAX = 3  # largest number of antiresonances from which a search begins
 # lowest frequency of the section as a multiple of the bandwidth of PI
 SECTION_START_FACTOR = 4.0
 
@@ -89,7 +90,7 @@ class ShortSearch:
         limits[:, 1] = limits.max(axis=1)
         starts = self._starts(fS, rate)
         numbers = max(map(self._polished, starts), key=self._order)
-        # a second start, because the simplex of the first may have collapsed
+        # a second simplex search, because the first simplex may have collapsed before the optimum
         for _ in range(RESTARTS):
             numbers = self._polished(numbers)
         found = self._shaped(structures.bank(numbers, 1.0), numbers)
@@ -114,8 +115,8 @@ class ShortSearch:
         return certificate.exact(self.plants, [self.grid], bank, self.goal)
 
     def limited_by(self, found: ShapedDesign) -> str:
-        """A sentence about the bound that limits the bandwidth of a design. This is the bound whose
-        change raises the bandwidth most."""
+        """A sentence about the bound that limits the bandwidth of a design. The named bound is the
+        bound whose change raises the bandwidth most."""
         own = self.inner.bounds
         wider = {
             "hf": replace(own, hf_gain=2 * own.hf_gain),
@@ -147,8 +148,8 @@ class ShortSearch:
 
     def _starts(self, fS: float, rate: float) -> list[Samples]:
         """Starts of the search as logarithms: zeros at antiresonances with a pole above, a lead, a
-        lag, and the best PI law. fS: bandwidth of this PI law in Hz; rate: its integral rate in
-        rad/s."""
+        lag, and the best PI law. fS: bandwidth of the PI law in Hz; rate: integral rate of the PI
+        law in rad/s."""
         zeros = search.antiresonances(self.grid)[:ZEROS_MAX]
         shapes = [(z, 0.06, z * pole, 0.5) for z in zeros for pole in (1.25, 2.6)]
         shapes += [(4 * fS, 1.0, 16 * fS, 0.8), (20 * fS, 0.8, 5 * fS, 0.8)]

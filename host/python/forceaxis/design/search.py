@@ -25,15 +25,16 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import GAIN_STEP, Bank
 from forceaxis.linear.plant_set import Member, PlantSet
 
-LARGER_STRUCTURE_MIN = 1.1  # ratio of bandwidths from which the larger structure is chosen
-RANDOM = 1000  # number of random choices of values on which the result is checked
-PROBE_RANDOM = 60  # number of random choices of values in the rounds of the search
-ROUNDS_MAX = 4  # largest number of rounds in which members are added
+LARGER_STRUCTURE_MIN = 1.1  # smallest ratio of bandwidths at which the larger structure is chosen
+RANDOM = 1000  # number of random plants on which the result is checked
+PROBE_RANDOM = 60  # number of random plants in each round of the search
+ROUNDS_MAX = 4  # largest number of rounds in which plants are added to the search
 # Largest number of corners in the first set. Other corners are added if the law violates the
 # margins on them.
 CORNERS_MAX = 8
 SEED = 1988
-RAMP_PERIODS = 0.2  # rise time in periods of the bandwidth of a PI law
+# rise time of the ramp, as a multiple of the period at the bandwidth of a PI law
+RAMP_PERIODS = 0.2
 RAMP_MIN_S = 0.1  # shortest rise time
 # The bandwidth is evaluated at this share of the largest gain, so that the bandwidth does not jump
 # if |S| of a member only just reaches -3 dB.
@@ -41,7 +42,8 @@ GAIN_SHARE = 0.97
 # Number of generations of the differential evolution. With half of this number, a search often ends
 # in a local optimum, even with restarts.
 GENERATIONS = 90
-RESTARTS = (1, 2, 2)  # number of searches for a law with no, one and two sections
+# number of searches for a law with no, with one and with two second-order sections
+RESTARTS = (1, 2, 2)
 # Lowest frequency of zeros and poles in bandwidths of a PI law, for each restart. The best result
 # is chosen, because the ramp excludes laws that oscillate after a first contact.
 LOWEST_FACTORS = (1.5, 0.5)
@@ -127,8 +129,8 @@ class SearchProblem:
         return value, gain
 
     def follow_ramp(self, plants: PlantSet, goal: Goal, bandwidth_Hz: float) -> None:
-        """From now on, evaluate() reduces the bandwidth of laws with which the force of the nominal
-        plants does not follow a ramp; its rise time follows from the bandwidth of a PI law."""
+        """Makes evaluate() reduce the bandwidth of laws with which the force of the nominal plants
+        does not follow a ramp. The rise time of the ramp follows from the bandwidth of a PI law."""
         rise_s = goal.ramp_s or max(RAMP_MIN_S, RAMP_PERIODS / bandwidth_Hz)
         nominal = plants.nominal()
         loops = [
@@ -153,7 +155,8 @@ class SearchProblem:
         return best
 
     def cost(self, limits: Samples) -> Callable[[Samples], float]:
-        """The negative bandwidth as a function of the numbers, which it clips to the limits."""
+        """Returns the negative bandwidth for numbers, which are first limited to the permitted
+        range."""
         low, high = limits.T
         return lambda numbers: -self.evaluate(np.clip(numbers, low, high))[0]
 
@@ -213,7 +216,8 @@ def _search(
 
 
 def _polished(problem: SearchProblem, numbers: Samples, limits: Samples) -> Samples:
-    for _ in range(2):  # a second start, because the simplex of the first may have collapsed
+    # a second simplex search, because the first simplex may have collapsed before the optimum
+    for _ in range(2):
         numbers = problem.polished(numbers, limits, 80 * len(limits), 1e-4)
     return numbers
 
@@ -325,7 +329,7 @@ def _result(
     plants: PlantSet, goal: Goal, problem: SearchProblem, best: dict[str, Samples],
     say: Callable[[str], None],
 ) -> SearchResult:  # fmt: skip
-    """The result of a search. best: {structure: numbers of its best law}."""
+    """The result of a search. best: {structure: numbers of the best law with this structure}."""
     bounds = problem.bounds
     joined = {m.label(): m for m in problem.grid.members + plants.corners()}
     members = list(joined.values()) + _random(plants, RANDOM, SEED + 1)
@@ -353,7 +357,8 @@ def _result(
             chosen = row
 
     def taken(name: str) -> SearchResult | None:
-        # The exact gain is computed only for this structure; others have the gain of the grid.
+        # The exact gain is computed only for the chosen structure; other structures keep the gain
+        # of the grid.
         at = next(i for i, row in enumerate(rows) if row.name == name)
         bank, worst = certificate.exact(plants, grids, rows[at].bank.bank, goal)
         if not worst or not worst.fS_Hz:
@@ -393,8 +398,8 @@ def _no_gain() -> ParameterError:
 
 
 def _is_worth_it(row: StructureDesign, smaller: StructureDesign) -> bool:
-    """Whether a larger structure is chosen in place of a smaller one. The reason is either 10 %
-    more bandwidth, or a large static error if the smaller structure is P."""
+    """Returns True if a larger structure is chosen in place of a smaller structure. The reason is
+    either 10 % more bandwidth, or a large static error if the smaller structure is P."""
     before = smaller.worst
     return row.bandwidth_Hz >= LARGER_STRUCTURE_MIN * smaller.bandwidth_Hz or (
         smaller.name == "P" and before is not None and before.static_error > STATIC_ERROR_MAX

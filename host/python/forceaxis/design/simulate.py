@@ -45,38 +45,41 @@ from forceaxis.linear import system as linear
 from forceaxis.linear.bank import Bank
 from forceaxis.results import to_json
 
-Job = tuple[str, list[str]]  # a run: (experiment, texts NAME=VALUE)
-Plant = dict[str, float]  # {parameter: value in SI}; empty: the nominal plant
+Job = tuple[str, list[str]]  # one simulated run: (experiment, texts NAME=VALUE)
+Plant = dict[str, float]  # {parameter: value in SI units} of a plant; empty: the nominal plant
 
 # Set-points as shares of the range of the measured force: 12, 30 and 60 counts of 255.
 SETPOINTS = (12 / 255, 30 / 255, 60 / 255)
-STALL_FORCE_SHARE = 0.25  # largest set-point as a share of the drive's largest force
+STALL_FORCE_SHARE = 0.25  # largest force set-point as a share of the largest force of the drive
 RAMP_S = 0.2  # rise time of the largest force set-point
-STRIKE_S = 0.5 / 150  # impulse of an impact, N s per newton of the largest set-point
-APPROACH_M_PER_S = 0.02  # largest approach speed, unless an experiment gives a speed
+STRIKE_S = 0.5 / 150  # impulse of an impact in N s for each newton of the largest set-point
+APPROACH_M_PER_S = 0.02  # largest approach speed in m/s if no experiment gives a speed
 WINDOW_S = 0.5  # window of the verdict
-SETTLE_S = (1.5, 10.0)  # shortest and longest time from first contact to window
-RIPPLE_COUNT = 3.0  # largest force ripple in 8-bit counts, peak to peak
+# shortest and longest time in s from the first contact to the window of the verdict
+SETTLE_S = (1.5, 10.0)
+RIPPLE_COUNT = 3.0  # largest permitted force ripple in 8-bit counts, peak to peak
 LEAST_COUNT = 4  # smallest set-point in 8-bit counts: twice the default contact_force
 # Firmware settings that the cases take from the experiment of the design.
 KEPT = ("position_gain", "velocity_gain", "approach_velocity_max", "contact_force", "force_sign")
-# factors of the impulse of a case for a series of impacts
+# factors by which the impulse of a case is multiplied for a series of impacts
 STRIKE_FACTORS = (1.0, 1.6, 2.4, 4.0, 5.6, 8.0, 11.0, 16.0)
-DWELLS_MS = (300, 100, 600)  # values of contact_loss_dwell that are tried
+DWELLS_MS = (300, 100, 600)  # values of contact_loss_dwell in ms that are simulated in this order
 FRICTION_SHARES = (
     0.5,
     1.0,
-)  # shares of the largest friction against which the approach may have to move
-BACKOFF, BACKOFFS = 0.9, 20  # factor and largest number of the reductions of a gain
+)  # shares of the largest dry friction against which the approach is simulated
+# factor by which a gain is reduced, and largest number of such reductions
+BACKOFF, BACKOFFS = 0.9, 20
 # permitted force error as a share of the set-point, for a law with integral action; at least
 # HALF_COUNT
 ERROR_MAX = 0.02
-HALF_COUNT = 0.6  # 8-bit counts: error of the measured force at rest
-PEAK_MAX = 1.3  # largest peak force in set-points
+HALF_COUNT = 0.6  # largest error of the measured force at rest, in 8-bit counts
+PEAK_MAX = 1.3  # largest permitted peak force, as a multiple of the set-point
 LOSSES_MAX = 1  # permitted contact losses of a first contact
-SPEED_SHARES = (1.0, 0.5, 0.25, 0.1)  # shares of the approach speed that are tried
-SATURATED_MAX_S = 0.02  # longest permitted saturation of the DAC code
-# share of the designed gain at which the control law has no effect on an impact
+# shares of the approach speed that are simulated in this order
+SPEED_SHARES = (1.0, 0.5, 0.25, 0.1)
+SATURATED_MAX_S = 0.02  # longest permitted time in s with the DAC code at an end of its range
+# share of the designed gain that is so small that the law does not influence an impact
 WEAK_GAIN_SHARE = 0.25
 
 

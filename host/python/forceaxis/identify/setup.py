@@ -183,7 +183,7 @@ def check(given: SetupTable, where: str) -> Setup:
     if setup.free and setup.clamped:
         fail(
             "clamped",
-            "expected either `clamped` or `free` contacts, got both; remove one of the keys",
+            "expected either `clamped` or `free` contacts, got both; remove one of the two",
         )
     if codes:
         _check_codes(setup, fail)
