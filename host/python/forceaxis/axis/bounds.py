@@ -106,7 +106,7 @@ def expect_raw(axis: AxisValues, raw: Mapping[str, int]) -> None:
 
 
 def expect(axis: AxisValues, values: Mapping[str, Value]) -> None:
-    """Checks engineering values before they are written; see expect_raw()."""
+    """Checks engineering values before they are written. Raises the errors of expect_raw()."""
     expect_raw(axis, {name: to_raw(name, value) for name, value in values.items()})
 
 

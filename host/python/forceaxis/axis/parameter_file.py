@@ -185,8 +185,8 @@ def _entries() -> Iterator[tuple[str, tuple[AxisObject, ...]]]:
 
 
 def _line(name: str, elements: Sequence[AxisObject], raw: Sequence[int], node_id: int) -> str:
-    """Returns an assignment NAME = VALUE with its unit in a comment. A list continues in a new line
-    for each further index."""
+    """Returns a line NAME = VALUE with the unit in a comment. A list of objects with several
+    CANopen indices has one line for each index."""
     unit = "" if elements[0].unit == "1" else f"  # {elements[0].unit}"
     pairs = zip(elements, raw, strict=True)
     if name not in ARRAYS:

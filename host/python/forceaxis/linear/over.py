@@ -145,8 +145,8 @@ class _Response:
         return found
 
     def peak(self) -> float:
-        """Returns the largest |H|. Starting at the highest points of a grid, the search repeats
-        with a higher level until |H| exceeds the level nowhere."""
+        """Returns the largest |H|. The search raises a level to the highest |H| on a grid, until
+        |H| exceeds the level nowhere."""
         best = max(self.ends())
         grid = self.marks(max(best, 1e-300) * (1 + 1e-6))
         for _ in range(20):

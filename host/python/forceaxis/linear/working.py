@@ -50,7 +50,7 @@ class Friction:
 @dataclass(frozen=True)
 class Working:
     """The mode in which a model is linearised. modes: {element: state}, given or chosen; text: the
-    chosen states as one line for a user, empty if the model has no choice and no state was
+    chosen states as one line for a user, or "" if the model has only one mode and no state was
     given."""
 
     modes: dict[str, str] = json_field(key="mode")
