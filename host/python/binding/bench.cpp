@@ -226,14 +226,19 @@ class BenchCase {
 }  // namespace
 
 void add_bench(py::module_ &m) {
-  py::class_<BenchCase>(m, "BenchCase", "A plant in its benchmark loop, timed.")
+  py::class_<BenchCase>(m, "BenchCase",
+                        "The simulated plant of a case of the benchmark, with its force loop.")
       .def(py::init<const std::filesystem::path &, const std::string &, const std::string &,
                     const std::string &>(),
            py::arg("experiment"), py::arg("force"), py::arg("robot"), py::arg("workpiece"))
       .def("run", &BenchCase::run, py::arg("gain"), py::arg("setpoint_N"),
            py::arg("firmware") = false,
-           "One run of 2 s: arrays force, robot, workpiece, current, count; CPU seconds; events.")
-      .def("sweep", &BenchCase::sweep, py::arg("gains"), py::arg("setpoints_N"),
-           py::arg("side") = 64, py::arg("threads") = 1,
-           "side x side runs of 2 s; metrics as arrays, set-point fastest; wall and CPU seconds.");
+           "Computes one run of 2 s. Returns the arrays force, robot, workpiece, current and "
+           "count, the "
+           "CPU time in s and the events.")
+      .def(
+          "sweep", &BenchCase::sweep, py::arg("gains"), py::arg("setpoints_N"),
+          py::arg("side") = 64, py::arg("threads") = 1,
+          "Computes side x side runs of 2 s. Returns the metrics as arrays, in which the set-point "
+          "changes fastest, and the wall time and CPU time in s.");
 }

@@ -290,7 +290,7 @@ std::string magic_text(std::uint32_t magic) {
 }  // namespace
 
 PYBIND11_MODULE(_core, m) {
-  m.doc() = "The firmware's tick around the plant, in process.";
+  m.doc() = "The firmware, the simulated plant and runs of both in one process.";
   static_assert(static_cast<int>(forceaxis::sim::kTickRateHz) == FX_TICK_RATE_HZ);
   m.attr("TICKS_PER_SECOND") = static_cast<int>(forceaxis::sim::kTickRateHz);
   m.attr("FIRMWARE_HASH") = FORCEAXIS_FIRMWARE_HASH;
@@ -309,28 +309,32 @@ PYBIND11_MODULE(_core, m) {
       .def_property_readonly("model", [](const Result &r) { return r.experiment.model->file; })
       .def_property_readonly(
           "plot", [](const Result &r) { return plot_of(r.experiment); },
-          "[plot]: rows, from_s, to_s, those that are given")
+          "table [plot] of the experiment: the given keys of rows, from_s and to_s")
       .def_property_readonly("verdict", [](const Result &r) { return r.run.verdict; })
       .def_property_readonly(
           "missed", [](const Result &r) { return to_list(r.run.missed); },
-          "limits that the run missed: limit, verdict, value (None: infinite), bound, unit")
+          "limits that the run missed, each with limit, verdict, value (None: infinite), bound, "
+          "unit")
       .def_property_readonly("fault", [](const Result &r) { return r.run.fault; })
       .def_property_readonly("trace_hash", [](const Result &r) { return r.run.trace_hash; })
       .def_property_readonly(
           "firmware_hash", [](const Result &r) { return r.run.firmware_hash; },
-          "the trace hash of the firmware's side; empty unless asked for")
+          "trace hash of the firmware's side; empty unless firmware_hash was requested")
       .def_property_readonly("overridden",
                              [](const Result &r) { return overridden(*r.experiment.model); })
       .def_property_readonly("inputs_hash", [](const Result &r) { return r.experiment.hash; })
       .def_property_readonly("seed", [](const Result &r) { return r.experiment.seed; })
       .def_property_readonly("edge_margin", [](const Result &r) { return r.run.edge_margin; })
       .def_property_readonly("event_count", [](const Result &r) { return r.run.event_count; })
-      .def_property_readonly("refused", &Result::refused,
-                             "writes of [[at]] that the firmware refused: tick, object, reason")
-      .def_property_readonly("events", &Result::events, "(time_s, element, from, to), located")
+      .def_property_readonly(
+          "refused", &Result::refused,
+          "writes of [[at]] that the firmware has refused, each with tick, object and reason")
+      .def_property_readonly(
+          "events", &Result::events,
+          "list of (time_s, element, from, to) with the exact time of each change")
       .def_property_readonly(
           "energy", [](const Result &r) { return energy_dict(r.run.energy); },
-          "J; mechanical energy audit")
+          "energy balance of the plant in J")
       .def_property_readonly("metrics", [](const Result &r) { return to_dict(r.run.metrics); })
       .def_property_readonly("criterion",
                              [](const Result &r) { return to_dict(r.experiment.criterion); })
@@ -339,39 +343,43 @@ PYBIND11_MODULE(_core, m) {
                                return column<std::uint32_t>(r.run.records,
                                                             [](const auto &x) { return x.tick; });
                              })
-      .def_property_readonly("objects", &Result::objects, "objects of [trace] -> unit")
-      .def_property_readonly("setpoints", &Result::setpoints,
-                             "(from time_s, N) of each set-point of force; [] where none is read")
-      .def_property_readonly("impulses", &Result::impulses, "(time_s, body, N s)")
-      .def_property_readonly("contacts", &Result::contacts, "their names")
+      .def_property_readonly("objects", &Result::objects, "objects in the table [trace] -> unit")
+      .def_property_readonly(
+          "setpoints", &Result::setpoints,
+          "list of (time_s, force in N) of all force set-points; [] without a force on ADC 0")
+      .def_property_readonly("impulses", &Result::impulses,
+                             "list of (time_s, body, impulse in N s)")
+      .def_property_readonly("contacts", &Result::contacts, "names of the contacts of the model")
       .def_property_readonly("signal_units", &Result::signal_units, "signal of the model -> unit")
       .def_property_readonly("converters", &Result::converters,
                              "column of codes -> signal, unit, per_code, zero, bits")
       .def("columns", &Result::columns,
-           "name -> array, one value a tick: codes, firmware state, then the plant's true signals");
+           "name -> array with one value for each tick: codes, firmware state, then true signals");
 
   m.def("run", &run_one, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         py::arg("firmware_hash") = false, py::arg("text") = py::none(),
-        "Run one experiment file with overrides NAME=VALUE. Raises InputError. firmware_hash: the "
-        "firmware's side hashes the trace as well; text: read in place of the file's.");
+        "Runs one experiment file with overrides NAME=VALUE. firmware_hash: the firmware's side "
+        "computes a trace hash too. text: content that is read in place of the file. Raises "
+        "InputError.");
   m.def("inputs", &inputs, py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
         py::arg("text") = py::none(),
-        "Read an experiment without running it: title, model, contacts, converters, firmware "
-        "(object -> value at the start), expect, inputs_hash, criterion, not_evaluable (why its "
-        "[verdict] cannot be evaluated, or None), parameters with value and "
-        "unit, and the overrides that change nothing; text: read in place of the file's. Raises "
+        "Reads an experiment without a run. Returns title, model, contacts, converters, firmware "
+        "(object -> value at the start), expect, inputs_hash, criterion, not_evaluable (the reason "
+        "why [verdict] cannot be evaluated, or None), the parameters with value and unit, and the "
+        "overrides that have no effect. text: content that is read in place of the file. Raises "
         "InputError.");
-  py::class_<Experiments>(m, "Experiments",
-                          "Experiment files as they were first read, with the models and modes "
-                          "met last: for several run_many() calls.")
+  py::class_<Experiments>(
+      m, "Experiments",
+      "Experiment files with the content that was read first, and the models and "
+      "modes used last, for several calls of run_many().")
       .def(py::init<>());
   m.def("run_many", &run_many, py::arg("jobs"), py::arg("threads") = 1,
         py::arg("progress") = py::none(), py::arg("keep_going") = false,
         py::arg("finished") = py::none(), py::arg("experiments") = nullptr,
-        "Run (experiment, overrides) pairs on `threads` threads. Returns verdict, metrics, "
-        "criterion and hash of each, in order. A job that fails ends all and its error is raised; "
-        "with keep_going it becomes {\"error\": text} instead. Now and then, progress(done, total) "
-        "is called and finished(index, result) for every job done since.");
+        "Runs (experiment, overrides) pairs on `threads` threads. Returns verdict, metrics, "
+        "criterion and hash of each pair, in order. If a run fails, all runs end and its error is "
+        "raised. With keep_going, the result of a failed run is {\"error\": text} instead. At "
+        "intervals, calls progress(done, total), and finished(index, result) for each new result.");
   m.def(
       "evaluate",
       [](const py::dict &criterion, const py::dict &metrics, const std::string &fault) {
@@ -380,8 +388,8 @@ PYBIND11_MODULE(_core, m) {
         return std::pair(evaluated.verdict, to_list(evaluated.missed));
       },
       py::arg("criterion"), py::arg("metrics"), py::arg("fault"),
-      "(verdict, missed limits) that another criterion gives on a finished run's metrics (same "
-      "window).");
+      "Returns (verdict, missed limits) of a finished run by another criterion with the same "
+      "window.");
 
   add_linear(m);
   add_bench(m);

@@ -202,22 +202,30 @@ class Excited {
 void add_excite(py::module_ &m) {
   py::class_<Excited>(
       m, "Excited",
-      "A plant under excitation, with its state kept from one call to the next: volts() puts volts "
-      "into the drive, in steps of 1/(1500 parts) s; write() and codes() run the firmware instead "
-      "(parts = 1). The drive is enabled from the first step on. clamped: contacts pull as well.")
+      "A simulated plant to which an excitation is applied. Each call continues from the state "
+      "after the previous call. volts() applies voltages to the drive in steps of 1/(1500 parts) "
+      "s; write() and codes() use the firmware instead (parts = 1). The drive is enabled from the "
+      "first step on. clamped: contacts also pull.")
       .def(py::init<const std::filesystem::path &, const Overrides &, std::uint64_t, int, bool>(),
            py::arg("model"), py::arg("overrides") = Overrides{}, py::arg("seed") = 0,
            py::arg("parts") = 1, py::arg("clamped") = false)
-      .def("volts", &Excited::volts, py::arg("volts"), py::arg("signals"),
-           "Plays (n,) volts, each held for one step. Returns (len(signals), n): the signals just "
-           "after each new voltage acts. Raises SimulationError.")
-      .def("write", &Excited::write, py::arg("object"), py::arg("value"),
-           "Writes an object of the firmware in engineering units; ValueError if it is refused.")
-      .def_property_readonly("states", &Excited::states,
-                             "{\"element: state\": samples of the last volts() or codes() in it}")
-      .def_property_readonly("adc_bits", &Excited::adc_bits, "of ADC 0 and 1; 0: there is none")
+      .def(
+          "volts", &Excited::volts, py::arg("volts"), py::arg("signals"),
+          "Applies n voltages in V, each for one step. Returns an array (len(signals), n) with the "
+          "signals immediately after each change of the voltage. Raises SimulationError.")
+      .def(
+          "write", &Excited::write, py::arg("object"), py::arg("value"),
+          "Writes an object of the firmware in its unit. Raises ValueError if the firmware refuses "
+          "the value.")
+      .def_property_readonly(
+          "states", &Excited::states,
+          "number of samples in each \"element: state\" in the last call of volts() "
+          "or codes()")
+      .def_property_readonly("adc_bits", &Excited::adc_bits,
+                             "numbers of bits of ADC 0 and ADC 1; 0: no such ADC")
       .def("codes", &Excited::codes, py::arg("ticks"), py::arg("columns"),
-           "Runs the firmware. Returns (len(columns), ticks): adc0, adc1, encoder as converted in "
-           "the tick, dac_code as put out in it, and signals just after that code acts. Raises "
-           "SimulationError, also for a latched fault.");
+           "Runs the firmware. Returns an array (len(columns), ticks). The columns adc0, adc1 and "
+           "encoder have the codes converted in the tick, dac_code the code output in the tick, "
+           "other columns the signals immediately after this output. Raises SimulationError, also "
+           "for a latched fault.");
 }

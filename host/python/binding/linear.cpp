@@ -149,10 +149,12 @@ void add_extended(py::module_ &m) {
         "d: in diag(1/d) A diag(d) rows weigh about as much as their columns; powers of 2");
   m.def(
       "eigenvalues", [](const ExtendedMatrix &A) { return complex_array(sim::eigenvalues(A)); },
-      py::arg("A"), "eigenvalues (n,), computed in extended precision");
-  m.def("solve", &sim::solve, py::arg("A"), py::arg("B"), "X of A X = B, in extended precision");
+      py::arg("A"), "Returns the n eigenvalues of A, computed in extended precision.");
+  m.def("solve", &sim::solve, py::arg("A"), py::arg("B"),
+        "Returns the solution X of A X = B, computed in extended precision.");
   m.def("sampled", &sim::sampled, py::arg("A"), py::arg("B"), py::arg("T"),
-        "e^(A T) - 1 and the integral of e^(A t) B over T, side by side, in extended precision");
+        "Returns e^(A T) - 1 and the integral of e^(A t) B over T side by side, in extended "
+        "precision.");
   m.def(
       "hessenberg",
       [](const ExtendedMatrix &A, const ExtendedMatrix &B, const ExtendedMatrix &C) {
@@ -160,16 +162,17 @@ void add_extended(py::module_ &m) {
         return py::make_tuple(std::move(found.H), std::move(found.B), std::move(found.C));
       },
       py::arg("A"), py::arg("B"), py::arg("C"),
-      "H, Q^T B, C Q with H = Q^T A Q, for "
-      "hessenberg_response");
+      "Returns H, Q^T B and C Q with H = Q^T A Q, for hessenberg_response().");
   py::class_<BoundaryResponse>(
       m, "BoundaryResponse",
-      "C (p - A)^-1 B + D of one input and output along the boundary of stability: p = j w (dt 0) "
-      "or z = (1 + j w dt / 2) / (1 - j w dt / 2); in extended precision")
+      "The response C (p - A)^-1 B + D from one input to one output on the stability boundary, in "
+      "extended precision: p = j w for dt = 0, otherwise p = (1 + j w dt / 2) / (1 - j w dt / 2)")
       .def(py::init<ExtendedMatrix, ExtendedMatrix, ExtendedMatrix, double, double>(), py::arg("A"),
            py::arg("B"), py::arg("C"), py::arg("D"), py::arg("dt"))
       .def("__call__", &boundary, py::arg("w"),
-           "(response, dG/dw, what roundings of the entries move it by), each (m,), at w (m,)");
+           "Returns the arrays (response, dG/dw, error of the response by rounding of the entries) "
+           "for "
+           "an array of m frequencies w.");
 }
 
 }  // namespace
@@ -178,12 +181,15 @@ void add_linear(py::module_ &m) {
   m.def("linear", &linear, py::arg("model"), py::arg("inputs"), py::arg("outputs"),
         py::arg("overrides") = Overrides{}, py::arg("modes") = std::map<std::string, std::string>{},
         py::arg("free") = false, py::arg("drive") = true,
-        "A, B, C, D and the names of the states in one mode: forceaxis.linear.linearise");
+        "Returns A, B, C, D and the names of the states in one mode. See "
+        "forceaxis.linear.linearise.");
   m.def("facts", &facts, py::arg("model"), py::arg("overrides") = Overrides{},
-        "masses, signals with units, used parameters (value, unit), contacts (name, between), "
-        "switches (states by element), drive (values: its numbers by key), reading (per_count: its "
-        "unit per 8-bit count), encoder, volts_per_code of a model");
+        "Returns the data of a model: masses, signals with units, used parameters (value, unit), "
+        "contacts (name, between), switches (states of each element), drive (values: parameters by "
+        "key), reading (per_count: unit of the signal per 8-bit count), encoder, volts_per_code");
   m.def("hessenberg_response", &response, py::arg("H"), py::arg("B"), py::arg("C"), py::arg("D"),
-        py::arg("points"), "C (s I - H)^-1 B + D, points x outputs x inputs, H upper Hessenberg");
+        py::arg("points"),
+        "Returns C (s I - H)^-1 B + D as an array (points, outputs, inputs). H is an upper "
+        "Hessenberg matrix.");
   add_extended(m);
 }

@@ -133,22 +133,26 @@ void add_link(py::module_ &m) {
   py::register_exception<forceaxis::host::LinkSilent>(m, "LinkSilent", PyExc_RuntimeError);
   m.def(
       "lcm_url_of", [](std::int64_t run_id) { return forceaxis::host::lcm_url_of(run_id); },
-      py::arg("run_id"), "Where a run's records go when no other place is given.");
+      py::arg("run_id"), "Returns the default LCM URL for the records of a run.");
   m.def("run_linked", &run_linked, py::arg("experiment"), py::arg("overrides"), py::arg("kind"),
         py::arg("run_id"), py::arg("lcm_url") = "", py::arg("can_interface") = "vcan1",
         py::arg("start_timeout_s") = 5.0, py::arg("timeout_s") = 1.0, py::arg("inject") = "",
         py::arg("real_time") = false, py::arg("trace") = true,
-        "Run one experiment with the plant here and the firmware in an axis_node, as axis 1. "
+        "Runs one experiment with the plant in this process and the firmware in an axis_node, as "
+        "axis 1. "
         "Returns (Result, {ticks_per_s, real_time, overruns, statistics}). Raises InputError, "
         "SimulationError, TransportError, LinkSilent, ValueError for `inject`.");
-  m.def("run_on_chip", &run_on_chip, py::arg("experiment"), py::arg("overrides"), py::arg("to_fd"),
-        py::arg("from_fd"), py::arg("timeout_s") = 5.0, py::arg("trace") = true,
-        "Run one experiment with the plant here and the firmware on an emulated chip at the other "
-        "end of two pipes. Returns (Result, {interrupts, ticks, ticks_per_s}). Raises InputError, "
-        "SimulationError, TransportError.");
+  m.def(
+      "run_on_chip", &run_on_chip, py::arg("experiment"), py::arg("overrides"), py::arg("to_fd"),
+      py::arg("from_fd"), py::arg("timeout_s") = 5.0, py::arg("trace") = true,
+      "Runs one experiment with the plant in this process and the firmware on an emulated chip at "
+      "the other end of two pipes. Returns (Result, {interrupts, ticks, ticks_per_s}). Raises "
+      "InputError, "
+      "SimulationError, TransportError.");
   m.def(
       "replay", &replay, py::arg("journal"),
-      "Run again in process what axis_node --journal wrote down. Returns (Result, {experiment, "
-      "overrides, entries, ticks, trace_hash}) with ticks and hash of the run then; ticks is None "
-      "and the hash empty where the journal breaks off. Raises InputError.");
+      "Repeats the run of a journal from axis_node --journal in this process. Returns (Result, "
+      "{experiment, overrides, entries, ticks, trace_hash}), where ticks and trace_hash are those "
+      "of the recorded run. If the journal has no end, ticks is None and trace_hash is empty. "
+      "Raises InputError.");
 }

@@ -157,30 +157,34 @@ class LiveAxis {
 void add_live(py::module_ &m) {
   py::class_<LiveAxis>(
       m, "LiveAxis",
-      "The axis of an experiment as somebody at its bus has it: firmware with buses and store "
-      "before "
-      "the plant, NMT operational, writes by the source lcm, whose lock and watchdog apply. Time "
-      "passes in step() alone. Commands of [firmware] act at the start, [[at]] at its times; there "
-      "is no end and no verdict.")
+      "The simulated axis of an experiment: the firmware with buses and store, and the plant. The "
+      "NMT state is operational. Writes have the source lcm, so the owner and the watchdog apply. "
+      "Time advances only in step(). Commands of [firmware] are executed at the start, the tables "
+      "[[at]] at their times. The run has no end and no verdict.")
       .def(py::init<const std::filesystem::path &, const std::vector<std::string> &,
                     const std::filesystem::path &>(),
            py::arg("experiment"), py::arg("overrides") = std::vector<std::string>{},
            py::arg("store") = std::filesystem::path{},
-           "store: file of the parameter store, \"\" for none. Raises InputError.")
-      .def("step", &LiveAxis::step, py::arg("ticks"), "Ticks of 1/1500 s. Raises SimulationError.")
+           "store: file of the parameter store, or \"\" for no store. Raises InputError.")
+      .def("step", &LiveAxis::step, py::arg("ticks"),
+           "Simulates a number of ticks of 1/1500 s. Raises SimulationError.")
       .def("end_schedule", &LiveAxis::end_schedule,
-           "From now on [[at]] does not write to the firmware; its blows and sensor failures "
-           "remain.")
+           "After this call, the tables [[at]] do not write to the firmware. Impulses and sensor "
+           "failures remain.")
       .def("read", &LiveAxis::read, py::arg("object"),
-           "Raw value of an object's number, a u32 as int32; KeyError(FW_ERROR_).")
-      .def("write", &LiveAxis::write, py::arg("object"), py::arg("raw"), "FW_OK or FW_ERROR_.")
+           "Returns the raw value of the object with this number, an unsigned value as int32. "
+           "Raises "
+           "KeyError(FW_ERROR_).")
+      .def("write", &LiveAxis::write, py::arg("object"), py::arg("raw"),
+           "Writes a raw value. Returns FW_OK or FW_ERROR_.")
       .def("samples", &LiveAxis::samples, py::arg("first"), py::arg("count"), py::arg("channels"),
-           "(count, channels) raw values of a finished recording; IndexError beyond it.")
+           "Returns the raw values of a finished recording as an array (count, channels). Raises "
+           "IndexError for samples that do not exist.")
       .def_property_readonly("extremes", &LiveAxis::extremes,
-                             "since reset_extremes(), of every tick: largest true contact force in "
-                             "N, least and largest "
-                             "encoder count; what only a test may read")
+                             "largest true contact force in N, smallest and largest encoder count "
+                             "of all ticks since reset_extremes(); only for tests")
       .def("reset_extremes", &LiveAxis::reset_extremes)
-      .def("signal", &LiveAxis::signal, py::arg("name"), "a true signal of the plant, now")
-      .def_property_readonly("ticks", &LiveAxis::ticks, "that have passed");
+      .def("signal", &LiveAxis::signal, py::arg("name"),
+           "Returns the present value of a true signal of the plant.")
+      .def_property_readonly("ticks", &LiveAxis::ticks, "number of simulated ticks");
 }

@@ -70,12 +70,14 @@ py::dict certificate(std::uint32_t bank_crc, std::uint8_t adc_bits, std::uint32_
 
 void add_objects(py::module_ &m) {
   m.attr("OBJECTS_HASH") = AXIS_OBJECTS_HASH;
-  m.def("objects", &objects, "The object table: a dictionary per object, in the order of numbers.");
+  m.def("objects", &objects,
+        "Returns the object table as one dictionary for each object, in the order of the numbers.");
   m.def("certificate", &certificate, py::arg("bank_crc"), py::arg("adc_bits"),
-        py::arg("force_scale"), "The values of a bank's certificate.");
+        py::arg("force_scale"), "Returns the values of the certificate of a bank.");
   m.def(
-      "coils", [] { return bits(axis_coils_meta); }, "Modbus's coils: address, name, meaning.");
+      "coils", [] { return bits(axis_coils_meta); },
+      "Returns address, name and meaning of all Modbus coils.");
   m.def(
       "discretes", [] { return bits(axis_discretes_meta); },
-      "Modbus's discrete inputs: address, name, meaning.");
+      "Returns address, name and meaning of all discrete inputs of Modbus.");
 }

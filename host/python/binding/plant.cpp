@@ -55,41 +55,48 @@ py::list events(const Plant &plant) {
 
 void add_plant(py::module_ &m) {
   py::class_<Plant>(m, "Plant",
-                    "A simulated axis without firmware: give it a DAC code each tick of 1/1500 s.\n"
+                    "A simulated axis without firmware. Its input is one DAC code in each tick of "
+                    "1/1500 s.\n"
                     "\n"
                     "    plant = Plant('sim/models/axis_contact.toml', {'m_w': 3.3})\n"
                     "    for _ in range(1500):\n"
                     "        encoder, adc0, adc1 = plant.codes()\n"
                     "        plant.step(4 * (158 - adc0))\n"
                     "\n"
-                    "Wrong models raise InputError, plants that cannot be stepped on "
-                    "SimulationError.")
+                    "Raises InputError for a wrong model, and SimulationError if the simulation "
+                    "cannot continue.")
       .def(
           py::init(&make_plant), py::arg("model"), py::arg("overrides") = Overrides{},
           py::arg("seed") = 0, py::arg("audit") = false,
-          "`overrides` replaces parameters of the model file, `seed` is that of its noise, `audit` "
-          "keeps the energy balance.")
-      .def("step", py::overload_cast<int, bool>(&Plant::step), py::arg("code"),
-           py::arg("enable") = true,
-           "One tick with the DAC code held; a disabled amplifier lets the axis coast.")
+          "`overrides` replaces parameters of the model file, `seed` is the seed of the noise, and "
+          "`audit` enables the energy balance.")
+      .def(
+          "step", py::overload_cast<int, bool>(&Plant::step), py::arg("code"),
+          py::arg("enable") = true,
+          "Simulates one tick with a constant DAC code. While the amplifier is disabled, the drive "
+          "has no force.")
       .def("step_volts", py::overload_cast<double, bool>(&Plant::step_volts), py::arg("volts"),
            py::arg("enable") = true,
-           "One tick with this command at the drive in place of a code's.")
+           "Simulates one tick with a constant command of the drive in V in place of a DAC code.")
       .def("apply_impulse", &Plant::apply_impulse, py::arg("body"), py::arg("impulse_N_s"),
-           "Changes the velocity of a body by impulse / mass, now.")
-      .def("codes", &codes, "(encoder, adc0, adc1), converted now")
-      .def("signals", &signals, "the true signals now, in the order of signal_names")
+           "Adds impulse / mass to the velocity of a body at this instant.")
+      .def("codes", &codes, "Returns the codes (encoder, adc0, adc1) at this instant.")
+      .def("signals", &signals,
+           "Returns the true signals at this instant, in the order of signal_names.")
       .def("signal", py::overload_cast<std::string_view>(&Plant::signal, py::const_),
-           py::arg("name"), "one true signal by name")
-      .def("mode", &Plant::mode, "'ELEMENT: STATE' of every switching element")
+           py::arg("name"), "Returns the true signal with this name.")
+      .def("mode", &Plant::mode, "Returns 'ELEMENT: STATE' for every element with discrete states.")
       .def("events", &events,
-           "(time_s, element, from, to, jump) of the first 4096 changes; jump: at a tick, with a "
-           "new code or an impulse")
+           "Returns (time_s, element, from, to, jump) of the first 4096 changes. jump: a new DAC "
+           "code "
+           "or an impulse at a tick has caused the change.")
       .def(
           "energy", [](const Plant &plant) { return energy_dict(plant.energy()); },
-          "J; needs audit")
+          "Returns the energy balance in J. Needs audit = True.")
       .def_property_readonly("signal_names", &Plant::signal_names)
-      .def_property_readonly("edge_margin", &Plant::edge_margin,
-                             "closest approach of a converted value to a code edge so far, LSB")
+      .def_property_readonly(
+          "edge_margin", &Plant::edge_margin,
+          "smallest distance so far, in LSB, between a converted value and a value "
+          "at which the code changes")
       .def_property_readonly("tick", &Plant::tick);
 }

@@ -134,15 +134,18 @@ void add_toml(py::module_ &m) {
         return to_dict(forceaxis::sim::parse_toml(file.string()));
       },
       py::arg("file"),
-      "A TOML file as a dict in its order. Raises InputError: file, line, what was expected.");
+      "Returns a TOML file as a dict in the order of the file. Raises InputError with file, line "
+      "and expected text.");
   m.def(
       "parse_toml",
       [](const std::string &text) {
         return to_dict(forceaxis::sim::parse_toml_text(text, "text"));
       },
-      py::arg("text"), "The same of a text.");
+      py::arg("text"), "Returns a TOML text as a dict, like read_toml().");
   m.def("quantity", &quantity, py::arg("text"),
-        "\"400 kN/m\" in the unit that sim/model/units.hpp names first. Raises InputError.");
+        "Returns the value of a quantity such as \"400 kN/m\" in the SI unit of its dimension. "
+        "Raises "
+        "InputError.");
   m.def(
       "quantity_in",
       [](const std::string &text, const std::string &unit) -> std::optional<double> {
@@ -151,7 +154,9 @@ void add_toml(py::module_ &m) {
         return forceaxis::sim::read_quantity(text, *dimension).value;
       },
       py::arg("text"), py::arg("unit"),
-      "\"12 mm\" in a unit of units.hpp, None where it is no quantity of that dimension.");
+      "Returns the value of a quantity such as \"12 mm\" in a unit of units.hpp. Returns None if "
+      "the "
+      "text is not a quantity of this dimension.");
   m.def(
       "model_format",
       [] {
@@ -161,9 +166,9 @@ void add_toml(py::module_ &m) {
                    forceaxis::sim::kParameterFormat);
         return tables;
       },
-      "The tables of a model's file as its reader declares them: path, header, meaning, when, "
-      "open, "
-      "and keys with form, unit, range, required, default and meaning.");
+      "Returns the declared tables of a model file: path, header, meaning, when, open, and the "
+      "keys "
+      "with form, unit, range, required, default and meaning.");
   m.def(
       "experiment_format",
       [] {
@@ -171,7 +176,7 @@ void add_toml(py::module_ &m) {
         add_tables(tables, "", "", forceaxis::host::kExperimentFormat);
         return tables;
       },
-      "The same of an experiment's file.");
+      "Returns the declared tables of an experiment file, like model_format().");
   m.def(
       "units",
       [] {
@@ -180,5 +185,6 @@ void add_toml(py::module_ &m) {
           units.emplace_back(unit, forceaxis::sim::phrase_of(*forceaxis::sim::dimension_of(unit)));
         return units;
       },
-      "Every unit that a file may name, with what it measures in the unit that is named first.");
+      "Returns every unit that a file may contain, with its dimension and the first unit of this "
+      "dimension.");
 }
