@@ -136,7 +136,7 @@ void axis_tick(axis_t *restrict axis, const axis_inputs_t *restrict inputs,
     signals->dac_code =
         limits_apply(params, signals->position, inputs->din, due, &signals->limit_reason);
   }
-  /* dac_code is still the code that was output before the newly computed code. */
+  /* At this point dac_code is the output code that precedes the code computed in this tick. */
   if (mode != signals->active_mode || axis->rebase != 0) {
     axis->bias_shift = params->bump_decay_shift;
     signals->bump_bias = (axis->bias_shift == 0) ? 0 : fx_scale(signals->dac_code, 16) - law_q16;

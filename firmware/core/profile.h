@@ -44,9 +44,9 @@ static inline int32_t profile_next_speed(uint64_t d, int32_t v, int32_t wanted, 
   if (v > down && v <= most && fx_stops_within(v, down, room)) {
     return v;
   }
-  /* In the last tick before the target the profile can stop in the next tick if its step is at most
-   * `down`. If v is more than twice `down`, the lower bound v - down makes this step a braking
-   * step. */
+  /* Computes the last step before the target. From a step of at most `down` the profile can stop in
+   * the next tick. If v is more than twice `down`, the lower bound v - down makes this step a
+   * braking step. */
   const int32_t limit = (most < down) ? most : down;
   const int32_t landing = (d < (uint64_t)(uint32_t)limit) ? (int32_t)d : limit;
   return fx_clamp(landing, v - down, v + up);

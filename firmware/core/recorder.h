@@ -43,8 +43,7 @@ typedef struct {
   recorder_channel_t channels[RECORDER_CHANNELS];
   recorder_channel_t trigger;
   uint8_t channel_count;
-  /* number of channels, from the first channel on, whose value has at least 4 bytes of space to the
-   * end of the sample */
+  /* number of leading channels whose value can be copied as 4 bytes within the sample */
   uint8_t wide_count;
   uint8_t sample_bytes;
   /* 1 if trigger_previous is the value of the trigger signal in the last tick */
