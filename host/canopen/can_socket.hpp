@@ -10,8 +10,8 @@
 
 namespace forceaxis::canopen {
 
-// The machine has no CAN, or the interface does not exist or is down. what() is one line with the
-// remedy.
+// The machine does not support CAN, or the interface does not exist or is down. what() returns one
+// line with the remedy.
 struct CanError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

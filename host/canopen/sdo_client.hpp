@@ -1,8 +1,8 @@
 #pragma once
-// The client of the SDO channel of one node (CiA 301, 7.2.4). It makes expedited and segmented
-// transfers, one at a time. The client does not access the bus or a clock. The caller must send the
-// requests that the functions return, pass the responses to receive(), and call time_out() if the
-// server does not respond in time.
+// The client of the SDO channel of one node (CiA 301, 7.2.4). The client makes expedited and
+// segmented transfers, one at a time. The client does not access the bus or a clock. The caller
+// must send the requests that the functions return, pass the responses to receive(), and call
+// time_out() if the server does not respond in time.
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -33,8 +33,7 @@ struct SdoResult {
 
 class SdoClient {
  public:
-  // `request_id` is the CAN identifier of the requests. For the default channel, it is 600h + node
-  // id.
+  // `request_id` is the CAN identifier of the requests, 600h + node id for the default channel.
   explicit SdoClient(std::uint32_t request_id) : request_id_(request_id) {}
 
   // Start a transfer and return the first request. busy() must be false. `data` is little-endian.
@@ -69,7 +68,7 @@ class SdoClient {
   std::uint16_t index_ = 0;
   std::uint8_t sub_ = 0;
   bool toggle_ = false;
-  // Length of the upload in bytes, if the server has announced it.
+  // Length of the upload in bytes, if the server has announced this length.
   std::optional<std::uint32_t> size_;
   std::vector<std::uint8_t> data_;  // data received so far in an upload, or all data of a download
   std::size_t sent_ = 0;

@@ -116,8 +116,8 @@ void GatewayAxis::receive_heartbeat(std::uint8_t state) {
   }
 }
 
-// The time without heartbeat is a number of periods of the gateway, so that it does not increase
-// while the machine of the gateway is suspended.
+// The time without heartbeat is counted in periods of the gateway, so that the time does not
+// increase while the machine of the gateway is suspended.
 void GatewayAxis::watch_heartbeat(std::chrono::milliseconds period) {
   if (!present_ || !heartbeats_) return;
   silence_ += period;

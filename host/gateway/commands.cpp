@@ -89,7 +89,7 @@ void GatewayCommands::receive(const axis_command_t &command) {
       answer.text = *why;
       return publish_answer(id, answer);
     }
-    // The client repeats the command until it is answered.
+    // No answer is sent, because the client repeats the command.
     if (waiting_.size() >= kMostWaiting || waiting_items_ >= kMostWaitingItems) return;
   }
   answers_[id].until_us = end_of(command);

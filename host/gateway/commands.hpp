@@ -62,8 +62,8 @@ class GatewayCommands {
   void answer(Id id, const Answer &answer);
   void publish_answer(Id id, const Answer &answer);
   void forget_oldest();
-  // Returns the reason to refuse a command, or nothing. A command is refused if it has perhaps been
-  // executed before, or if the memory for commands is full.
+  // Returns the reason to refuse a command, or nothing. A command is refused if a previous
+  // execution cannot be excluded, or if the memory for commands is full.
   std::optional<std::string> why_not_again(Id id);
 
   EventLoop &loop_;

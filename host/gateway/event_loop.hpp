@@ -50,7 +50,7 @@ class EventLoop {
   // Starts a coroutine that no other coroutine awaits. The loop owns the coroutine until the
   // coroutine ends or abandon() is called.
   void spawn(Task<void> task);
-  // Destroys all spawned coroutines. All objects to which they refer must still exist.
+  // Destroys all spawned coroutines. All objects to which these coroutines refer must still exist.
   void abandon();
 
   auto sleep(Clock::duration duration) {

@@ -62,7 +62,8 @@ class Gateway {
   Gateway &operator=(const Gateway &) = delete;
 
   // Runs until a signal is received on the descriptor `signals`, then stops all axes and ends when
-  // they are at standstill. A second signal ends the program immediately. Returns the exit status.
+  // all axes are at standstill. A second signal ends the program immediately. Returns the exit
+  // status.
   int run(int signals) {
     loop_.watch(
         can_.fd(),
@@ -171,8 +172,8 @@ class Gateway {
     can_.send({kHeartbeat + static_cast<std::uint32_t>(options_.node_id), 1, {state}});
   }
 
-  // Calls `what` immediately and then once in each period, counted from the time `at`. A late call
-  // does not delay the next calls.
+  // Calls the function `what` immediately and then once in each period, counted from the time `at`.
+  // A late call does not delay the next calls.
   void every(EventLoop::Time at, EventLoop::Clock::duration period, EventLoop::Call what) {
     what();
     EventLoop::Time next = at + period;

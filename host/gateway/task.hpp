@@ -1,6 +1,7 @@
 #pragma once
-// A coroutine that is awaited by one other coroutine and returns a value or an exception to it. The
-// task starts when it is awaited, and is destroyed together with the Task object.
+// A coroutine that one other coroutine awaits. The task returns a value or an exception to the
+// awaiting coroutine. The task starts when it is awaited, and is destroyed together with the Task
+// object.
 //
 // GCC 12 compiles some permitted code wrongly, so the coroutines of this program follow three
 // rules. An endless loop is `while (loop.running())`, because GCC 12 drops the body of some loops

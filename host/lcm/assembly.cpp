@@ -99,8 +99,8 @@ void Assembly::begin(Sender sender, const Fragment &fragment, std::string_view c
       {sender, fragment.message, fragment.bytes, fragment.fragments, 0, std::string(channel), {}});
 }
 
-// Allocates memory only for received data and not for the length in a header, so a sender cannot
-// occupy more memory than it has sent data.
+// Allocates memory for received data and not for the length in a header, so the memory for a sender
+// is never larger than the data that the sender has sent.
 std::optional<Message> Assembly::extend(std::vector<Partial>::iterator partial,
                                         const Fragment &fragment) {
   std::vector<std::uint8_t> &held = partial->data;

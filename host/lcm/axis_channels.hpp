@@ -1,7 +1,7 @@
 #pragma once
 // The LCM channels of a gateway (host/lcm/axis.lcm). This class sets the fields seq, run_id and
-// times. It publishes with liblcm and receives with the class Receiver, so that no C function is on
-// the call stack when a command is executed.
+// times. The class publishes with liblcm and receives with the class Receiver, so that no C
+// function is on the call stack when a command is executed.
 #include <array>
 #include <cstdint>
 #include <forceaxis/axis_capture_t.hpp>
@@ -54,8 +54,9 @@ class AxisChannels {
   AxisChannels(const AxisChannels &) = delete;
   AxisChannels &operator=(const AxisChannels &) = delete;
 
-  // After this call, handle() calls `command` for each command on the channels of the axes that
-  // comes from this machine or from a network in `remote`. To be called once. Throws LcmError.
+  // Starts the reception of commands on the channels of the axes. handle() then calls `command` for
+  // each command from this machine or from a network in `remote`. To be called once. Throws
+  // LcmError.
   void listen(const std::vector<int> &axes, const std::vector<Network> &remote, Command command);
   // File descriptors for poll(). To be called after listen().
   std::vector<int> fds() const { return {receiver_->fd(), refused_->fd()}; }

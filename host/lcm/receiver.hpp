@@ -51,7 +51,7 @@ class Receiver {
 
 // Counts the datagrams that a Receiver with the same arguments refuses. The counter has its own
 // socket, so that many refused datagrams cannot displace wanted datagrams. If datagrams arrive too
-// fast, some are not counted.
+// fast, some datagrams are not counted.
 class RefusedCounter {
  public:
   RefusedCounter(const std::string &url, const std::vector<Network> &remote,

@@ -16,12 +16,13 @@
 namespace forceaxis::host {
 namespace {
 
-// Number of attempts to lock a role. An axis_node keeps its lock for 0.25 s after a run, because it
-// still answers repeated records in this time.
+// Number of attempts to lock a role. An axis_node keeps its lock for 0.25 s after a run, because
+// axis_node still answers repeated records in this time.
 constexpr int kClaimTries = 50;
 constexpr std::chrono::milliseconds kClaimWait{10};
 
-// The name of a socket in the abstract namespace. One socket of a network namespace can have it.
+// The name of a socket in the abstract namespace. Only one socket in a network namespace can have a
+// certain name.
 struct Name {
   Name(const std::string &where, const std::string &role) {
     path.sun_family = AF_UNIX;

@@ -7,9 +7,9 @@ namespace forceaxis::host {
 // A lock on a role of a link: plant or axis N. On a CAN interface, whose frames have no run number,
 // only one process may be the plant and only one process may be axis N. A run over LCM may have one
 // plant for each axis. The lock ends with this object or with the process, also if the process is
-// killed. The constructor waits for a short time if another process has the lock. It throws
-// TransportError, which names `where`, if the other process keeps the lock. Locks have no effect
-// between different network namespaces.
+// killed. The constructor waits for a short time if another process has the lock. If the other
+// process keeps the lock, the constructor throws TransportError, which names `where`. Locks have no
+// effect between different network namespaces.
 class LinkClaim {
  public:
   LinkClaim(const std::string &where, const std::string &role);

@@ -30,9 +30,9 @@ struct LinkStatistics {
   std::uint64_t foreign = 0;     // number of malformed records and records of other runs
 };
 
-// Times after which the other side of the link is silent if it sends nothing.
+// Times without a record after which the other side of the link is regarded as silent.
 struct LinkTimeouts {
-  // Time to wait for the first record of the other side.
+  // Longest time to wait for the first record of the other side of the link.
   std::chrono::milliseconds start{5000};
   std::chrono::milliseconds running{1000};
 };

@@ -46,7 +46,7 @@ std::string axis_role(int axis) { return "axis " + std::to_string(axis); }
 class Pacer {
  public:
   // If a tick is late by more than `most_late_ns`, its due time becomes the present time, and the
-  // due times of the next ticks are counted from it.
+  // due times of the next ticks are counted from this time.
   explicit Pacer(std::int64_t most_late_ns) : most_late_ns_(most_late_ns) {}
 
   void wait_for(std::int64_t tick) {

@@ -70,8 +70,8 @@ struct LinkMoment {
 constexpr std::int64_t kTicksBetweenMoments = 150;  // 0.1 s
 using LinkWatch = std::function<void(const LinkMoment &)>;
 
-// The plants of a run. The constructor opens the link, so that an error is found before the program
-// reports that it is ready.
+// The plants of a run. The constructor opens the link, so that an error is found before plant_node
+// prints the line "ready".
 class LinkedPlants {
  public:
   // experiments[i] is the experiment of axis first_axis + i. The experiments must exist as long as
@@ -83,8 +83,8 @@ class LinkedPlants {
   // Simulates all ticks. With `real_time`, a tick does not begin before its time on the wall clock.
   // RunResult::refused is empty, because the other process reports refused writes. `watch` is
   // called every kTicksBetweenMoments ticks, beginning at tick 0, after the firmware has answered.
-  // A session ends when the function `ended` returns true or axis_node has ended. While axis_node
-  // is silent, the plants of a session wait, and the time of this silence is not simulated later.
+  // A session ends when LinkSession::ended returns true or axis_node has ended. While axis_node is
+  // silent, the plants of a session wait, and the time of this silence is not simulated later.
   // Throws TransportError, LinkSilent (in a session only before the first answer) and the
   // exceptions of host::run(). report() is valid after an exception too.
   std::vector<RunResult> run(bool real_time, const LinkWatch &watch = {},

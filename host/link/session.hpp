@@ -1,6 +1,6 @@
 #pragma once
-// A session: axis_node and plant_node run until the user ends them, and continue after one of them
-// was suspended (by SIGSTOP or with the machine). The ends of a link use these classes.
+// A session: axis_node and plant_node run until the user ends them, and continue after a suspension
+// of a node (by SIGSTOP or with the machine). The ends of a link use these classes.
 #include <time.h>
 
 #include <algorithm>

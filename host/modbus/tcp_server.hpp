@@ -1,6 +1,6 @@
 #pragma once
-// A Modbus TCP server for several clients and units that never blocks. It handles frames and
-// connections; firmware/modbus/request.h interprets the requests.
+// A Modbus TCP server for several clients and units that never blocks. This class handles frames
+// and connections; firmware/modbus/request.h interprets the requests.
 //
 // This class uses libmodbus only to open the port. The receive function of libmodbus blocks until a
 // frame is complete, loses the start of the frame after an unknown function code, and accepts
@@ -10,11 +10,11 @@
 //
 // Idle clients cannot block new clients. If kMostClients clients are connected, a new client
 // replaces the client that has been idle for the longest time. Clients that never sent a complete
-// request are replaced first. For no other reason is an idle client disconnected. A client that
-// does not complete a request within the time kHalf is disconnected. A client is not replaced while
-// its request is in progress, nor for the time kOwner after an accepted write, so the owner of an
-// axis keeps its connection. A client that disconnects while its request is in progress is counted
-// until the request is complete, so at most kMostClients requests are in progress.
+// request are replaced first. An idle client is not disconnected for any other reason. A client
+// that does not complete a request within the time kHalf is disconnected. A client is not replaced
+// while its request is in progress, nor for the time kOwner after an accepted write, so the owner
+// of an axis keeps its connection. A client that disconnects while its request is in progress is
+// counted until the request is complete, so at most kMostClients requests are in progress.
 #include <chrono>
 #include <cstdint>
 #include <functional>

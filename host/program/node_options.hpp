@@ -26,8 +26,8 @@ struct NodeOptions {
   host::LinkOptions link;
 };
 
-// add_options() adds the options to `app`. finish_options() must be called after parsing. It checks
-// the options, derives other values from them, and throws UsageError.
+// add_options() adds the options to `app`. finish_options() must be called after parsing. This
+// function checks the options, derives other values, and throws UsageError.
 void add_options(CLI::App &app, NodeOptions &options);
 void finish_options(NodeOptions &options);
 

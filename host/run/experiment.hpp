@@ -117,9 +117,9 @@ class ExperimentFile {
   // Largest number of models that are kept, each of about 1 MB.
   static constexpr std::size_t kKeptModels = 64;
 
-  // Reads the file. If `text` is given, this text is read in place of the file, which need not
-  // exist; messages name the file, and the path of the model is relative to its folder. Throws
-  // sim::InputError.
+  // Reads the file. If `text` is given, this text is read in place of the file, and the file need
+  // not exist. Messages name the file, and the path of the model is relative to the folder of the
+  // file. Throws sim::InputError.
   explicit ExperimentFile(const std::filesystem::path &file,
                           const std::optional<std::string> &text = std::nullopt);
   ~ExperimentFile();

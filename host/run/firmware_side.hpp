@@ -1,7 +1,7 @@
 #pragma once
 // The firmware's side of a run: the firmware of one axis, the writes of the experiment, and a trace
 // hash. The firmware's side and the plant's side exchange only records. Functions that run in every
-// tick are inline, so that a run in one process need not store the records in memory.
+// tick are inline, so that the records of a run in one process need not be stored in memory.
 #include <cstdint>
 #include <functional>
 #include <memory>

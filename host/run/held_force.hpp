@@ -15,8 +15,8 @@ namespace forceaxis::host {
 struct Experiment;
 
 // The last set-point of an experiment that controls force. The firmware controls force in its
-// native force modes. With an enabled drive, it also controls force in the modes of operation for
-// which firmware/drive/modes.h declares a force as the controlled quantity.
+// native force modes. With an enabled drive, the firmware also controls force in the modes of
+// operation for which firmware/drive/modes.h declares a force as the controlled quantity.
 struct ForceTask {
   double setpoint_N = 0.0;
   // Tick of the last set-point, of the last impulse, or of the last start or end of an excitation.
@@ -36,7 +36,7 @@ std::vector<ForceSetpoint> force_setpoints(const Experiment &);
 
 // Returns nothing if the experiment does not control force, if its last set-point is 0, or if ADC 0
 // does not measure a force. Slopes, limits and fault reactions of the firmware are ignored. If the
-// firmware does not reach the set-point because of them, the difference is an error of the
+// firmware does not reach the set-point for such a reason, the difference is an error of the
 // controlled force.
 std::optional<ForceTask> force_task(const Experiment &);
 

@@ -4,15 +4,15 @@
 // received the input. The times of bus messages are not repeatable, but a replay of the journal
 // repeats the run in one process and gives the same outputs to the last bit.
 //
-// A journal belongs to one axis. It is a text file with one entry in each line:
+// A journal belongs to one axis. The file is a text file with one entry in each line:
 //   forceaxis-journal 1             name and version of the format
-//   experiment FILE                 the experiment of the run, with its overrides and its hash
+//   experiment FILE                 the experiment of the run; overrides and hash follow
 //   set NAME=VALUE
 //   inputs_hash HEX
 //   endless                         the run had no duration
 //   config NODE BUSES BAUD SERIAL   the configuration of the firmware at power-up
-//   store HEX                       its stored parameters
-//   archive HEX                     its archive of incidents
+//   store HEX                       content of the store of the axis
+//   archive HEX                     content of the incident archive of the axis
 //   write TICK OBJECT RAW           a write of the experiment
 //   can TICK ID LENGTH HEX          a CAN data frame
 //   can TICK ID R                   a CAN remote frame
@@ -21,7 +21,7 @@
 //   modbus TICK HEX                 bytes of Modbus
 //   overrun TICK                    a late tick
 //   sensorless TICK COUNT           ticks of the firmware without sensor values
-//   end TICKS HASH                  length of the run, and its trace hash
+//   end TICKS HASH                  number of ticks and trace hash of the run
 // The tick of initial writes is 0. Bytes are hexadecimal; an empty list of bytes is "-". A
 // truncated journal has no `end`. A truncated line is ignored.
 #include <chrono>

@@ -11,7 +11,7 @@
 
 namespace forceaxis::host {
 
-// Returns the object with this name, or nothing if no object has it.
+// Returns the object with this name, or nothing if no object has this name.
 std::optional<std::uint16_t> find_object(std::string_view name);
 
 // Returns the metadata of an object. `object` must be a result of find_object() or a constant

@@ -31,7 +31,8 @@ struct RunOptions {
   // true: the firmware's side also computes a trace hash. A run over a link always computes this
   // hash. In one process, the hashes of plant and firmware are always equal.
   bool firmware_hash = false;
-  // Called every 1024 ticks. If it returns true, the run ends with RunStopped.
+  // Function that is called every 1024 ticks. If the function returns true, the run ends with
+  // RunStopped.
   std::function<bool()> stop = {};
 };
 
@@ -54,7 +55,8 @@ struct Metrics {
   Ripple force_ripple;
   // Ripple of the encoder.
   Ripple position_ripple;
-  // Number of contacts that the criterion names, or of all contacts in the model if it names none.
+  // Number of contacts that the criterion names. If the criterion names no contact, number of all
+  // contacts in the model.
   std::int64_t contacts = 0;
   // Number of contact losses in the window of the criterion.
   std::int64_t contact_losses = 0;

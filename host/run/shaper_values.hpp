@@ -3,7 +3,7 @@
 //
 //   [firmware.shaper_force]     # or shaper_motion
 //   mode_Hz = 12.3              # frequency of the mode, undamped
-//   damping = 0.05              # its damping ratio; absent: 0
+//   damping = 0.05              # damping ratio of the mode; absent: 0
 //   kind = "zvd"                # or "zv": two impulses, half the delay, for a mode that is
 //                               # known exactly
 //

@@ -31,7 +31,7 @@ class Detector {
   /// tick in which the states of switches contradict each other.
   void set_doubt(double factor) { rounding_ = factor * kChannelRounding; }
 
-  /// Selects the mode of all further calls. The mode must exist as long as it is selected.
+  /// Selects the mode of all further calls. `mode` must exist until the next call of enter().
   void enter(const Mode &mode);
 
   /// The quiet test. Returns true if certainly no switch changes during the tick that starts at z.

@@ -27,8 +27,8 @@ class EnergyAccount {
  public:
   explicit EnergyAccount(const Network &network);
 
-  /// Selects the mode of all further calls. `mode` and `audit` must exist as long as this mode is
-  /// selected.
+  /// Selects the mode of all further calls. `mode` and `audit` must exist until the next call of
+  /// enter().
   void enter(const Mode &mode, const ModeAudit &audit);
   /// Adds the energies of one complete tick that starts at the state z.
   void add_tick(const double *z);

@@ -71,9 +71,9 @@ bool quiet_wide(const QuietTest &test, const double *z, double *result, double *
 
 /// Data of the quiet test for one signal on a grid of `parts` parts. This number is a multiple of 4
 /// and at most 64. The test computes the signal at the ends of the parts, signal = M z, with
-/// columns of padded(parts + 1) rows. It also computes dip = D |z| for each part. The result has
-/// one bit for each part. A bit is set if the signal can leave the range from `low` to `high` in
-/// this part.
+/// columns of padded(parts + 1) rows. The test also computes dip = D |z| for each part. The result
+/// has one bit for each part. A bit is set if the signal can leave the range from `low` to `high`
+/// in this part.
 struct GridTest {
   const double *signal;
   const double *dip;
@@ -89,8 +89,8 @@ std::uint64_t grid_base(const GridTest &test, const double *z, double *signal, d
 std::uint64_t grid_wide(const GridTest &test, const double *z, double *signal, double *dip);
 
 /// Returns true if a signal stays within [low, high] on an interval. The signal has the values `a`
-/// and `b` at the ends of the interval. Between the ends it deviates by at most `dip` from the
-/// straight line. Returns false if a value is not a number.
+/// and `b` at the ends of the interval. Between the ends, the signal deviates by at most `dip` from
+/// the straight line. Returns false if a value is not a number.
 inline bool inside(double a, double b, double dip, double low, double high) {
   const double least = (b < a ? b : a) - dip;
   const double most = (b < a ? a : b) + dip;

@@ -37,9 +37,9 @@ struct SimulationError : std::runtime_error {
 /// larger than this deviation, no switch changes during the tick. The test is valid for each
 /// channel alone, and for one tick that starts at any instant.
 ///
-/// Second test. In the product with |z|, large terms add up that cancel in the plant, for example
-/// the positions of two bodies at a stiff spring, or the current and its command. A channel that
-/// fails the quiet test is therefore tested with a second bound,
+/// Second test. The product with |z| adds large terms that cancel in the plant, for example the
+/// positions of two bodies at a stiff spring, or the current and its command. A channel that fails
+/// the quiet test is therefore tested with a second bound,
 ///     |s''(t)| <= |r A^2 Phi(t_k) z| + (T/K) |r A Phi(t_k)| e^{|A| T/K} |A^2 z|,
 /// which is the second derivative at the start of the part and a bound on the third derivative:
 /// `calm_head` maps z to A^2 z and to the first term, `calm_tail` maps |A^2 z| to the second term
@@ -53,19 +53,19 @@ struct SimulationError : std::runtime_error {
 /// smaller `reach`; their grid covers only the first parts of the tick.
 ///
 /// Accuracy of the series. `reach` is halved until the term of order `order` is below 2^-58 N in
-/// each entry, where the influence N = sum over k of (|A| T / s)^k and s is a power of two, at
+/// each entry. N is the influence, the sum over k of (|A| T / s)^k, and s is a power of two, at
 /// least 1. Unless s is 1, s is 2 to 5 times the spectral radius of |A| T. The omitted terms then
 /// add up to less than 2^-58 N |z|. Let d be the Perron vector of |A| T, with |A| T d = radius d;
 /// for a chain of equal bodies and springs, d is the highest frequency for velocities and 1 for
 /// positions. In the norm max_j |x_j| / d_j, N is at most 2, so one part changes the state by less
-/// than 2^-57 of its norm from the exact flow. That is a sixteenth of the rounding error 2^-53. An
-/// error in a state is relative to the effect of the other states on it within some time constants,
-/// or within a tick. States that do not act on it have no effect on its error. The error is not
-/// relative to the entries of the flow: the motion of a body ten springs away from the only moving
-/// body, 1e-30 of that motion, is not resolved, because this would only make `reach` smaller. So
-/// `reach` depends on the fastest rate and not on the number of states: it is 1/8 up to a rate of
-/// about 1 per tick, and for faster rates the power of two at which rate times reach is 1/16 to
-/// 1/4.
+/// than 2^-57 of its norm from the exact flow. This change is a sixteenth of the rounding error
+/// 2^-53. The error of a state is relative to the effect of the other states on this state within
+/// some time constants, or within a tick. Other states have no effect on the error. The error is
+/// not relative to the entries of the flow. For example, if only one body moves, the motion of a
+/// body ten springs away, which is 1e-30 of this motion, is not computed correctly, because a
+/// smaller `reach` would be necessary. So `reach` depends on the fastest rate and not on the number
+/// of states. Up to a rate of about 1 per tick, `reach` is 1/8. For faster rates, `reach` is the
+/// power of two at which rate times reach is 1/16 to 1/4.
 struct Mode {
   ModeKey key = 0;
   std::size_t states = 0;
@@ -106,7 +106,8 @@ struct Mode {
   std::size_t flow_stride = 0;
   /// Matrices (A T)^k / k! for k = 1..order, one below the other, stored by columns.
   kernel::Vector taylor;
-  /// G x c matrix, stored by rows, that gives the signal of each channel. A row is called r.
+  /// Matrix of g x c elements, stored by rows, that gives the signal of each channel. A row of this
+  /// matrix is called r.
   std::vector<double> signal;
   /// Number of rows of a matrix in `series`: padded(order + 1).
   std::size_t series_stride = 0;

@@ -34,8 +34,8 @@ ModeKey Network::with_enable(ModeKey key, bool enable) const {
   return key;
 }
 
-// Returns the state of a switch. While the drive is disabled, returns the home state for the
-// switches of the drive, because they have no effect.
+// Returns the state of a switch. For a switch of a disabled drive, returns the home state, because
+// this switch has no effect.
 int Network::effective_state(ModeKey key, int switch_index) const {
   const Wiring::Switch &s = wiring_.switches[static_cast<std::size_t>(switch_index)];
   return s.of_drive && !enabled(key) ? s.home : state_of(key, switch_index);

@@ -36,12 +36,12 @@ struct Channel {
 
 /// The linear equations of one mode, in SI units.
 struct ModeEquations {
-  /// N x (n + 2) matrix that gives the derivatives of the states x from z: x' = flow z.
+  /// Matrix of n x (n + 2) elements that gives the derivatives of the states x from z: x' = flow z.
   ExtendedMatrix flow;
-  ExtendedMatrix wires;  ///< matrix that gives all wires from z, one row for each wire
+  ExtendedMatrix wires;  ///< matrix that gives the values of all wires from z
   std::vector<Channel> channels;
-  /// n x n matrix. Subtracting the product slip x from the states x makes the relative velocity of
-  /// the ends of each sticking friction 0. Empty if no friction sticks.
+  /// Matrix of n x n elements for the correction x - slip x of the states x. After this correction,
+  /// the relative velocity of the ends of each sticking friction is 0. Empty if no friction sticks.
   ExtendedMatrix slip;
 };
 

@@ -29,10 +29,10 @@ constexpr double kFar = 0x1p62;
 // Channel number of the DAC in the noise generator. The ADCs have the numbers 0 and 1.
 constexpr std::uint64_t kDacChannel = 2;
 
-// Returns a random number with approximately a normal distribution of mean 0 and variance 1. It is
-// computed from the sum of twelve random integers of 16 bits, whose standard deviation is 2^16 (to
-// 1 part in 2^33). splitmix64 (Steele, Lea, Flood 2014) computes the integers from a counter, so
-// the noise of a tick does not depend on other ticks.
+// Returns a random number with approximately a normal distribution of mean 0 and variance 1. The
+// number is computed from the sum of twelve random integers of 16 bits, whose standard deviation is
+// 2^16 (to 1 part in 2^33). splitmix64 (Steele, Lea, Flood 2014) computes the integers from a
+// counter, so the noise of a tick does not depend on other ticks.
 double deviate(std::uint64_t seed, std::uint64_t channel, std::int64_t tick) {
   const auto mixed = [](std::uint64_t x) {
     x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9ULL;

@@ -1,6 +1,6 @@
 #pragma once
-// The simulated axis at the interface of the firmware: a DAC code is its input, encoder and ADC
-// codes are its outputs. Separate functions read the true signals.
+// The simulated axis as the firmware accesses it: the input is a DAC code, the outputs are the
+// codes of encoder and ADCs. Separate functions return the true signals.
 //
 //   auto model = std::make_shared<const Model>(load_model("sim/models/axis_contact.toml"));
 //   Plant plant(model);
@@ -9,15 +9,15 @@
 //     plant.step(controller(codes), true);                      // to t = (k + 1) / 1500 s
 //   }
 //
-// For a sweep, build one ModeCache for each Model and pass it to every Plant of that model: most of
-// the time for a new plant is the time to build its modes, about 0.1 ms for each mode of six
-// states. Any number of plants in any number of threads may share the cache. A Plant belongs to one
-// thread at a time. Copies are independent and continue with the same doubles.
+// For a sweep, build one ModeCache for each Model and pass this cache to every Plant of the model,
+// because a new plant needs most time to build its modes: about 0.1 ms for each mode of six states.
+// Any number of plants in any number of threads may share the cache. Only one thread at a time may
+// use a Plant. Copies of a plant are independent and continue with the same doubles.
 //
-// Between two ticks the solution is exact to rounding: the plant is piecewise linear and uses
-// matrix exponentials, and the instants of switching are located to rounding (an overlap of 1e-12 m
-// is found). The same codes give the same doubles in every build of one compiler with
-// -ffp-contract=off.
+// The solution between two ticks is exact to the rounding error: the plant is piecewise linear and
+// uses matrix exponentials. The instants of switching are also exact to the rounding error; even an
+// overlap of 1e-12 m is found. The same codes give the same doubles in every build of one compiler
+// with -ffp-contract=off.
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -39,8 +39,8 @@ struct PlantOptions {
   std::uint64_t seed = 0;  ///< seed of the random noise of ADCs and DAC
 };
 
-/// The codes of encoder and ADCs that the firmware reads. An encoder or ADC that the model does not
-/// have gives 0.
+/// The codes of encoder and ADCs that the firmware reads. The code is 0 if the model does not have
+/// the encoder or ADC.
 struct SensorCodes {
   /// Encoder count floor(x scale + 1/2), which wraps at 32 bits.
   std::int32_t encoder = 0;

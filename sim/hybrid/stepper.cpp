@@ -173,7 +173,7 @@ void Stepper::settle(bool count_jumps) {
     if (!below && !above) continue;
     if (++changes > kMostChangesPerInstant) fail_switching(channel.switch_index, 0.0);
     // In the new mode, this switch has other channels. The loop continues at the first channel of
-    // this switch. The channels before it belong to switches that do not depend on this switch.
+    // this switch. Earlier channels belong to switches that do not depend on this switch.
     const int moved = channel.switch_index;
     change(i, above, 0.0, true, count_jumps);
     while (i > 0 && mode_->channel[i - 1].switch_index >= moved) --i;
@@ -244,8 +244,8 @@ void Stepper::step_with_brakes() {
   ++tick_;
 }
 
-// Releases or engages a brake. If its ends have different velocities when it engages, the brake
-// slides.
+// Releases or engages a brake. If the ends have different velocities when the brake engages, the
+// brake slides.
 void Stepper::move_brake(std::size_t brake, double s) {
   const auto place = static_cast<std::size_t>(network().brakes()[brake].friction);
   const Wiring::FrictionEnds &friction = network().frictions()[place];
@@ -277,8 +277,8 @@ bool Stepper::cross(double from, double until) {
   int changes_here = 0;
   double doubt = 1.0;
   detector_.set_doubt(doubt);
-  // Largest number of changes at one instant. It is several times the number of changes if all
-  // switches change one after the other.
+  // Largest number of changes at one instant, several times the number of changes if all switches
+  // change one after the other.
   const int enough_here = 16 + 4 * static_cast<int>(network().switches().size());
   for (;;) {
     const Mode &m = *mode_;

@@ -1,6 +1,6 @@
 #pragma once
-// Matrix functions for the linear analysis in extended precision. They use no BLAS library, so the
-// digits of a result do not depend on the processor or on a BLAS kernel.
+// Matrix functions for the linear analysis in extended precision. These functions use no BLAS
+// library, so the digits of a result do not depend on the processor or on a BLAS kernel.
 //
 // The error of a solution by LAPACK is relative to the largest entry of the matrix. If one entry is
 // far larger than the entries that determine the result, the result has no correct digit. An
@@ -20,9 +20,10 @@ namespace forceaxis::sim {
 /// are powers of 2.
 Eigen::VectorXd balance(const ExtendedMatrix &A);
 
-/// Returns the eigenvalues of A (n x n), computed from its balanced form, in arbitrary order.
-/// Throws std::invalid_argument if an entry of A is not finite. Throws std::runtime_error if the
-/// iteration does not converge, which has never been observed for a finite A.
+/// Returns the eigenvalues of the n x n matrix A in arbitrary order. They are computed from the
+/// balanced matrix. Throws std::invalid_argument if an entry of A is not finite. Throws
+/// std::runtime_error if the iteration does not converge, which has never been observed for a
+/// finite A.
 std::vector<std::complex<double>> eigenvalues(const ExtendedMatrix &A);
 
 /// Returns the solution X of A X = B, with A (n x n) and B (n x m). The method scales rows, chooses

@@ -4,8 +4,8 @@
 //
 // An expression consists of names of parameters and plain numbers with * or / between them.
 // Expressions are evaluated from left to right. The dimension of the result must be the dimension
-// of the parameter. An angle in rad counts as a number. A frequency in Hz does not count as a rate
-// in rad/s, because the factor 2 pi is missing.
+// of the parameter. The unit rad is ignored. A frequency in Hz is not accepted as a rate in rad/s,
+// because the factor 2 pi is missing.
 #include <string>
 #include <string_view>
 #include <vector>

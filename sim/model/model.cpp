@@ -89,8 +89,8 @@ class Overriding {
 
   void apply(std::span<const Override> overrides) {
     check_names(overrides);
-    // Overrides that name a parameter are applied after all overrides with a number or quantity, so
-    // they use the overridden values.
+    // An override with the name of a parameter is applied after all overrides with a number or
+    // quantity, so that it uses the overridden value.
     for (const Override &change : overrides)
       if (const auto *text = std::get_if<std::string>(&change.value);
           text != nullptr && is_expression(*text))

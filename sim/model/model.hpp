@@ -2,7 +2,7 @@
 // The description of a plant from a model file. The description is checked and immutable, and
 // contains no equations of motion.
 //
-// load_model() reads a TOML file. It returns a Model that satisfies every rule below, or throws
+// load_model() reads a TOML file and returns a Model that satisfies every rule below, or throws
 // InputError. The message is one line that names the file, the key, the expected value and the
 // remedy. The only other exception is std::bad_alloc. Positive motion is towards the workpiece. All
 // quantities are in SI units.
@@ -14,8 +14,9 @@
 // or quotient of other parameters and numbers, "m / tau" (expression.hpp). One end of `between` may
 // be "ground". The deflection is d = x_a - x_b, minus `gap` for a contact. A positive force
 // accelerates end a backwards and end b forwards.
-// * A piecewise-linear curve has ascending breaks and slope k between breaks[k-1] and breaks[k]. It
-//   is continuous and passes through the origin. A spring may have `loads` in N in place of breaks.
+// * A piecewise-linear curve has ascending breaks and slope k between breaks[k-1] and breaks[k].
+//   The curve is continuous and passes through the origin. A spring may have `loads` in N in place
+//   of breaks.
 // * A contact exerts k d + b d' while d > 0 and this sum is > 0; otherwise its force is 0.
 // * A stop has such a contact at each end of the range low < d < high. A backlash is a stop at
 //   -width/2 and +width/2.
@@ -51,8 +52,8 @@ namespace forceaxis::sim {
 /// incremented if the meaning of a valid file changes.
 inline constexpr int kFileFormat = 1;
 
-/// An error in an input file or an override. what() is one line: "FILE: KEY: expected ..., got ...;
-/// what to do".
+/// An error in an input file or an override. what() returns one line "FILE: KEY: expected ..., got
+/// ...; what to do".
 struct InputError : std::runtime_error {
   InputError(std::string file_name, std::string key_name, std::string text);
   /// Name of the file that contains the error.
@@ -60,7 +61,7 @@ struct InputError : std::runtime_error {
   /// Path of the key with the error, such as parameters.m_r.value or body[1].mass. Entries of a
   /// list are counted from 0.
   std::string key;
-  std::string message;  ///< text of what() after the file and the key
+  std::string message;  ///< text of the message after the file name and the key
 };
 
 struct Parameter {
@@ -68,7 +69,7 @@ struct Parameter {
   double value = 0.0;
   std::string unit;
   std::string source;
-  /// Name of the file that defines the parameter, or redefines it last.
+  /// Name of the file with the definition of the parameter that is used.
   std::string file;
   /// true: an element of the model uses the parameter.
   bool used = false;
@@ -76,8 +77,8 @@ struct Parameter {
   bool overridden = false;
   /// true: the parameter only documents the model and need not be used.
   bool documentation = false;
-  /// Expression for the value of the parameter, such as "m / tau". Empty if the file gives a
-  /// number.
+  /// Expression for the value of the parameter, such as "m / tau". Empty if the value in the file
+  /// is a number.
   std::string expression;
   /// Names of the parameters in the expression of this parameter, also in an expression that an
   /// override has replaced.
@@ -288,7 +289,7 @@ struct Adc {
 
 struct Dac {
   int bits = 12;        ///< number of bits, 8 to 16; the codes are -2^(bits-1) to 2^(bits-1)-1
-  double range = 10.0;  ///< output voltage range in V, > 0; the lowest code gives -range volts
+  double range = 10.0;  ///< output voltage range in V, > 0; output for the lowest code: -range
   double offset = 0.0;  ///< output voltage in V at code 0
   double noise = 0.0;   ///< rms noise of the output voltage in V, >= 0
   double volts_per_code() const { return 2.0 * range / static_cast<double>(1 << bits); }

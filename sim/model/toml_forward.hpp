@@ -3,8 +3,8 @@
 // Forward declarations of the types of toml++. Every file of this project includes toml++ through
 // this header or through toml.hpp. The parser of toml++ has an assertion that the text `a = [ } ]`
 // violates, so this typing error in a file would abort the program. Here the assertion throws
-// TomlParserStopped. It also does so in builds with NDEBUG, in which toml++ would continue with
-// undefined behaviour.
+// TomlParserStopped. The assertion is also active in builds with NDEBUG, in which toml++ would
+// continue with undefined behaviour.
 
 #include <stdexcept>
 

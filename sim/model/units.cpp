@@ -202,7 +202,7 @@ double scaled_number(std::string number, int exponent) {
     number.resize(at);
   }
   number.append(1, 'e').append(std::to_string(exponent));
-  // The value remains infinite if it is too large for a double.
+  // infinite if the number is too large for a double
   double value = std::numeric_limits<double>::infinity();
   (void)std::from_chars(number.data(), number.data() + number.size(), value);
   return value;
