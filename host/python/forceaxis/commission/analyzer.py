@@ -37,7 +37,8 @@ from forceaxis.commission.refusal import Refusal
 from forceaxis.identify.measurement import Measurement
 from forceaxis.objects import BY_NAME
 
-Record = tuple[Samples, Samples, Samples]  # waveform, codes, output; (n,) each
+# waveform of the excitation, DAC codes and output signal of a record, (n,) each
+Record = tuple[Samples, Samples, Samples]
 
 SIGNALS_IN_CONTACT = ("force_raw", "dac_code", "excitation_value")
 SIGNALS_APART = ("position", "dac_code", "force")
@@ -51,8 +52,8 @@ RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
 RELEASE_S = 1.0  # time that the axis needs to release the force
 WAIT_POLL_S = 0.1  # period in which the state of the axis is checked during a wait
-BIAS_TRIES = 8  # largest number of targets for one bias force
-QUIET_LSB = 0.4  # rms: below it the rounding hides the noise of the measured force
+BIAS_TRIES = 8  # largest number of target_force values that are tried to reach one bias force
+QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
 DISTORTION_RECORDS = 3  # number of realisations from which the distortion is computed
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor by which the search increases the amplitude
 # Factor by which an excitation beyond a bound is reduced, and largest number of reductions: without
@@ -60,14 +61,15 @@ AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor by which the search increases the 
 REDUCTION, REDUCTIONS_MAX = 0.5, 6
 REDUCTION_SLIDING, REDUCTIONS_MAX_SLIDING = 0.7, 12
 FREE_SWING_CNT = 400  # largest range of the position out of contact, peak to peak
-FREE_SETTLE_SHARE = 0.3  # settling time out of contact, as a share of the settling time in contact
+FREE_SETTLE_SHARE = 0.3  # ratio of the settling time out of contact to the settling time in contact
 # settling time during the search of the amplitude, as a share of the settling time of the
 # measurement
 SEARCH_SETTLE_SHARE = 0.5
 # relative error of a response, median over the lines, at which the averaging may end
 ERROR_ENOUGH = 0.04
-STANDSTILL_CNT = 4  # at standstill the position changes by less than this
-CODE_NOISE = 5.0  # largest difference of two mean DAC codes, in standard deviations of a mean
+STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
+# largest difference of two mean DAC codes at standstill, in standard deviations of a mean
+CODE_NOISE = 5.0
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,8 @@ POSITION = OutputSignal("encoder", "encoder counts", 0.02, 6.0, 4.0)
 
 @dataclass(frozen=True)
 class AnalyzedObjects:
-    """The objects of an axis on which its measurement depends: positions in encoder counts, forces
-    in 8-bit counts, force_scale in uN per count, rated_force in mN."""
+    """The objects of an axis on which a measurement of the axis depends: positions in encoder
+    counts, forces in 8-bit counts, force_scale in uN per count, rated_force in mN."""
 
     adc_bits: int
     force_sign: int
@@ -114,7 +116,7 @@ class AnalyzedObjects:
 
 @dataclass(frozen=True)
 class TouchObjects:
-    """Whether the axis is in contact (1), number of contact losses, DAC code."""
+    """Contact of the axis (1: in contact), number of contact losses, and DAC code."""
 
     contact: int
     contact_losses: int
@@ -138,7 +140,7 @@ class PressedObjects(EnabledObjects):
 
 @dataclass(frozen=True)
 class FreeObjects(PressedObjects):
-    """State of an axis that moves out of contact, and the bound that limits its DAC code."""
+    """State of an axis that moves out of contact, and the bound of the DAC code."""
 
     limit_reason: str
 
@@ -168,9 +170,9 @@ class Play(Protocol):
 
 @dataclass(frozen=True)
 class Excitation:
-    """How a frequency response is measured. still: DAC codes and output without an excitation;
-    swing: largest range of the output from peak to peak, in N or encoder counts; seeds: of the
-    noise of each realisation."""
+    """Settings with which a frequency response is measured. still: DAC codes and output without an
+    excitation; swing: largest range of the output from peak to peak, in N or encoder counts; seeds:
+    seed of the noise for each realisation."""
 
     play: Play
     output: OutputSignal
@@ -244,7 +246,7 @@ class Analyzer:
         return self
 
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
-        # if the axis does not answer, its watchdog disables it
+        # the watchdog of an axis that does not answer disables the axis
         with contextlib.suppress(NoAnswer):
             self.close()
 
@@ -302,9 +304,9 @@ class Analyzer:
         self.wait(RELEASE_S)
 
     def bound(self, bias_N: float, waveform: str, period: int) -> None:
-        """Sets up an excitation that is added to the output of the force law, and the bounds about
-        the force `bias_N` at which the axis ends the excitation. period: of the waveform in ticks,
-        0 without a period."""
+        """Sets up an excitation that is added to the output of the force law, and force bounds
+        about `bias_N` at which the axis ends the excitation. period: period of the waveform in
+        ticks, 0 for a waveform without a period."""
         least = (FORCE_MIN_SHARE + FORCE_MARGIN_SHARE) * bias_N
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * bias_N
         most = min(most, BY_NAME["excitation_force_max"].max / 256 * self.newton)
@@ -443,9 +445,9 @@ class Analyzer:
         return 1.0, (self.count_per_code if output is FORCE else 1.0)
 
     def _search(self, level: Level, excitation: Excitation) -> int:
-        """Searches the amplitude in codes. It is increased within the permitted force or position
-        range until the output is large enough or the expected relative deviation is small
-        enough."""
+        """Searches the amplitude in codes. The amplitude is increased within the permitted range of
+        force or position until the output is large enough or the expected relative deviation is
+        small enough."""
         output, swing = excitation.output, excitation.swing
         most = min(self.order.most, self.objects.output_limit)
         amplitude = min(self.order.first, most)
@@ -475,8 +477,8 @@ class Analyzer:
             amplitude = min(max(amplitude + 1, int(amplitude * factor)), most)
 
     def _reduce(self, level: Level, amplitude: int, ended: Ended) -> int:
-        """A smaller amplitude in DAC codes, after the axis has ended an excitation. Raises Refusal
-        after too many reductions."""
+        """Returns a smaller amplitude in DAC codes after the axis has ended an excitation. Raises
+        Refusal after too many reductions."""
         level.aborts.append(Abort(amplitude, ended.reason))
         less = "less" if self.order.rubs else "halved"
         self.say(f"{ended.reason} at {amplitude} codes: {less}")
@@ -538,14 +540,14 @@ class Analyzer:
             self.set(contact_loss_cap=fastest)
 
     def per_mille(self, force_N: float) -> float:
-        """The force in per mille of the rated force, at most the largest target that the axis
-        accepts."""
+        """Returns a force in per mille of the rated force, limited to the largest target_force that
+        the axis accepts."""
         return min(1e6 * force_N / self.objects.rated_force, bounds.most_force(self.axis))
 
     def standing(self, timeout_s: float = 20.0) -> float:
         """Waits until the measured force in contact and the DAC code are constant; returns the
-        force in N. The code is compared too, because dry friction can keep the force constant while
-        the integral action still changes the code."""
+        force in N. The DAC code is compared too, because dry friction can keep the force constant
+        while the integral action still changes the code."""
         passed, before, code = 0.0, None, 0.0
         while passed < timeout_s:
             self.axis.link.wait(0.2)
@@ -567,8 +569,8 @@ class Analyzer:
         )
 
     def excited(self, signals: Sequence[str], samples: int, settle_s: float) -> Recording:
-        """A recording of `signals` in contact during the excitation that bound() has set up, after
-        settle_s seconds. Raises Ended."""
+        """Returns a recording of `signals` in contact, which begins settle_s seconds after the
+        start of the excitation that bound() has set up. Raises Ended."""
         axis = self.axis
         try:
             axis.set(excitation_run="start")
@@ -601,7 +603,8 @@ class Analyzer:
             raise Ended(state.excitation_state)
 
     def wait(self, seconds: float, check: Callable[[], None] | None = None) -> None:
-        """Waits for `seconds` of the axis' time; calls check() at each poll."""
+        """Waits until the clock of the axis has advanced by `seconds`; calls check() at each
+        poll."""
         passed = 0.0
         while passed < seconds:
             step = min(WAIT_POLL_S, seconds - passed)

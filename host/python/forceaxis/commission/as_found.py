@@ -26,15 +26,15 @@ from forceaxis.results import from_json, to_json
 
 T = TypeVar("T")
 RawValues = dict[str, int]  # {object: raw value}
-Say = Callable[[str], None]  # receives a line of text about an action on the axis
+Say = Callable[[str], None]  # function that receives a line of text about an action on the axis
 
 # value of command_source while the axis has no owner
 NO_OWNER = BY_NAME["command_source"].enum.index("canopen")
 RECORDER_OBJECTS = tuple(
     n for n, o in BY_NAME.items() if n.startswith("recorder_") and o.access == "rw"
 )
-# Objects that are no parameters but that a measurement writes. Other clients may have written these
-# objects before.
+# Objects that are not parameters but that a measurement writes. Other clients may have written
+# these objects before.
 MEASUREMENT_OBJECTS = (
     "modes_of_operation",
     "target_force",
@@ -117,8 +117,8 @@ def say_nothing(text: str) -> None:
 
 class AxisFolder:
     """JSON files of a folder about an owned, disabled Axis. say(text): reports an action on the
-    axis. coasted: a killed run left the axis enabled, so the axis has come to rest at another
-    position."""
+    axis. coasted: True if a killed run left the axis enabled, so that the axis has come to rest at
+    another position."""
 
     def __init__(self, axis: Axis, folder: str | Path, say: Say = say_nothing) -> None:
         self.axis, self.folder, self.say = axis, Path(folder), say
@@ -135,10 +135,10 @@ def read(axis: Axis) -> RawValues:
 
 @contextlib.contextmanager
 def restoring(folder: AxisFolder) -> Iterator[None]:
-    """Restores the values of the axis at the end of the block, also after an exception. They are
-    the values at the beginning of the block, or those given to replace_saved(). Nothing is written
-    if the axis does not answer or has another owner. Raises InputError if the file in the folder
-    belongs to another axis."""
+    """Restores the values of the axis at the end of the block, also after an exception. The
+    restored values are the values at the beginning of the block, or the values given to
+    replace_saved(). No value is written if the axis does not answer or has another owner. Raises
+    InputError if the file in the folder belongs to another axis."""
     _recover(folder)
     new = not folder.folder.exists()
     FOUND.write(folder.folder, AxisState(_identity(folder.axis), read(folder.axis)))
@@ -158,7 +158,7 @@ def restoring(folder: AxisFolder) -> Iterator[None]:
 
 
 def replace_saved(folder: AxisFolder, values: RawValues) -> None:
-    """Replaces raw values that restoring() writes at the end of its block."""
+    """Replaces raw values that restoring() writes to the axis at the end of the `with` block."""
     held = FOUND.required(folder.folder)
     FOUND.write(folder.folder, AxisState(held.axis, held.values | values))
 
@@ -203,7 +203,7 @@ def _recover(folder: AxisFolder) -> None:
         axis.reset_fault()
         axis.link.wait(0.05)
         folder.say(f"the previous run was killed: the fault {fault} that it left is reset")
-        # the fault has disabled the axis, but the axis may still coast
+        # a fault has disabled the axis, but the axis may still move without power
         actions.wait_to_stand(axis)
         folder.coasted = True
     count = put_back(folder)

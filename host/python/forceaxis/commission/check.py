@@ -13,23 +13,27 @@ from forceaxis.bus import client
 from forceaxis.commission.level import noise_of
 from forceaxis.commission.refusal import ORPHANED, REMEDY_AFTER_KILL
 
-REST_SAMPLES = 750  # samples of the recording at rest: half a second
-# number and period of the values at rest, if the connection has no recordings
+REST_SAMPLES = 750  # number of samples of the recording at rest, which lasts half a second
+# number of values at rest and time between two values, for a connection without recordings
 READINGS, READING_PERIOD_S = 25, 0.02
-STANDING_CNT = 2  # largest change of the encoder count at standstill, as in the firmware's test
+# largest change of the encoder count at standstill, equal to the limit of the first motion test in
+# the firmware
+STANDING_CNT = 2
 DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code
 # The firmware's first motion test moves the axis at most by this multiple of first_motion_counts.
 FIRST_MOTION_REACH = 8
-TRAVEL_CNT, OUTPUT_CODES = 400, 250  # travel and largest DAC code of the move out and back
-MOVE_TICKS, MOVE_SPEED = 1000, 2.0  # duration of each move; largest speed in counts per tick
-SETTLE_S = 1.3  # time after a move until its position error is read
+# default travel in counts and largest DAC code of the move out and back
+TRAVEL_CNT, OUTPUT_CODES = 400, 250
+# duration of each move in ticks; largest speed of a move in counts per tick
+MOVE_TICKS, MOVE_SPEED = 1000, 2.0
+SETTLE_S = 1.3  # time in s from the end of a move until the position error is read
 # speed in counts per tick that disables the axis: at least four times the speed of the move
 MOVE_SPEED_MAX = 8
 ARRIVED_CNT = 20  # largest position error at the end of a move
 RESTORE_TRIES = 4
-ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # bits of the object digital_inputs
+ENABLE_CHAIN, LIMIT_POS, LIMIT_NEG = 1, 2, 4  # masks of the bits in the object digital_inputs
 NO_LIMIT = 2**31 - 1
-# {fault: its most frequent causes} of the faults that stop the first motion.
+# {fault: most frequent causes} for the faults that can stop the first motion.
 FAULT_CAUSES = {
     "force_sensor_failed": "the force sensor is at an end of its range or unsteady: check "
     "cable, supply and force_zero_code",
@@ -66,7 +70,8 @@ class CheckStep:
 
 @dataclass(frozen=True)
 class CheckedObjects:
-    """Objects of an axis, in engineering values, with which the steps compare what they observe."""
+    """Objects of an axis, in engineering values, with which the steps compare the observed
+    values."""
 
     adc_bits: int
     force_zero_code: int
@@ -135,8 +140,8 @@ class MotionCheckResult:
 
 
 class MotionCheck:
-    """The first motion test of an Axis that is owned and disabled. After run() the axis is disabled
-    and has its previous parameters, except force_tare."""
+    """The first motion test of an Axis that is owned and disabled. After run() the axis is
+    disabled, and all parameters except force_tare have the previous values."""
 
     def __init__(
         self, axis: Axis, travel: int = TRAVEL_CNT, output: int = OUTPUT_CODES,
@@ -149,16 +154,16 @@ class MotionCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether no step failed."""
+        """True if no step failed."""
         return all(step.verdict != "failed" for step in self.steps)
 
     def result(self) -> MotionCheckResult:
-        """The result of the steps that have ended."""
+        """The result of all steps that have ended so far."""
         return MotionCheckResult(self.axis.link.where, self.passed, tuple(self.steps))
 
     def run(self, consent: Callable[[str], bool]) -> None:
         """Runs all steps. If the steps at rest pass, consent(text) is called; the axis moves only
-        if it returns True."""
+        if this call returns True."""
         self._connection()
         if not self._table():
             return
@@ -261,7 +266,7 @@ class MotionCheck:
         try:
             held = self.axis.capture(list(names), samples=REST_SAMPLES)
             raw, force, current, place = (held.values(name) for name in names)
-        except Refused:  # The connection has no recordings.
+        except Refused:  # This connection cannot transfer recordings.
             rows = []
             for _ in range(READINGS):
                 rows.append([self.axis.read(name) for name in names])
@@ -325,8 +330,8 @@ class MotionCheck:
         return min(self.output, self.known.output_limit)
 
     def _motion(self) -> None:
-        """Runs the first motion test and the move out and back. Both run with narrower limits,
-        which are written to the axis and restored at the end."""
+        """Runs the first motion test and the move out and back. Both motions use narrower limits,
+        which are written to the axis and replaced by the earlier limits at the end."""
         known = self.known
         force = abs(self.reading) + 4 * known.contact_force
         bounds: dict[str, client.Value] = {
@@ -412,7 +417,7 @@ class MotionCheck:
 
     def _put_back(self, before: dict[str, int]) -> None:
         """Disables the axis and restores the objects that were set for the motion. After an error
-        of the connection the axis is tried again. A first Ctrl-C ends the program only after the
+        of the connection, the writes are repeated. A first Ctrl-C ends the program only after the
         objects are restored."""
         interrupt: KeyboardInterrupt | None = None
         reason: str | None = None
@@ -460,11 +465,11 @@ class MotionCheck:
 
 
 def _least(own: float, bound: float) -> float:
-    """The smaller of a limit of the axis and a bound. The limit `own` is 0 if the axis has no
-    limit. Integers remain integers."""
+    """Returns the smaller value of a limit of the axis and a bound. The limit `own` is 0 if the
+    axis has no limit. An integer is returned as an integer."""
     return min(own, bound) if own else bound
 
 
 def _words(name: str) -> str:
-    """The name of a value of an enumeration as words."""
+    """Returns the name of an enumeration value as words without underscores."""
     return name.replace("_", " ")

@@ -38,8 +38,9 @@ from forceaxis.linear import plant_set
 from forceaxis.linear.bank import HF_CODES_MAX, Bank
 from forceaxis.linear.plant_set import PlantSet
 
-MEMBER_COUNT, MEMBER_SEED = 6, 1988  # number and seed of the random members of the set of plants
-BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording before and after a first contact
+# number of random plants of the set, and seed of the random numbers
+MEMBER_COUNT, MEMBER_SEED = 6, 1988
+BEFORE_S, AFTER_S = 0.1, 2.0  # longest recording in s before and after a first contact
 # To leave the contact, the axis first makes short moves, then one move over the whole travel.
 SHORT_MOVE, LONG_MOVE, MOVES_MAX = 0.25, 0.75, 40
 # Objects of the axis, besides the bank, on which a first contact depends.
@@ -68,7 +69,7 @@ class FittedAxis:
         return PlantSet(str(model), fitted.values, ranges, modes, together)
 
     def plant(self) -> Design:
-        """The fitted plant; to be used in a `with` statement."""
+        """The fitted plant, for use in a `with` statement."""
         return Design(str(self.tuning.model), self.fitted.values)
 
     def bench(self, plant: Design, bank: Bank) -> simulation.ContactBench:
@@ -93,7 +94,8 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
     """Simulates contacts: one at each force, impacts at all forces but the largest, and contacts of
-    random members of the set. Each row has its kind. Raises Refusal hf_gain or simulated_KIND."""
+    random members of the set. Each returned row states its kind. Raises Refusal hf_gain or
+    simulated_KIND."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank = designed.bank.bank
     loss = designed.contact_loss.objects if designed.contact_loss else {}
@@ -151,7 +153,7 @@ class TouchDown:
 
 class Touching(Analyzer):
     """An Analyzer that moves out of contact before it presses and records the first contact;
-    `touch` is the last record."""
+    `touch` is the record of the last first contact."""
 
     touch: TouchDown
     asked_N: float
@@ -174,7 +176,8 @@ class Touching(Analyzer):
         return super().press(force_N)
 
     def _leave(self) -> None:
-        """Moves the axis back, at most over the travel, until it is out of contact."""
+        """Moves the axis back, at most by the permitted travel, until the axis is out of
+        contact."""
         axis, travel = self.axis, self.order.travel
         axis.enable("profile position")
         for _ in range(MOVES_MAX):
@@ -202,8 +205,8 @@ def name(force_N: float) -> str:
 
 
 def write(fitted_axis: FittedAxis, touch: TouchDown) -> TouchDownPeaks:
-    """Writes a recorded first contact and its prediction to a file of the folder; returns both
-    peaks."""
+    """Writes a recorded first contact and its prediction to a file of the folder; returns the
+    recorded and the predicted peak force."""
     expected = predicted(fitted_axis, touch)
     columns = np.column_stack([touch.time_s, touch.force_N, expected])
     folder, file_name = fitted_axis.tuning.folder, f"{name(touch.force_asked_N)}.csv"
@@ -229,9 +232,10 @@ def predicted(fitted_axis: FittedAxis, touch: TouchDown) -> Samples:
         with Axis(SimLink(file)) as axis:
             same = Touching(axis, touch.order)
             try:
-                # the second contact begins at the distance at which the axis began
+                # the second contact starts at the distance from which the axis approached
                 for _ in range(2):
                     same.touch_down(touch.force_asked_N)
-            except (Refusal, Refused, NoAnswer):  # The simulated force does not settle.
+            # This exception means that the simulated force does not settle.
+            except (Refusal, Refused, NoAnswer):
                 return np.full(len(touch.time_s), np.nan)
     return np.interp(touch.time_s, same.touch.time_s, same.touch.force_N)

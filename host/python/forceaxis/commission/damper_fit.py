@@ -31,8 +31,9 @@ from forceaxis.identify import fit as fit_response
 from forceaxis.identify.measurement import Measurement
 from forceaxis.results import from_json
 
-OTHER_STARTS = 2  # number of other start values that a fit with dampers tries
-# damping in N s/m at the start, as a share of the moving mass times the middle angular frequency
+OTHER_STARTS = 2  # number of additional start values from which a fit with dampers is repeated
+# start value of a damping in N s/m, as a share of the moving mass times the middle angular
+# frequency
 START_SHARE = 0.1
 
 
@@ -51,7 +52,7 @@ class RecordedFriction:
 
     @property
     def rubs(self) -> bool:
-        """Whether friction was found."""
+        """True if dry friction was found."""
         return self.dead_zone > 0 or self.table_N > 0
 
 
@@ -59,8 +60,8 @@ def recorded_friction(
     path: str | Path, model: str, overrides: linear.Overrides
 ) -> RecordedFriction:
     """Reads the dry friction from a folder that `forceaxis measure` has written. If the file states
-    the friction in DAC codes only, the model converts the codes to newtons. Without such a file no
-    friction is known."""
+    the friction in DAC codes only, the model converts the codes to newtons. Without such a file,
+    the friction is unknown."""
     file = Path(path) / "result.json"
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
@@ -92,8 +93,8 @@ def recorded_friction(
 @dataclass(frozen=True)
 class FittedDamper:
     """A damper that replaces dry friction in a fit. newton: friction in N, None if it is not known.
-    damping: in N s/m, None if the two bodies do not move against each other. declared: the model
-    contains the friction."""
+    damping: in N s/m, None if the two bodies do not move against each other. declared: True if the
+    model contains the friction."""
 
     name: str
     between: tuple[str, str]
@@ -177,7 +178,7 @@ def _with_fewest_dampers(
     measured: Measurement, starts: dict[str, float], about: RecordedFriction, folder: Path
 ) -> DamperFit | None:
     """The fit with the smallest number of dampers that explains a response; None if no set of
-    dampers does."""
+    dampers explains the response."""
     model = measured.model
     moving: list[FrictionElement] = []
     table: list[FrictionElement] = []
@@ -217,9 +218,9 @@ def _with_fewest_dampers(
 
 @dataclass(frozen=True)
 class _Damper:
-    """The damper for a friction. start_N: friction from which the initial damping follows;
-    known_N: measured friction, 0 if it is not known; sticks: the two bodies do not move against
-    each other."""
+    """The damper for a friction. start_N: friction from which the initial damping follows; known_N:
+    measured friction, 0 if it is not known; sticks: True if the two bodies do not move against each
+    other."""
 
     friction: FrictionElement
     start_N: float
@@ -228,7 +229,8 @@ class _Damper:
 
 
 def _damper_of(one: FrictionElement, on_table: bool, about: RecordedFriction) -> _Damper:
-    """The damper for a friction `one`, whose newtons are a share of the measured friction."""
+    """Returns the damper for a friction `one`, whose force in N is a share of the measured
+    friction."""
     total_N = (about.table_N if on_table else about.moving_N) or 0.0
     is_known = on_table or not about.is_least
     return _Damper(
@@ -263,7 +265,8 @@ def _with_dampers(
     )  # fmt: skip
     try:
         found = fit_response.fit(slides, starts | free, tries=OTHER_STARTS)
-    # The response does not depend on the damper, or only together with another parameter.
+    # The response does not depend on the damper, or depends only on a combination with another
+    # parameter.
     except InputError:
         return None
     # A parameter of a workpiece that sticks does not change the response.

@@ -27,44 +27,49 @@ from forceaxis.commission.analyzer import Analyzer
 from forceaxis.commission.level import Samples
 from forceaxis.commission.refusal import Refusal
 
-# The motion out of contact, glide():
-TRAVEL_SHARE = 0.85  # share of the travel that the axis uses in each direction
+# Constants of glide(), the motion out of contact:
+TRAVEL_SHARE = 0.85  # share of the permitted travel that the axis uses in each direction
 # duration of a record, of the shortest record, and of the start, in which the speed is not constant
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
-SMALLER_CODE_SHARE = 0.6  # ratio of the smaller DAC code to the larger one in the two motions
-ENOUGH_TRAVELS = 1.2  # a code is large enough if its speed would cover this multiple of the travel
-# period of reading the position; a motion ends at this multiple of the travel
+# ratio of the DAC code in the slower motion to the DAC code in the faster motion
+SMALLER_CODE_SHARE = 0.6
+# a DAC code is large enough if the axis would cover this multiple of the travel in one record
+ENOUGH_TRAVELS = 1.2
+# time in s between two reads of the position; a motion ends at this multiple of the travel
 POSITION_POLL_S, TRAVELS_MAX = 0.02, 1.3
 TRAVEL_MIN_CNT = 20
-MOTION_MIN_CNT = 6  # a smaller change of the position in encoder counts is not a motion
-DEAD_ZONE_MIN_CODES = 0.12  # a smaller dead zone counts as no friction
+MOTION_MIN_CNT = 6  # smallest change of the position in encoder counts that is a motion
+DEAD_ZONE_MIN_CODES = 0.12  # smallest dead zone in DAC codes that is treated as friction
 # amplitude of a noise with which the axis slides most of the time, as a multiple of the dead zone
 NOISE_SLIDES = 2.5
 
-# The slow change of the force, record_slow_change():
-LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5  # duration and samples of the rise, and of the fall
+# Constants of record_slow_change(), the slow change of the force:
+# duration in s and number of samples of the rise and of the fall of the force
+LEG_S, LEG_SAMPLES, DECIMATION = 3.0, 1600, 5
 # Relative difference from the force set-point above which a force law without integral action
 # counts as stopped by friction.
 FORCE_ERROR_MIN = 0.06
 
-# Compliance and friction under the workpiece, slow_loading():
-BLOCK_SAMPLES = 20  # number of samples in a block, which is replaced by its mean
+# Constants of slow_loading(), for compliance and friction under the workpiece:
+# number of samples in a block; each block is replaced by the mean of its samples
+BLOCK_SAMPLES = 20
 FORCE_BINS = 6  # number of intervals of the force; the compliance is computed for each interval
 # ratio of the compliance between two forces to that at the forces, from which the workpiece counts
 # as soft
 SOFT_RATIO = 1.6
 # friction is accepted if it reduces the error of the position by more than this share
 ERROR_REDUCTION_MIN = 0.15
-DISPLACEMENT_MIN_CNT = 0.35  # travel from which friction under the workpiece can be measured
+# smallest travel in encoder counts at which friction under the workpiece can be measured
+DISPLACEMENT_MIN_CNT = 0.35
 # half of the force range has to be this multiple of the friction under the workpiece, so that the
 # workpiece slides
 SLIDE_FACTOR = 1.2
 
-# Friction of guide and gear in contact, directions():
+# Constants of directions(), for the friction of guide and gear while the axis is in contact:
 # a block of samples whose force changes faster than this share of the mean slope belongs to a
 # motion
 SLOPE_MIN_SHARE = 0.3
-# fewest blocks of a motion; time for which the axis waits at the end of a motion
+# smallest number of blocks of a motion; waiting time in s at the end of a motion
 MOTION_MIN_BLOCKS, HELD_S = 8, 1.0
 # Friction counts as found above all three: standard errors, codes, and share of the codes that the
 # speed needs.
@@ -166,18 +171,19 @@ class FrictionSummary:
 
 @dataclass(frozen=True)
 class MovingObjects:
-    """Position in encoder counts; contact: 1 in contact."""
+    """Position in encoder counts, and contact: 1 while the axis is in contact."""
 
     position: int
     contact: int
 
 
 class _TooFast(Exception):
-    """A code moves the axis through its travel too fast for a measurement of its speed."""
+    """A DAC code moves the axis through the travel too fast for a measurement of the speed."""
 
 
 def damping(friction_N: float, speed_rms: float) -> float:
-    """Damping in N s/m that reduces a noise of `speed_rms` m/s as much as the friction does."""
+    """Damping in N s/m that reduces a noisy motion of `speed_rms` m/s as much as the dry friction
+    does."""
     return math.sqrt(2 / math.pi) * friction_N / speed_rms
 
 
@@ -350,7 +356,7 @@ def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0
     solved = np.linalg.lstsq(table[moves], wanted[moves], rcond=None)[0]
     more = (wanted - table[:, :2] @ solved[:2]) * np.sign(
         solved[1]
-    )  # codes beyond those that the force needs
+    )  # DAC codes in addition to the codes that produce the measured force
     if not rate:
         leg, held = len(F) // 2, round(HELD_S / step_s)
         rose, fell = more[leg - held : leg], more[-held:]
@@ -381,8 +387,8 @@ def play_operator(force: Samples, half: float) -> Samples:
 
 
 def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoading:
-    """Compliance and friction from a record of record_slow_change(). rigid: counts/N of the parts
-    between encoder and workpiece by the model, 0 if not known."""
+    """Compliance and friction from a record of record_slow_change(). rigid: compliance in counts/N
+    of the parts between encoder and workpiece in the model, 0 if not known."""
     F, x = block_means(force), block_means(place)
     low, high = float(np.percentile(F, 2)), float(np.percentile(F, 98))
     span = high - low
@@ -404,7 +410,8 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
     half = float(optimize.minimize_scalar(size, bounds=ends, method="bounded").x)
     plain, (_, c_all) = left(0.0)
     error, (_, c_stuck, c_slide) = left(half)
-    # Friction is accepted only if rising and falling force have measurably different positions.
+    # Friction is accepted only if the positions at rising force and at falling force differ
+    # measurably.
     shows = 2 * half * c_slide > DISPLACEMENT_MIN_CNT and c_slide > 0.05 * c_all
     rubs = bool(shows and np.sum(error**2) < (1 - ERROR_REDUCTION_MIN) * np.sum(plain**2))
     sticks = bool(not rubs and rigid and c_all < 1.15 * rigid)
@@ -419,8 +426,8 @@ def slow_loading(force: Samples, place: Samples, rigid: float = 0.0) -> SlowLoad
 
 
 def _softest(F: Samples, x: Samples, low: float, high: float) -> tuple[float, float]:
-    """The softest place between two forces: (force in N, its compliance divided by the larger one
-    of the two ends)."""
+    """Returns (force in N at which the compliance is largest, this compliance divided by the larger
+    compliance at the two end forces)."""
     edges = np.linspace(low, high, FORCE_BINS + 1)
     middle = (edges[1:] + edges[:-1]) / 2
     slopes = np.array([

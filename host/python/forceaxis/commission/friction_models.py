@@ -19,7 +19,7 @@ from forceaxis.linear import working
 
 MOVING, TABLE = "guide_friction", "table_friction"
 NAME = re.compile(r"[A-Za-z_]\w*")
-# keys of a model whose texts contain no names of parameters
+# keys of a model file whose texts are not names of parameters
 TEXT_KEYS = ("name", "between", "title", "unit", "source")
 # a value of a model file: TOML
 Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
@@ -28,7 +28,7 @@ Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
 @dataclass(frozen=True)
 class FrictionElement:
     """Dry friction of `newton` N between two bodies. name: of its [[friction]] element; declared:
-    whether the model contains this element."""
+    True if the model contains this element."""
 
     name: str
     between: tuple[str, str]
@@ -68,7 +68,7 @@ def frictions_of(
 
 
 def of_workpiece(model: str | Path, one: FrictionElement) -> bool:
-    """Whether a friction acts under the workpiece."""
+    """Returns True if a friction acts between workpiece and ground."""
     return model_file.read(model).workpiece in one.between
 
 
@@ -96,7 +96,7 @@ def at_both_ends(
 
 
 def toml_lines(found: tuple[FrictionElement, ...]) -> str:
-    """The [[friction]] elements that the model lacks as TOML; "" if it has all of them."""
+    """The [[friction]] elements that the model lacks, as TOML; "" if the model has all elements."""
     return "\n".join(
         f'[[friction]]\nname = "{rub.name}"\nbetween = ["{rub.between[0]}", "{rub.between[1]}"]\n'
         f"coulomb = {rub.newton:.4g}\n"
@@ -119,8 +119,8 @@ def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
 
 
 def damped(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
-    """The text of the model with a damper in the place of each friction; the damping is 0, as for a
-    sliding axis."""
+    """The text of the model with a damper in the place of each friction; each damping is 0, as for
+    a sliding axis."""
     document = model_file.document(model)
     document.pop("friction", None)
     parameters = document.setdefault("parameters", tomlkit.table())

@@ -17,7 +17,7 @@ from forceaxis.commission.analyzer import FORCE_MARGIN_SHARE, FORCE_MIN_SHARE, S
 from forceaxis.commission.level import Level, MeasuringOrder
 from forceaxis.commission.refusal import Refusal
 
-# The slow change of the force begins at this share of the smallest force.
+# Start of the slow change of the force, as a share of the smallest force of the measurement.
 LOWEST_FORCE_SHARE = FORCE_MIN_SHARE + FORCE_MARGIN_SHARE
 # relative force error at which friction may stop an axis without integral action
 FORCE_TOLERANCE = 0.2
@@ -78,8 +78,8 @@ class FrictionSearch:
             self.newton = 0.0
 
     def apart(self) -> FoundFriction:
-        """Searches before the response out of contact, because the response needs an amplitude at
-        which the axis slides. Raises Refusal."""
+        """Searches for friction before the response out of contact, because this response needs an
+        amplitude at which the axis slides. Raises Refusal."""
         own = self.order.amplitude
         most = min(own or self.order.most, self.analyzer.objects.output_limit)
         try:
@@ -93,17 +93,17 @@ class FrictionSearch:
         return self._found(replace(self.found, glide=glide))
 
     def between(self, forces: tuple[float, ...]) -> FoundFriction:
-        """Searches before the responses in contact, by a slow change of the force between the
-        forces in N."""
+        """Searches for friction before the responses in contact, by a slow change of the force
+        between the given forces in N."""
         analyzer = self.analyzer
         high = (1 + SWING / 2) * max(forces)
         low = LOWEST_FORCE_SHARE * min(forces)
         most = self.order.force_max_N - FORCE_MARGIN_SHARE * max(forces)
         if (1 + SWING / 2) * max(forces) >= self.order.force_max_N:
-            return self.found  # measuring the response then raises the refusal
+            return self.found  # the later measurement of the response raises this Refusal
         try:
             high = min(high, most)
-            # below the force set-point the axis may stick
+            # the axis may stick at a measured force below the set-point
             analyzer.order = replace(analyzer.order, within=FORCE_TOLERANCE)
             force, place, codes = friction.record_slow_change(analyzer, low, high)
             analyzer.wait(friction.LEG_S * low / (high - low))  # to a target of 0
@@ -182,7 +182,7 @@ class FrictionSearch:
 
 
 def summary(found: FoundFriction, level: Level) -> friction.FrictionSummary:
-    """The entry about friction in the file of a response."""
+    """Returns the entry about friction for the file of a response."""
     apart = level.bias_N is None
     slow, directions = found.slow, found.directions
     table = (found.table_N or 0.0) if not apart else 0.0

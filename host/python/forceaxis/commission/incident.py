@@ -38,7 +38,8 @@ SIGNALS = (
 )  # fmt: skip
 STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 INCIDENT_STATES = ("incident", "incident_kept")
-COMPLETE_TIMEOUT_S = 5.0  # longest time until the axis has completed an incident and its CRC
+# longest time in s until the axis has completed the recording of an incident and its CRC
+COMPLETE_TIMEOUT_S = 5.0
 FULL_SCALE_BITS = 8  # ADC bits to which force counts refer
 NEAR_MS = 100  # time before and after the error in the second column of the figure
 
@@ -106,21 +107,21 @@ class Incident:
 
     @property
     def travel(self) -> Samples:
-        """(n,) position in encoder counts relative to that at the error; a wrap of the encoder
-        makes no step."""
+        """(n,) position in encoder counts relative to the position at the error, without a step at
+        an overflow of the encoder count."""
         steps = np.diff(self.column("position"))
         way = np.concatenate([[0], np.cumsum((steps + 2**31) % 2**32 - 2**31)])
         return np.asarray(way - way[self.recording.trigger_sample])
 
 
 def has_one(axis: Axis) -> bool:
-    """Whether the black box of an axis contains an incident."""
+    """Returns True if the black box of an axis contains an incident."""
     return axis.read("blackbox_state") in INCIDENT_STATES
 
 
 @dataclass(frozen=True)
 class BlackBoxObjects:
-    """State of the black box of an axis, with or without a fault."""
+    """State of the black box of an axis; valid with and without a fault."""
 
     blackbox_state: str
     fault: str
@@ -128,7 +129,8 @@ class BlackBoxObjects:
 
 @dataclass(frozen=True)
 class ArchiveObjects:
-    """Whether the axis has saved an incident before a power cut, with or without a fault now."""
+    """The object that shows whether the axis saved an incident before a power cut; valid with and
+    without a present fault."""
 
     incident_stored: str
     fault: str
@@ -147,15 +149,16 @@ class IncidentObjects:
 
 
 def wait(axis: Axis, seconds: float) -> None:
-    """Waits up to `seconds` of the axis' time for an incident. Raises NoAnswer."""
+    """Waits for an incident until the clock of the axis has advanced by `seconds`. Raises
+    NoAnswer."""
     axis.wait_for(
         BlackBoxObjects, lambda s: s.blackbox_state in INCIDENT_STATES, "an incident", seconds
     )
 
 
 def _load(axis: Axis) -> bool:
-    """Commands the axis to load the incident that it saved before a power cut; returns whether
-    there is one."""
+    """Commands the axis to load the incident that it saved before a power cut; returns True if such
+    an incident exists."""
     found = axis.wait_for(
         ArchiveObjects, lambda s: s.incident_stored != "checking", "its archive", 5.0
     )
@@ -174,8 +177,9 @@ BOARD_OBJECTS = (
 
 
 def fetch(axis: Axis) -> Incident:
-    """Reads the incident of an axis that is owned: that of its black box, otherwise the one saved
-    before a power cut. Raises Refused if there is no incident, and NoAnswer."""
+    """Reads the incident of an axis that is owned: the incident in the black box, or without one
+    the incident that was saved before a power cut. Raises Refused if there is no incident, and
+    NoAnswer."""
     if axis.read("blackbox_state") == "completing":
         wait(axis, COMPLETE_TIMEOUT_S)
     state = axis.read("blackbox_state")
@@ -247,7 +251,7 @@ def write(incident: Incident, folder: Path, figure: "Figure") -> None:
 
 
 def is_incident(path: str | Path) -> bool:
-    """Whether the beginning of a file is that of an incident file."""
+    """Returns True if a file begins as an incident file does."""
     try:
         with open(path, "rb") as file:
             return file.read(32).startswith(b'{"forceaxis_incident"')

@@ -10,13 +10,13 @@ from forceaxis.bus.state_names import enum, mode
 from forceaxis.commission.incident import Incident, words
 from forceaxis.words import counted
 
-ENABLED_STATUS = 0x27  # statusword & 0x6F in the state operation enabled
+ENABLED_STATUS = 0x27  # value of statusword & 0x6F in the state operation enabled
 TICK_MS = 1e3 / TICKS_PER_S
 SWING_TICKS = 450  # 0.3 s
 NEAR_TICKS = 75  # 50 ms
 CLOSE_TICKS = 10
 
-# {fault: its meaning, which does not depend on the recording}.
+# {fault: text about the fault that is independent of the recording}.
 FAULT_TEXTS = {
     "enable_lost": "the enable chain opened while the axis was enabled",
     "limit_switches": "both limit switches were active at once",
@@ -54,8 +54,8 @@ CORE_WORDS = ("pc", "lr", "cfsr", "hfsr", "bfar")
 @dataclass(frozen=True)
 class IncidentStory:
     """An incident and its explanation in the form of JSON. tick: tick of the error; later: number
-    of later errors; kept: the incident is older than the last restart; story: lines about its
-    causes, the decisive ones first."""
+    of later errors; kept: True if the incident is older than the last restart; story: lines about
+    the causes of the error, the decisive causes first."""
 
     fault: str
     error_code: str
@@ -110,7 +110,8 @@ class _Story:
         return [line for line in rules if line]
 
     def meaning(self, fault: str) -> str | None:
-        """Explanation of the fault, with the state of the board; None if there is none."""
+        """Returns an explanation of the fault with the state of the board, or None if the fault has
+        no explanation."""
         text, said = FAULT_TEXTS.get(fault), self.incident.parameters
         if fault == "core_fault" and said.get("core_fault_pc", 0) | said.get("core_fault_cfsr", 0):
             words = (
@@ -250,7 +251,7 @@ class _Story:
         if ticks < NEAR_TICKS or not self.enabled[-ticks - 1 : -1].all():
             return None
         if self.contact[-ticks - 1 : -1].any():
-            return None  # The axis controls a force, so it may stand still.
+            return None  # An axis that controls a force may be at standstill.
         codes = self.code[-ticks - 1 : -1]
         if np.abs(codes).min() < 1 or np.ptp(np.sign(codes)):
             return None
@@ -264,6 +265,6 @@ class _Story:
 
 
 def _last_run(flags: NDArray[np.bool_]) -> int:
-    """Number of entries at the end that are all true."""
+    """Returns the number of consecutive true entries at the end."""
     off = np.flatnonzero(~flags[::-1])
     return int(off[0]) if len(off) else len(flags)

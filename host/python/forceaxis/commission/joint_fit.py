@@ -43,9 +43,9 @@ GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
 # logarithm of the frequency: distance within which a line belongs to the limiting mode
 LIMITING_MODE_WIDTH_LOG = 0.15
-STEP_LOG = 1e-5  # step of a logarithm for a numerical derivative
-PREDICTIONS_MAX = 200  # number of predictions that are kept
-COMBINATIONS_MAX = 9  # largest number of combinations of modes at the levels
+STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
+PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
+COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
 # Logarithms of the parameters: largest difference between the forces for one plant, and smallest
 # difference that counts as a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
@@ -161,11 +161,14 @@ class Responses:
     model: str
     priors: dict[str, Prior]
     measured: list[Measurement]
-    modes: list[States] = field(default_factory=list)  # {element: state} of each response
-    # for each response {parameter: its name in priors}
+    # {element: state} in which the model is linearised, for each response
+    modes: list[States] = field(default_factory=list)
+    # for each response {parameter: name of this parameter in priors}
     own: list[dict[str, str]] = field(default_factory=list)
-    errors: list[float] = field(default_factory=list)  # relative model error of each response
-    states: States = field(default_factory=dict)  # {element: state} of all responses in contact
+    # relative error of the model for each response
+    errors: list[float] = field(default_factory=list)
+    # {element: state} in which the model is linearised for all responses in contact
+    states: States = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.names = tuple(self.priors)
@@ -174,7 +177,8 @@ class Responses:
         self.centre: Samples = np.log([p.value for p in self.priors.values()])
         self.spread: Samples = np.array([p.spread for p in self.priors.values()])
         self.modes = self.modes or [{}] * len(self.measured)
-        # predictions by response and by the values on which they depend
+        # stored predictions, by response and by the parameter values on which the prediction
+        # depends
         self.known: dict[Hashable, Response] = {}
         self.acting: dict[Hashable, NDArray[np.bool_]] = {}
         self.variance = [
@@ -183,7 +187,7 @@ class Responses:
         ]
 
     def all_values(self, x: Samples) -> Values:
-        """{name in priors: value} of the logarithms x."""
+        """Returns {name in priors: value} for the logarithms x."""
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
@@ -217,7 +221,8 @@ class Responses:
         return found
 
     def _acting(self, measured: Measurement, own: dict[str, str]) -> NDArray[np.bool_]:
-        """For each parameter whether a response depends on the parameter, (parameters,) bool."""
+        """Returns for each parameter True if a response depends on this parameter,
+        (parameters,)."""
         exact = measured.predict(self.values(self.centre, own))
         moved = [
             measured.predict(self.values(self.centre + d, own)) for d in np.diag(self.spread / 10)
@@ -226,7 +231,7 @@ class Responses:
 
     def coarse(self, x: Samples) -> Samples:
         """Residuals for the first search: logarithm of the ratio of measured and predicted
-        response. With them the search converges from distant start values."""
+        response. With the coarse residuals, the search converges from distant start values."""
         parts = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             relative = np.sqrt(v) / np.maximum(abs(m.response), 1e-300)
@@ -245,7 +250,7 @@ class Responses:
         return found
 
     def fine(self, x: Samples) -> Samples:
-        """Residuals of the likelihood: of all responses, then of the priors."""
+        """Residuals of the likelihood: first of all responses, then of the prior values."""
         # The factor of the likelihood, (dof + 1) / dof, is set to 1 here and in the chi-square
         # test.
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
@@ -363,8 +368,8 @@ def joint(
 
 
 def _in_modes(problem: Responses) -> Responses:
-    """The problem with that linear range of the amplifier for each response which explains the
-    responses best. States that the caller has given remain."""
+    """Returns the problem with the linear ranges of the amplifier, one for each response, that
+    explain the responses best. States that the caller has given are not changed."""
     states = problem.states
     ranges = sets.slopes(problem.model, fixed=states)
     slopes = [states, *(modes for modes in ranges if modes != states)]
@@ -430,8 +435,8 @@ def _score(residuals: Samples) -> tuple[float, int, float]:
 def _evaluated(
     problem: Responses, x: Samples, over: Sequence[str], apart: Samples | None = None
 ) -> JointFit:
-    """The result of a fit. x: logarithms of the best parameters; apart: those of each force,
-    (forces, parameters), if they differ."""
+    """The result of a fit. x: logarithms of the best parameters; apart: logarithms for each force,
+    (forces, parameters), if the forces need different parameters."""
     levels = []
     for m, modes, score in zip(problem.measured, problem.modes, problem.scores(x), strict=True):
         name = "apart" if m.free else "in contact"
@@ -463,7 +468,7 @@ def _evaluated(
     size = float(stats.norm.ppf((1 + CONFIDENCE) / 2))
     found.intervals = {
         name: (value * math.exp(-size * h), value * math.exp(size * h))
-        # The shared parameters come first.
+        # The parameters that all responses share come first.
         for (name, value), h in zip(best.items(), spread, strict=False)
     }
     found.correlation = (covariance / np.outer(spread, spread))[: len(best), : len(best)]
@@ -497,8 +502,8 @@ def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Sampl
 
 
 def _reject(found: JointFit, problem: Responses, away: Samples) -> None:
-    """Sets the reason and text of a rejected fit. away: distances from the priors in standard
-    deviations."""
+    """Sets the reason and the text of a rejected fit. away: distance of each parameter from its
+    prior in standard deviations."""
     worst = int(abs(away[: len(found.best)]).argmax())
     misfits = [level for level in found.levels if level.p < REJECTED_BELOW / len(found.levels)]
     if (found.p < REJECTED_BELOW or misfits) and not found.levels_differ:

@@ -20,11 +20,13 @@ DAMPING_SPREAD, WORKPIECE_SPREAD = math.log(2), math.log(5)
 # Step and number of steps of a step response. The response reaches its peak within a few time
 # constants.
 STEP_S, STEP_COUNT = 1e-5, 300
-STEADY_HZ = 0.02  # at this frequency the axis has finished its acceleration
+STEADY_HZ = 0.02  # frequency in Hz at which the axis has reached its steady speed
 # Ratio of the largest code of a noise to the code that keeps a step linear. A noise reaches its
 # peak rarely.
 NOISE_PEAK_FACTOR = 2
-LINEAR_SHARE = 0.7  # of the drive's limit, because a step of the noise is up to twice its amplitude
+# share of the limit of the drive that a noise may use, because a step of the noise is up to twice
+# the amplitude
+LINEAR_SHARE = 0.7
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Prior:
 
     @property
     def wide(self) -> bool:
-        """Whether the standard deviation is so large that the value is nearly unknown."""
+        """True if the standard deviation is so large that the value is nearly unknown."""
         return self.spread > 1.0
 
 
@@ -91,7 +93,8 @@ def priors(
 def _drive_limits(
     model: str | Path, overrides: linear.Overrides | None = None
 ) -> list[tuple[str, float]]:
-    """[(signal of the drive, its limit in SI units)] of the limits that a model has."""
+    """Returns [(signal of the drive, limit of this signal in SI units)] for all limits in a
+    model."""
     facts, drive = linear.facts(model, overrides), model_file.read(model).drive
     limits = (("drive.voltage", drive.supply_limit), ("drive.current_command", drive.preamp_limit))
     return [
@@ -117,7 +120,7 @@ def linear_codes(model: str | Path, overrides: linear.Overrides | None = None) -
 
 
 def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """N per code of the drive at standstill; inf if the drive integrates."""
+    """Force of the drive at standstill in N per DAC code; inf if the drive integrates."""
     facts = linear.facts(model, overrides)
     plant = linear.linearise(
         str(model), outputs=(facts.required_reading.signal,), overrides=overrides
@@ -127,7 +130,8 @@ def newton_per_code(model: str | Path, overrides: linear.Overrides | None = None
 
 
 def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Speed of the encoder in counts/s per code, out of contact after the acceleration."""
+    """Speed of the axis in encoder counts/s per DAC code, out of contact and after the
+    acceleration."""
     s = 2j * math.pi * STEADY_HZ
     plant = linear.linearise(str(model), outputs=("encoder",), overrides=overrides, free=True)
     speed = float((s * plant.at(s).item()).real)  # per V

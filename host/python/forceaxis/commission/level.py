@@ -61,8 +61,8 @@ class Abort:
 
 @dataclass
 class Level:
-    """A response and the conditions of its measurement; the measurement sets the fields one after
-    the other. Forces in N: smallest and largest value of all recordings."""
+    """A response and the conditions of its measurement; the fields are set in the course of the
+    measurement. Forces in N: smallest and largest value of all recordings."""
 
     amplitude: int
     bias_N: float | None = None
@@ -82,7 +82,7 @@ class Level:
 
     @property
     def measured(self) -> Measurement:
-        """The response. Raises ValueError before the measurement."""
+        """The measured response. Raises ValueError if the response is not yet measured."""
         if self.measured_or_none is None:
             raise ValueError("expected a response that is measured")
         return self.measured_or_none

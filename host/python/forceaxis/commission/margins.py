@@ -14,12 +14,13 @@ from forceaxis.linear.bank import Bank, of_settings
 from forceaxis.linear.stability import Loop
 
 COEFFICIENTS_PER_BANK = 15
-AVERAGING_WIDTH = 0.04  # of |S|, as a difference of the logarithms of the frequencies
-ERROR_MAX = 0.1  # largest relative error at which a value of |S| counts as certain
+# width of the averaging of |S|, as a difference of the logarithms of the frequencies
+AVERAGING_WIDTH = 0.04
+ERROR_MAX = 0.1  # largest relative error at which a value of |S| is treated as certain
 
 
 def active_law(axis: Axis) -> Bank:
-    """The active Bank of the force modes; the P law is represented as a Bank too. Raises Refused,
+    """The active Bank of the force modes; a P law is returned as a Bank too. Raises Refused,
     NoAnswer."""
     number, gain = axis.get("force_bank", "force_gain").values()
     if not number:
@@ -29,7 +30,7 @@ def active_law(axis: Axis) -> Bank:
     names = [f"bank_{part}_{number}" for part in parts]
     names += [f"bank_coefficient_{i}" for i in range(first, first + COEFFICIENTS_PER_BANK)]
     bank = of_settings({"force_bank": number, "force_gain": gain} | axis.get(*names))
-    assert bank is not None  # the number of the active bank is not 0
+    assert bank is not None  # never None here, because the number of the active bank is not 0
     return bank
 
 

@@ -76,7 +76,7 @@ def measure(
 ) -> dict[str, AxisMeasurement]:  # fmt: skip
     """Measures a response out of contact, if `free` is set, and one response in contact at each of
     the `forces` in N; returns {name: response}. The axis has to be owned, disabled and at rest. At
-    the end it is disabled at its start position.
+    the end, the axis is disabled at its start position.
 
     model: path of a model with which the response is compared, or "". Raises InputError before the
     axis moves if the axis would limit a target; Refusal, NoAnswer, Refused.
@@ -118,7 +118,7 @@ def _taken(
     rest: Rest,
     search: friction_search.FrictionSearch | None,
 ) -> AxisMeasurement:
-    """The result of a measured response, with the friction that `search` has found."""
+    """Returns the result of a measured response, with the friction that `search` has found."""
     if search:
         search.expect_sliding(level)
     done = result_of(axis, analyzer.order, level, rest)

@@ -19,11 +19,11 @@ from forceaxis.commission.known import Prior
 from forceaxis.design import model_file
 from forceaxis.identify.fit import REJECTED_BELOW
 
-START_MODES = 10  # number of frequencies at which the search of a mode begins
-SHOWN_CANDIDATES = 3  # number of candidates that a text names
+START_MODES = 10  # number of start frequencies for the search of a mode of vibration
+SHOWN_CANDIDATES = 3  # largest number of candidates that a text names
 START_LAG_S = 4e-4  # initial value of a lag
-GAIN_SPREAD = 0.2  # standard deviation of the logarithm of a gain that differs between forces
-START_SPLIT = 1.05  # initial ratio of pole to zero of a mode
+GAIN_SPREAD = 0.2  # prior standard deviation of the logarithm of a gain that differs between forces
+START_SPLIT = 1.05  # start value of the ratio of pole frequency to zero frequency of a mode
 EVALUATIONS_MAX = 25
 
 

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 Samples = NDArray[np.float64]
 Response = NDArray[np.complex128]
 Lines = NDArray[np.int64]  # line numbers of a spectrum
-Steps = tuple[float, float]  # size of one code in units of (input, output)
-Still = tuple[Samples, Samples]  # (inputs, outputs) of records without a waveform
+# size of one code of the input and of the output, each in the unit of the signal
+Steps = tuple[float, float]
+Still = tuple[Samples, Samples]  # (inputs, outputs) of records during which no waveform was applied
 
-POWER_MIN = 1e-300  # replaces a power of 0 in a divisor
-CANDIDATE_SEEDS = 400  # number of seeds from which calm_seeds() chooses
+POWER_MIN = 1e-300  # value that replaces a power of 0 in a divisor
+CANDIDATE_SEEDS = 400  # number of candidate seeds from which calm_seeds() chooses
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def _smooth(power: Samples, lines: int = 11) -> Samples:
 
 def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
     """Seeds of the firmware's noise whose integral over a period stays nearest to 0. An integrating
-    axis then stays near its start position. first: another number gives other seeds."""
+    axis then stays near its start position. first: a different number gives different seeds."""
     seeds = (np.arange(CANDIDATE_SEEDS) + CANDIDATE_SEEDS * first) % 65536
     # the same random number generator as in firmware/core/excitation.c
     random = (seeds * 2654435769 % 2**32).astype(np.uint32)

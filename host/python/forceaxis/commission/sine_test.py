@@ -19,12 +19,12 @@ from forceaxis.commission.level import Samples
 RECORD_SAMPLES = 750
 SETTLE_S = 0.3
 SIGNALS = ("force_raw", "position", "dac_code")
-# number of frequencies, and smallest number at which the workpiece has to slide
+# number of frequencies, and smallest number of frequencies at which the workpiece has to slide
 FREQUENCIES, FREQUENCIES_MIN = 11, 3
 # Displacements of the workpiece, as multiples of that at which the spring overcomes the friction:
 # enough for a result, and smallest accepted one.
 SLIDES, SLIDES_MIN = 3.0, 1.25
-# largest number of amplitudes of a sine, and factor from one to the next
+# largest number of amplitudes at one frequency, and factor from one amplitude to the next
 AMPLITUDES_MAX, AMPLITUDE_FACTOR = 7, 1.6
 
 
@@ -99,7 +99,7 @@ def _largest_sine(
 ) -> _Sine | None:
     """The sine with the largest displacement of the workpiece within the bounds; None if the
     workpiece does not slide enough. The amplitude is increased until the workpiece slides."""
-    # displacement at which the spring overcomes the friction
+    # displacement in m at which the spring overcomes the friction
     friction_m = setup.friction_N / setup.workpiece
     target = SLIDES * friction_m
     codes = max(2, round(2 * math.pi * hz * target * setup.scale / setup.rate))

@@ -82,26 +82,27 @@ from forceaxis.results import from_json, to_json
 
 R = TypeVar("R")  # result of a step
 
-LIMIT_FACTOR = 1 / 6  # gain for the measurement, as a share of the critical gain
+LIMIT_FACTOR = 1 / 6  # gain of the law for the measurement, as a share of the critical gain
 # factors of the stiffnesses and masses in the set of plants for which the critical gain is computed
 SPREAD_FACTORS = (0.3, 1.0, 3.0)
 # integral rates among which the law for the measurement is chosen
 RATES_RAD_PER_S = (4.0, 16.0, 64.0, 256.0, 1024.0)
 CROSSOVER_RAD_PER_S = 3.0  # lowest crossover of the set at which a force settles within seconds
 MS_TOLERANCE = 0.3  # permitted excess of a measured Ms over its prediction
-AVERAGES_FACTOR = 4  # more averages if |S| is certain at no frequency
+AVERAGES_FACTOR = 4  # factor for the number of averages if |S| is certain at no frequency
 # Highest frequency of the responses: this multiple of the highest frequency at which the loop may
 # become unstable.
 RESPONSE_BAND_FACTOR = 1.3
-VERIFIED_BAND_FACTOR = 3.0  # highest frequency of the verified |S|, as a multiple of fT
+VERIFIED_BAND_FACTOR = 3.0  # highest frequency at which |S| is verified, as a multiple of fT
 BAND_MAX_HZ = 400.0
 # The contact threshold is at least this multiple of the noise and at least this number of force
 # counts.
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
-IMPACT_PEAK_N = 10.0  # peak force of a first contact from the momentum of the axis alone
+# permitted peak force in N of a first contact from the momentum of the axis alone
+IMPACT_PEAK_N = 10.0
 # if the bandwidth is below this multiple of that of P, the text names the limiting bound
 BANDWIDTH_FACTOR = 1.7
-NO_MEMORY = -10  # key of REASONS: the axis has no memory for parameters
+NO_MEMORY = -10  # key of REASONS for an axis without a memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
 
 
@@ -337,7 +338,7 @@ def design_line(tuning: TuningFolder, done: Designed) -> str:
 
 
 def _cut(designed: DesignResult) -> str:
-    """Text about the gain reduction after simulated contacts and its reason; "" without a
+    """Text about the reduction of the gain after simulated contacts and the reason; "" without a
     reduction."""
     times, chosen = designed.gain_reductions, designed.chosen
     if not times:
@@ -438,14 +439,14 @@ def _ensure_written(tuning: TuningFolder, designed: Designed) -> None:
 
 
 def _restore_earlier_law(tuning: TuningFolder) -> None:
-    """Restores the values that the objects had before write(). The step `write` is then not done
-    any more."""
+    """Restores the values that the objects had before write(). After this call, the step `write` is
+    no longer done."""
     as_found.replace_saved(tuning, BEFORE.required(tuning.folder))
     as_found.put_back(tuning)
     for name in (
         WRITE.file.name,
         BEFORE.name,
-    ):  # a repeated write() may find a different previous law
+    ):  # at a repeated write(), the previous law of the axis may be different
         (tuning.folder / name).unlink(missing_ok=True)
 
 
@@ -494,7 +495,7 @@ def _verified(
         return level
 
     rubs = bool(fitted_axis.fitted.friction)
-    for factor in (1, AVERAGES_FACTOR):  # small amplitudes need more averages
+    for factor in (1, AVERAGES_FACTOR):  # a response with a small amplitude needs more averages
         used = replace(order, averages=factor * order.averages)
         asked = measuring_order(tuning, used, first=first, rubs=rubs)
         level, figures = take_response(
@@ -694,7 +695,7 @@ class Tuning(TuningFolder):
         if held.model_sha256 != identity.model_sha256:
             changes["model"] = "the model"
             first.append(STEPS.index(AGAIN_FROM["model"]))
-        if not first:  # only the name of the model has changed
+        if not first:  # no step depends on the change: only the name of the model is different
             return
         done = [step for step in STEPS if self._file(step).exists()]
         kept = [step for step in done if step != STEPS[0] and STEPS.index(step) < min(first)]
@@ -712,8 +713,9 @@ class Tuning(TuningFolder):
         return self.folder / STEP_TABLE[step].file.name
 
     def run(self, only: str | None = None) -> TuningSummary:
-        """Runs the steps that are not done, or only the step `only`, done or not; returns the
-        summary. After a Refusal or another exception, the axis has its previous parameters."""
+        """Runs all steps that are not done, or only the step `only` even if this step is done;
+        returns the summary. After a Refusal or another exception, the axis has its previous
+        parameters."""
         self.step = only or STEPS[0]
         try:
             if len(self.order.forces) < 2:
@@ -740,7 +742,7 @@ class Tuning(TuningFolder):
         if not again and step.done(self) is not None:
             self.say(f"{place}: done before")
             return
-        for later in STEPS[index:]:  # later steps depend on the replaced result
+        for later in STEPS[index:]:  # the results of later steps depend on the replaced result
             if later == step.name or later not in self.kept:
                 self._file(later).unlink(missing_ok=True)
         began, tick = time.monotonic(), self.axis.read("tick_count")
@@ -758,7 +760,7 @@ class Tuning(TuningFolder):
         self.say(f"{place}: {step.line(self, result)} ({took:.1f} s)")
 
     def summary(self) -> TuningSummary:
-        """The results that are known so far."""
+        """Summary of the results of all steps that are done."""
         files = {
             name: held for name, step in STEP_TABLE.items()
             if (held := step.file.read(self.folder)) is not None

@@ -46,10 +46,12 @@ Frictions = tuple[friction_models.FrictionElement, ...]
 # Standard deviation of the logarithm of a damper that replaces friction: for an axis that slides,
 # and for an axis that alternates between sticking and sliding.
 SLIDING_SPREAD, STICKING_SPREAD = 0.9, 2.0
-STUCK_DAMPING = 1e6  # N s/m: damper that replaces the friction of a workpiece that does not slide
+# damping in N s/m that replaces the friction of a workpiece that does not slide
+STUCK_DAMPING = 1e6
 # relative error of a response that is fitted with a damper in the place of friction
 SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
-SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015  # frequency and relative error of _speed_response()
+# frequency in Hz and relative error of the response from _speed_response()
+SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
 # The sines determine the mass of a workpiece if its relative standard error is below this value.
 SINE_MASS_ERROR_MAX = 0.2
@@ -58,7 +60,8 @@ REFIT_CHANGE = 0.02  # relative change of the values from sines after which the 
 # Range of the dampings in the design for an axis with dry friction, in standard deviations of the
 # prior to both sides.
 DAMPING_DEVIATIONS = 1.0
-# Range of the mass of a workpiece that does not slide: the prior divided and multiplied by this.
+# The mass of a workpiece that does not slide is in the range from the prior divided by this factor
+# to the prior multiplied by this factor.
 UNKNOWN_MASS_FACTOR = 3.0
 # Two responses differ if noise alone makes such a difference with a smaller probability.
 DIFFERENCE_PROBABILITY = 1e-4
@@ -147,13 +150,14 @@ def _explained(tuning: TuningFolder, found: joint_fit.JointFit) -> tuple[str, st
 
 
 def _under_workpiece(tuning: TuningFolder, frictions: Frictions) -> Frictions:
-    """The frictions that act under the workpiece; the others act in guide and gear."""
+    """Returns the frictions that act under the workpiece; all other frictions act in guide and
+    gear."""
     return tuple(one for one in frictions if friction_models.of_workpiece(tuning.given, one))
 
 
 def _model_lines(tuning: TuningFolder, frictions: Frictions) -> str:
-    """The friction elements that the model lacks, as TOML. Reports them and writes the completed
-    model."""
+    """Returns the friction elements that the model lacks, as TOML, after a report of these
+    elements; writes the completed model."""
     if not frictions:
         return ""
     text = friction_models.with_friction(tuning.given, frictions)
@@ -256,7 +260,7 @@ def _workpiece(
     if stiffness and sliding:
         value = abs(facts.required_encoder.scale) / sliding
         found[stiffness] = Prior(value, TRAVEL_STIFFNESS_ERROR)
-        if shaken:  # the mean of both values, weighted by their errors
+        if shaken:  # mean of the values from travel and from sines, weighted by the errors
             error = max(SINE_ERROR_MIN, shaken.stiffness_error)
             weights = np.array([TRAVEL_STIFFNESS_ERROR**-2, error**-2])
             mean = np.exp(weights @ np.log([value, shaken.stiffness]) / weights.sum())
@@ -279,7 +283,8 @@ def _workpiece(
 
 
 def _determine_mass(shaken: sine_test.SineTestResult | None) -> bool:
-    """Whether the workpiece slid so much under the sines that they determine its mass."""
+    """Returns True if the workpiece slid far enough under the sines that the sines determine the
+    mass of the workpiece."""
     return shaken is not None and shaken.mass_error < SINE_MASS_ERROR_MAX
 
 

@@ -31,8 +31,8 @@ NEW_FOLDER = "delete the folder or give another one"
 
 @dataclass(frozen=True)
 class StepFile(Generic[R]):
-    """The file of a step that is done: duration of the step in s, as wall time and as time of the
-    axis, and the result of the step."""
+    """The content of the file of a finished step: duration in s as wall time and as time of the
+    axis, and the result."""
 
     seconds: float
     axis_seconds: float
@@ -45,7 +45,7 @@ class TuningOrder:
     forces: N; over: texts NAME=PERCENT% or NAME=LOW..HIGH; priors: NAME=VALUE or
     NAME=VALUE+-PERCENT%, which replace prior values of the model; states: ELEMENT=STATE, in which
     the model is linearised; ms: largest permitted Ms; averages: number per response; travel_mm:
-    limit of the motion by the excitation; seed: of the noise."""
+    limit of the motion by the excitation; seed: seed of the noise."""
 
     model: str
     forces: tuple[float, ...]
@@ -141,8 +141,8 @@ def read_touch_down(file: Path) -> TouchDownRecord:
 
 
 class TuningFolder(as_found.AxisFolder):
-    """An Axis that is owned and disabled, an order, and `folder`, which may be new. It is the first
-    argument of each step.
+    """An Axis that is owned and disabled, an order, and `folder`, which may be new. A TuningFolder
+    is the first argument of each step.
 
     say(text): reports each step and its actions. Raises InputError if the order names something
     that the model lacks.
@@ -154,12 +154,12 @@ class TuningFolder(as_found.AxisFolder):
     ) -> None:  # fmt: skip
         super().__init__(axis, folder, say)
         self.order, self.given = order, linear.find_model(order.model)
-        # raises InputError before a file is written
+        # called before a file is written, because this call may raise InputError
         known.priors(str(self.given), order.over, order.priors)
         #: states in which the loops are linearised
         self.states: dict[str, str] = linear.states(order.states)
         if self.states:
-            # raises InputError for a state that the model lacks
+            # checks the states: raises InputError for a state that the model lacks
             sets.slopes(self.given, fixed=self.states)
 
     @property

@@ -37,7 +37,7 @@ from forceaxis.linear.plant_set import PlantSet
 
 A = TypeVar("A", bound=Analyzer)
 
-AVERAGES_MIN = 5  # number of averages of a response that has a small error
+AVERAGES_MIN = 5  # smallest number of averages, for a response with a small error
 AMPLITUDE_RATIO = 3  # ratio of the first to the second amplitude of the excitation at a force
 # An axis that has coasted farther than this multiple of the permitted travel is not moved back.
 COASTED_TRAVELS = 5
@@ -106,7 +106,8 @@ def measure(tuning: TuningFolder, checked: Checked, free: FreeResponse) -> Measu
             law["contact_loss_cap"] = tuning.axis.read("contact_loss_cap")
             return level
 
-        if rubs:  # as large as the drive permits, so that the axis slides most of the time
+        # the largest amplitude that the drive permits, so that the axis slides most of the time
+        if rubs:
             first = MOST_CODES
         asked = measuring_order(tuning, order, first=first, rubs=rubs)
         _, figures = take_response(tuning, name, law, asked, Analyzer, take)
@@ -290,14 +291,14 @@ def temporary(axis: Axis, values: Settings) -> Iterator[None]:
     try:
         yield
     finally:
-        # If the axis has another owner or does not answer, nothing is restored.
+        # If the axis has another owner or does not answer, no value is restored.
         with contextlib.suppress(NoAnswer, Refused):
             disable(axis)
             _write(before, axis.put_back)
 
 
 def _write(values: Settings, write: Callable[..., None]) -> None:
-    if "force_bank" in values:  # the firmware does not permit writing to a selected bank
+    if "force_bank" in values:  # the firmware refuses writes to a selected bank
         write(force_bank=0)
     write(**values)
 

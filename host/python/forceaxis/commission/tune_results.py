@@ -21,7 +21,7 @@ from forceaxis.results import json_field
 
 Setting = int | float | str  # engineering value of an object, or the name of an enumeration value
 Settings = dict[str, Setting]  # {object: Setting}
-Values = dict[str, float]  # {parameter of the model: SI value}
+Values = dict[str, float]  # {parameter of the model: value in SI units}
 Range = tuple[float, float]  # low, high
 
 
@@ -29,7 +29,8 @@ Range = tuple[float, float]  # low, high
 class Checked:
     """Result of `check`. settings: values from the model for objects that nobody has set on the
     axis; law: the force law for the measurement; band_hz: lowest and highest frequency of the
-    responses; before: the previous force law of the axis; latency_ticks: latency of its output."""
+    responses; before: the previous force law of the axis; latency_ticks: latency of the output of
+    the axis in ticks."""
 
     rest: Rest
     settings: Settings
@@ -82,7 +83,7 @@ class FreeResponse(ResponseFigures):
 @dataclass(frozen=True, kw_only=True)
 class PressedResponse(ResponseFigures):
     """Figures of the response at one force. small: figures of the response with the smaller
-    amplitude; differs: `fit` has found that the two responses differ."""
+    amplitude; differs: True if `fit` has found that the two responses differ."""
 
     bias_N: float = field()
     small: ResponseFigures | None = json_field(omit_none=True)
@@ -245,9 +246,10 @@ class StepRefusal:
 
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
-    """Results of a tuning as `forceaxis tune --json` prints them; None: not known yet. levels: of
-    Verified; cuts: texts of the gain_cuts; holds: texts of tune_fit.validity_lines(); seconds:
-    {step: wall time in s}; axis_seconds: {step: time of the axis in s}."""
+    """Results of a tuning as `forceaxis tune --json` prints them; None if a result is not known
+    yet. levels: of Verified; cuts: texts of the gain_cuts; holds: texts of
+    tune_fit.validity_lines(); seconds: {step: wall time in s}; axis_seconds: {step: time of the
+    axis in s}."""
 
     axis: str
     folder: str

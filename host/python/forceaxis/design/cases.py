@@ -39,7 +39,7 @@ class Outcome:
 
     @property
     def is_stable(self) -> bool:
-        """Whether the verdict is stable and the firmware reports no fault."""
+        """True if the verdict is stable and the firmware reports no fault."""
         return self.verdict == "stable" and self.fault == "none"
 
 

@@ -218,8 +218,8 @@ class ContactBench:
         return float(supply_V / R * drive["k_torque"] / r_trans)
 
     def _speed(self) -> float:
-        """Approach speed in m/s: the speed of the user or of the experiment; without one 20 mm/s or
-        the default of approach_velocity_max, whichever is smaller."""
+        """Approach speed in m/s: the speed of the user or of the experiment; if neither gives a
+        speed, the smaller of 20 mm/s and the default of approach_velocity_max."""
         scale = abs(self.facts.required_encoder.scale)
         default = objects.BY_NAME["approach_velocity_max"].default
         name = "approach_velocity_max"
@@ -268,10 +268,10 @@ class ContactBench:
             losses, peak_N = self.impacts.get(case, (0, 0.0))
             losses = max(losses, one.metrics.contact_losses_run)
             self.impacts[case] = (losses, max(peak_N, one.metrics.peak_force_N))
-        self._files = {}  # files that were written before have other limits
+        self._files = {}  # files that were written before contain other limits of the verdict
 
     def losses_permitted(self, case: ContactCase) -> int | None:
-        """Number of contact losses that the verdict of a case permits; None: any number."""
+        """Largest number of contact losses that the verdict of a case permits; None: no limit."""
         if case.strike_N_s:
             return None
         return self.impacts.get(case, (0, 0.0))[0] + self.losses_max
@@ -374,7 +374,7 @@ class ContactBench:
         self, experiment: Path, bank: Bank, loss: Mapping[str, int], model: str | None = None
     ) -> str:
         """The text of an experiment with a bank; comments of the experiment are kept. model: path
-        of its model from the folder of the text; by default the model of the bench."""
+        of the model, relative to the folder of the text; by default the model of the bench."""
         text = experiment_file.document(experiment)
         text["model"] = str(model or self.model)
         if self.overrides:
@@ -513,7 +513,7 @@ def choose_loss(
         survived = ladder.index(False)
         tolerated[keys[i][0]].append(STRIKE_FACTORS[survived - 1] if survived else 0.0)
     able = [c for c in choices if c[0] or not bench.frictions]  # see losses()
-    # Of equal results, the first is chosen.
+    # Among equal results, the first result is chosen.
     best = max(able, key=lambda c: (min(tolerated[c]), sum(tolerated[c])))
     strike = struck[0].strike_N_s
     return ContactLoss(
@@ -582,7 +582,8 @@ def safe(
             continue
         loss = choose_loss(bench, tried, latencies, threads)
         chosen = simulate(bench, tried, members, latencies, loss.objects, threads)
-        # choose_loss() does not simulate all members, so a contact may be unstable on another one.
+        # choose_loss() does not simulate all members, so a contact may be unstable with a member
+        # that was not simulated.
         if unstable(chosen):
             loss = replace(
                 loss,

@@ -19,12 +19,12 @@ from forceaxis.linear.bank import COEFFICIENT_MAX, TICK_S, Bank
 # Range of the integral rate. With a smaller rate, the force does not settle within the ten seconds
 # of a simulated contact.
 INTEGRAL_RAD_PER_S = (0.6, 100.0)
-HIGHEST_HZ = 600.0  # of zeros and poles of a section
+HIGHEST_HZ = 600.0  # highest frequency in Hz of the zeros and poles of a section
 ZERO_DAMPING = (0.02, 2.0)  # range of the damping ratio of zeros
 # Range of the damping ratio of poles. With less damping, a section amplifies the quantisation of
 # the force at one frequency.
 POLE_DAMPING = (0.4, 2.0)
-# {name of a structure: number of its sections}; None: neither integral nor section.
+# {name of a structure: number of sections}; None: a structure without integral action and sections.
 STRUCTURES: dict[str, int | None] = {
     "P": None,
     "PI": 0,
@@ -95,5 +95,5 @@ def response(numbers: Samples, grid: Grid | Ramp) -> Response:
 
 
 def is_legal(sections: Iterable[Iterable[float]]) -> bool:
-    """Whether the firmware can store all coefficients of the sections."""
+    """Returns True if the firmware can store all coefficients of the sections."""
     return all(abs(c) <= COEFFICIENT_MAX for values in sections for c in values)

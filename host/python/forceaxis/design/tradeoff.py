@@ -19,7 +19,7 @@ from forceaxis.errors import ParameterError
 from forceaxis.linear.bank import Bank, BankKeys
 from forceaxis.results import json_field, to_json
 
-# {name of the second figure: (its values, its meaning)}
+# {name of the second figure: (values of this figure, text about its meaning)}
 AGAINST: dict[str, tuple[tuple[float, ...], str]] = {
     "ms": (
         (1.4, 1.6, 1.8, 2.0, 2.2, 2.4, 2.6),
@@ -94,7 +94,7 @@ def tradeoff(
                 progress(f"{against} {value:g}, {done}/{len(values)}")
             _set(problem, goal, against, value)
             known.append(problem.designed().numbers)
-        # The design for one value may be the best one for another value, too.
+        # The design for one value may also be the best design for another value.
         for value in values:
             _set(problem, goal, against, value)
             rows.append(_row(against, value, problem, problem.best_of(known)))

@@ -196,7 +196,7 @@ FORMAT = (
 )
 KEYS, NUMBER_KEYS = ([key.key for key in table.keys] for table in FORMAT)
 
-# Texts of results that are not numbers: the signal does not settle, or there is no step.
+# Texts for results that are not numbers: the signal does not settle, or the signal has no step.
 TEXT_RESULTS = {"settle_s": "never", "overshoot": "undefined"}
 # Keys that say how `signal` is evaluated; the other keys are compared with the run.
 EVALUATION_KEYS = ("signal", "from_s", "final_s", "band")
@@ -239,7 +239,8 @@ class NumberTable:
 
 
 Expected: TypeAlias = str | Number
-Obtained: TypeAlias = str | float | None  # None: the run has no such value
+# value of the run that is compared; None: the run does not have this value
+Obtained: TypeAlias = str | float | None
 
 
 @dataclass(frozen=True)
@@ -247,11 +248,14 @@ class Expectation:
     """A checked table [expect]: the expected values, and how `signal` is evaluated."""
 
     wanted: dict[str, Expected]  # key -> expected value
-    signal: str | None  # column of the trace; None: force of the first contact, or encoder
+    # name of a column of the trace; None: force of the first contact, or encoder without a contact
+    signal: str | None
     from_s: float
-    final_s: float | None  # None: a tenth of the time after from_s
+    # duration of the mean at the end in s; None: a tenth of the time after from_s
+    final_s: float | None
     band: float  # half of the settling band
-    band_is_absolute: bool  # in the unit of `signal`, otherwise a fraction of the step
+    # True: the band is in the unit of `signal`; False: the band is a fraction of the step
+    band_is_absolute: bool
 
 
 @dataclass(frozen=True)
@@ -263,7 +267,8 @@ class Measured:
     from_s: float  # start of the evaluation
     final_s: float  # duration of the mean at the end
     final: float  # final value of `signal`
-    width: float  # half of the settling band, from final - width to final + width
+    # half width of the settling band, which extends from final - width to final + width
+    width: float
 
 
 @dataclass(frozen=True)
@@ -278,7 +283,7 @@ class ExpectationCheck:
 
     @property
     def passed(self) -> bool:
-        """Whether the obtained value is the expected one."""
+        """True if the obtained value is the expected value."""
         if isinstance(self.expected, Number) and isinstance(self.obtained, float):
             return self.expected.low <= self.obtained <= self.expected.high
         return self.expected == self.obtained or bool(self.warning)
@@ -331,13 +336,13 @@ class Examined:
 
 
 def shown(value: Expected | Obtained) -> str:
-    """A value as text with six digits; of a long text the first characters."""
+    """Returns a number as text with six digits, and a long text without its end."""
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if len(text) < 64 else text[:16] + "..."
 
 
 class Reader:
-    """Checks the keys of one [expect] table; `file` is named in errors."""
+    """Checks the keys of one [expect] table. Errors name the file `file`."""
 
     def __init__(self, file: str | Path) -> None:
         self.file = file
@@ -355,7 +360,8 @@ class Reader:
         return float(value)
 
     def wanted(self, key: str, value: TomlValue) -> Expected:
-        """The expectation for a number: a Number, or the text for a missing number."""
+        """Returns the expectation for a number: a Number, or a text which states that the number
+        does not exist."""
         low = -LARGEST_NUMBER if key in ("final_value", "held_force_N") else 0.0
         if isinstance(value, str) and key in TEXT_RESULTS:
             if value != TEXT_RESULTS[key]:
@@ -488,7 +494,7 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
     window = math.floor(final_s * rate + 1e-9) + 1
     final, start = float(values[-window:].mean()), float(values[0])
     largest = float(np.abs(values).max())
-    # the final value of a decayed signal is 0, not the rounding error
+    # a final value that is only a rounding error becomes 0
     if abs(final) < 1e-9 * largest:
         final = 0.0
     step, rounding = final - start, 1e-12 * largest
@@ -515,7 +521,7 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
     """Runs one experiment and compares it with its [expect]. Raises InputError, SimulationError."""
     file = Path(file)
     inputs = read_inputs(file, overrides)
-    # an invalid table is reported before the run
+    # the table is read here, so that an error in the table is reported before the run
     expect = read(file, inputs.expect or {}, inputs.criterion is not None)
     done = runs.run(file, overrides)
     measured = measure(done, expect)
@@ -532,7 +538,7 @@ def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
     return Examined(done, expect, measured, checks)
 
 
-# Units of the columns that are codes.
+# Units of the columns of the trace that contain codes.
 CODES = {"encoder": "encoder count", "dac": "DAC code", "adc0": "ADC code", "adc1": "ADC code"}
 
 

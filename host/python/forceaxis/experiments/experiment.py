@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Event", "Experiment", "Result"]
 
-TomlTables: TypeAlias = Mapping[str, Any]  # the tables of an experiment's file
+# tables of an experiment file as a mapping from key to value
+TomlTables: TypeAlias = Mapping[str, Any]
 # A value of a parameter or object: a number, a text with a unit, or a NumPy scalar.
 Value: TypeAlias = float | str | np.generic | np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 
@@ -193,7 +194,7 @@ class Result:
 
     @property
     def stable(self) -> bool:
-        """Whether the verdict is "stable"."""
+        """True if the verdict is "stable"."""
         return self.verdict == "stable"
 
     @property
@@ -271,7 +272,7 @@ class Result:
         return iter(self.units)
 
     def __contains__(self, name: str) -> bool:
-        """Whether result[name] accepts this name."""
+        """Returns True if result[name] accepts this name."""
         return name in self.units
 
     def plot(self, path: str | Path | None = None, *, codes: bool = False) -> Figure:

@@ -9,7 +9,8 @@ from forceaxis import _core
 from forceaxis.experiments.run_result import Converters, Criterion, read_converters, read_criterion
 from forceaxis.linear.plant_facts import ParameterFacts
 
-ExpectTable: TypeAlias = dict[str, Any]  # the table [expect] of a file, with any keys and values
+# table [expect] of an experiment file before the check of its keys and values
+ExpectTable: TypeAlias = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -20,14 +21,14 @@ class Inputs:
     model: Path
     contacts: list[str]  # their names
     converters: Converters
-    firmware: dict[str, float]  # object that is written before the first tick -> value
+    firmware: dict[str, float]  # {firmware object: value that is written before the first tick}
     expect: ExpectTable | None
     inputs_hash: str
     criterion: Criterion | None  # the table [verdict]
-    # reason for which the table [verdict] cannot be evaluated; None: it can
+    # reason why the table [verdict] cannot be evaluated; None: [verdict] can be evaluated
     not_evaluable: str | None
-    parameters: dict[str, ParameterFacts]  # of the model, with the overrides
-    unused: list[str]  # parameters that do not change the model
+    parameters: dict[str, ParameterFacts]  # parameters of the model after the overrides
+    unused: list[str]  # names of the parameters without effect on the model
 
 
 def read_inputs(

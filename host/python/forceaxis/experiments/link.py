@@ -51,11 +51,11 @@ class LinkOptions:
     """Options of a run with plant and firmware in two processes."""
 
     kind: str = "inproc"  # of KINDS
-    lcm_url: str = ""  # of the LCM bus; empty: a port that follows from the number of the run
+    lcm_url: str = ""  # URL of the LCM bus; empty: a port that follows from the number of the run
     can: str = "vcan1"  # name of the CAN interface
-    inject: str = ""  # for tests: errors that are inserted into the messages of both processes
-    start_timeout_s: float = 5.0  # longest time until the first message
-    timeout_s: float = 1.0  # longest time between two messages
+    inject: str = ""  # errors that are inserted into the messages of both processes, for tests
+    start_timeout_s: float = 5.0  # longest waiting time in s until the first message
+    timeout_s: float = 1.0  # longest waiting time in s between two messages
 
     def words(self) -> list[str]:
         """The arguments of the verb `forceaxis run` that select this connection."""
@@ -118,14 +118,14 @@ class LinkDetails:
     ticks_per_s: float
     real_time: float  # simulated time / elapsed time
     overruns: int
-    statistics: dict[str, int]  # event of records -> number of records
+    statistics: dict[str, int]  # {name of an event, such as repeated: number of records}
 
 
 @dataclass(frozen=True)
 class ChipDetails:
     """Speed of a run on an emulated chip, as _core.run_on_chip returns it."""
 
-    interrupts: int  # in which the chip has computed a tick
+    interrupts: int  # number of interrupts in which the chip has computed a tick
     ticks: int
     ticks_per_s: float
 
@@ -182,8 +182,8 @@ class AxisNode:
         return self.process.stdin, self.process.stdout
 
     def _line(self, timeout_s: float) -> str:
-        """The next line that the process prints. Raises LinkError if the process ends, or if it
-        prints no line within timeout_s."""
+        """The next line that the process prints. Raises LinkError if the process ends, or if the
+        process prints no line within timeout_s."""
         stdout = self._pipes[1]
         until = time.monotonic() + timeout_s
         while b"\n" not in self._text:
@@ -350,7 +350,7 @@ def run_many(
     """
     outcomes: list[CoreOutcome] = []
     with contextlib.ExitStack() as stack:
-        # the chip is powered up again for each run
+        # the emulated chip is powered up again for each run
         node = None if link.kind in CHIPS else stack.enter_context(AxisNode(link))
         for experiment, overrides in jobs:
             result, report, _ = (

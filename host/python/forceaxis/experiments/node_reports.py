@@ -22,9 +22,9 @@ class AxisReport:
 
     pid: int  # of the process
     trace_hashes: list[str]
-    faults: list[str]  # names of the latched faults; "none"
+    faults: list[str]  # name of the latched fault of each axis; "none" without a fault
     refused: list[list[RefusedWrite]]
-    messages: dict[str, int]  # fate of messages (sent, repeated, dropped, ...) -> their number
+    messages: dict[str, int]  # {sent, repeated, dropped, ...: number of messages}
 
 
 def read_plant_report(output: str) -> PlantReport:

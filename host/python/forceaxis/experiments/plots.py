@@ -48,16 +48,17 @@ class Line:
 
     label: str
     unit: str
-    values: Array  # (n,), one for each time of the figure
+    values: Array  # values of the signal at the times of the figure, (n,)
     # {value: name} of an enumeration; shown on the axis if the row has no other signal
     names: dict[int, str] = field(default_factory=dict)
-    controlled: bool = False  # whether the signal is the force in N that the set-points refer to
+    # True if the signal is the controlled force in N, to which the set-points refer
+    controlled: bool = False
 
 
 @dataclass
 class Marks:
-    """Everything that a figure shows besides signals. Times are in s; those outside the figure are
-    not shown."""
+    """Everything that a figure shows besides signals. Times are in s; marks at times outside the
+    figure are not shown."""
 
     # (time of the change, force set-point in N)
     setpoints: list[tuple[float, float]] = field(default_factory=list)
@@ -77,8 +78,8 @@ EVENTS = {
     "impulse": ("D", "#8a5fa8"),
     "fault": ("X", "#b3261e"),
 }
-OVERLAP_SHARE = 0.015  # marks overlap within this share of the width of the figure
-MOST_MARKS = 3  # largest number of overlapping marks that are drawn one by one
+OVERLAP_SHARE = 0.015  # distance below which marks overlap, as a share of the width of the figure
+MOST_MARKS = 3  # largest number of overlapping marks that are drawn separately
 LINE_WIDTH = THIN["linewidth"]
 CONTACT_COLOUR = "#dbe6f1"
 KEYS_PER_LINE = 5  # of a legend
@@ -160,7 +161,7 @@ def draw_setpoints(ax: Axes, time_s: Array, marks: Marks) -> None:
         return
     if marks.demand is not None:
         times_s, force_N = (np.asarray(v, float) for v in marks.demand)
-        none = force_N == 0  # no demand if both ends of a line are 0
+        none = force_N == 0  # marks the lines whose two ends are 0 N, which are not drawn
         none = none & np.append(True, none[:-1]) & np.append(none[1:], True)
         drawstyle = "default"
     else:
@@ -229,7 +230,8 @@ def mark_events(ax: Axes, events: Sequence[tuple[float, str, str]], time_s: Arra
         for cluster in clusters(times, OVERLAP_SHARE * (time_s[-1] - time_s[0])):
             ends = sorted({cluster[0], cluster[-1]})
             if len(cluster) > MOST_MARKS:
-                height = 1.03 + 0.012 * level  # lines of different kinds at different heights
+                # each kind of event has a separate height for its lines
+                height = 1.03 + 0.012 * level
                 ax.plot(ends, [height] * len(ends), color=colour, linewidth=1, transform=across,
                         clip_on=False)  # fmt: skip
             else:
@@ -280,9 +282,9 @@ class ExpectedLevel:
 
     row: int  # of the figure
     name: str  # key of [expect]
-    from_s: float  # start of the time to which the value belongs
+    from_s: float  # time in s from which the value is evaluated
     low: float  # end of the expected range
-    high: float  # other end of the expected range
+    high: float  # upper end of the expected range
     obtained: float  # value of the run
 
 
@@ -292,8 +294,9 @@ class Settling:
 
     from_s: float
     band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
-    expected_s: tuple[float, float] | None  # range; None: the signal must not settle
-    obtained_s: float | None  # None: the signal does not settle
+    # expected range of the settling time in s; None: the signal must not settle
+    expected_s: tuple[float, float] | None
+    obtained_s: float | None  # settling time of the run in s; None: the signal does not settle
 
 
 def comparison(
@@ -346,7 +349,7 @@ def comparison(
     text = axes[-1].text(
         0, 1, table, family="monospace", fontsize=7.5, va="top", transform=axes[-1].transAxes
     )
-    text.set_in_layout(False)  # a wide table has no influence on the size of the curves
+    text.set_in_layout(False)  # a wide table must not change the size of the diagrams
     plt.close(figure)
     return figure
 
@@ -363,7 +366,8 @@ def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> Non
     ax.hlines(obtained, start, end, color=GOT, linestyle="--", linewidth=1.3, zorder=4)
     ax.annotate(
         level.name, (1, (low + high) / 2), (4, 0), xycoords=("axes fraction", "data"),
-        # on different sides, because the labels of peak and final value are often close together
+        # the labels of peak and final value are on different sides, because the two values are
+        # often close
         va="bottom" if level.name == "peak_force_N" else "top",
         textcoords="offset points", fontsize=7, color=WANTED, annotation_clip=False,
     )  # fmt: skip

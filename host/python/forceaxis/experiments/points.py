@@ -16,7 +16,7 @@ from forceaxis.experiments.inputs import Inputs, read_inputs
 from forceaxis.words import suggestion
 
 MOST_POINTS = 1_000_000
-Point: TypeAlias = tuple[float, ...]  # one value for each swept parameter
+Point: TypeAlias = tuple[float, ...]  # a point of a sweep: one value for each swept parameter
 # Values of a grid parameter: "FROM:TO:COUNT[:log]", "VALUE,VALUE,...", or a list of values.
 GridValues: TypeAlias = str | Iterable[float]
 
@@ -47,9 +47,10 @@ class SweepParameter:
     name: str
     low: float
     high: float
-    log: bool = False  # whether the range is divided on a logarithmic scale
+    log: bool = False  # True if the range is divided on a logarithmic scale
     values: Point = ()  # of a grid
-    tolerance: float = 0.0  # of a bisection: largest distance of the two ends of the boundary
+    # for a bisection: largest distance between the last stable and the last unstable value
+    tolerance: float = 0.0
 
     def at(self, u: float) -> float:
         """The value at the fraction u of the range, 0 to 1, rounded to 12 digits so that its text
@@ -173,7 +174,8 @@ def check_names(
 
 
 def _problem_of(name: str, experiment: Path, inputs: Inputs, overrides: Sequence[str]) -> str:
-    """Text about what is expected instead of `name`; empty if a sweep can change `name`."""
+    """Text that states which names are expected instead of `name`; empty if a sweep can change
+    `name`."""
     room, dot, key = name.partition(".")
     if not dot:
         if name not in inputs.parameters:

@@ -32,7 +32,8 @@ class RegressionOutcome:
     seconds: float = 0.0  # duration of the test
     message: str = ""  # the reason why the test could not run
     checks: list[expect.ExpectationCheck] = field(default_factory=list)
-    examined: expect.Examined | None = None  # stored while a figure or an update needs it
+    # run and checks, stored while a figure or an update needs the run
+    examined: expect.Examined | None = None
     drawn: Path | None = None  # the figure of its differences
 
     @property
@@ -88,7 +89,7 @@ class OutcomeSummary:
 
 @dataclass(frozen=True)
 class RegressionCounts:
-    """Numbers of tests by their status."""
+    """Number of tests with each status."""
 
     passed: int
     updated: int
@@ -98,8 +99,8 @@ class RegressionCounts:
 
 
 def is_test(file: Path) -> bool | None:
-    """Whether a file is an experiment with a table [expect]; None if it is no experiment. A file
-    that cannot be read counts as a test, which then reports the error."""
+    """Returns True if a file is an experiment with a table [expect], and None if the file is not an
+    experiment. A file that cannot be read is treated as a test, which then reports the error."""
     try:
         data = toml.read(file)
     except InputError:
@@ -248,7 +249,7 @@ def run(
         except KeyboardInterrupt:
             if out and fresh:
                 with contextlib.suppress(OSError):
-                    out.rmdir()  # fails if the folder contains a difference
+                    out.rmdir()  # rmdir() fails if the folder contains files about a difference
             raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)

@@ -22,7 +22,8 @@ FILLED_KEYS = ("verdict", "peak_force_N", "held_force_N", "final_value", "settle
 
 
 def bare(checks: Sequence[ExpectationCheck]) -> bool:
-    """Whether [expect] is empty or contains only the verdict, so that an update fills the table."""
+    """Returns True if [expect] is empty or contains only the verdict, so that an update fills the
+    table."""
     return all(check.key == "verdict" for check in checks)
 
 
@@ -51,7 +52,7 @@ def updated(text: str, examined: Examined) -> str:
 
     try:
         document = tomlkit.parse(text)
-    # tomlkit may refuse a text that the reader of experiments accepts
+    # tomlkit may refuse a text that the TOML reader of the experiments accepts
     except tomlkit.exceptions.ParseError as error:
         file = examined.run.experiment
         raise InputError(f"{file}: file: expected TOML that can be edited, got: {error}") from None
@@ -92,7 +93,7 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
 
 
 def written(value: Obtained, allowed: Tolerance | None) -> Obtained:
-    """A value as it is written to the file: a number with the fewest decimals that is within a
+    """Returns the text of a value for the file: a number with the fewest decimals that is within a
     hundredth of its tolerance. allowed: the tolerance; None for a text."""
     if not isinstance(value, float) or allowed is None:
         return value

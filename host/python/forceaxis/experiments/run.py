@@ -25,16 +25,16 @@ class Run:
     experiment: Path  # file of the experiment
     model: Path  # file of the model
     result: RunResult
-    columns: Columns  # of the trace, with one value for each tick
+    columns: Columns  # columns of the trace, with one value for each tick
     # (time_s, element, state before, state after) of each change of state
     events: list[tuple[float, str, str, str]]
     plot: run_result.PlotTable
-    shows: str  # text of the file about the expected behaviour
+    shows: str  # text in the file that describes the expected behaviour
     # (time of the change in s, N) of each force set-point; empty if no force is controlled
     setpoints: list[tuple[float, float]]
     impulses: list[tuple[float, str, float]]  # (time_s, body, N s) of each impulse on a body
     contacts: list[str]  # names of the contacts of the model
-    signal_units: dict[str, str]  # signal of the model -> its unit
+    signal_units: dict[str, str]  # {signal of the model: unit of the signal}
     overrides: tuple[str, ...]  # texts NAME=VALUE
 
     @property
@@ -50,8 +50,8 @@ class Run:
 
     @property
     def in_plot(self) -> NDArray[np.bool_]:
-        """Whether each tick is within the range of [plot], (n,). The whole run is shown if it ended
-        before this range."""
+        """Returns for each tick True if the tick is within the time range of [plot], (n,). The
+        whole run is shown if it ended before this range."""
         time_s, plot = self.time_s, self.plot
         start = time_s[0] if plot.from_s is None else plot.from_s
         stop = time_s[-1] if plot.to_s is None else plot.to_s

@@ -13,7 +13,7 @@ from forceaxis.results import json_field
 
 CoreTable: TypeAlias = Mapping[str, Any]  # a dict of the compiled module
 Array: TypeAlias = np.ndarray[Any, np.dtype[Any]]  # of numbers or texts
-Columns: TypeAlias = dict[str, Array]  # name of a column -> its values
+Columns: TypeAlias = dict[str, Array]  # {name of a column: values of the column}
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Converter:
 
     signal: str  # name of the quantity in the model
     unit: str
-    per_code: float  # change of the quantity for one code
+    per_code: float  # change of the quantity per code, in `unit`
     zero: int  # code that represents 0
     bits: int
 
@@ -52,8 +52,9 @@ class HeldForce:
     error_N: float
     error_percent: float  # of the set-point
     overshoot_percent: float  # of the set-point
-    from_s: float  # start of settle_s: time of the last set-point or of a later first contact
-    settle_s: float | None  # None: the force does not settle
+    # time from which settle_s is counted: last change of the set-point, or a later first contact
+    from_s: float
+    settle_s: float | None  # settling time in s; None: the force does not settle
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,11 @@ class Metrics:
 
     window_ticks: int
     window_start_s: float
-    force_ripple_count: float  # in the window, in counts of 8 bits
-    force_ripple_late_count: float  # force_ripple_count of the second half of the window
-    position_ripple_count: float  # in the window, in encoder counts
-    position_ripple_late_count: float  # position_ripple_count of the second half of the window
+    force_ripple_count: float  # force ripple in the window of the verdict, in 8-bit counts
+    force_ripple_late_count: float  # force ripple in the second half of the window, in 8-bit counts
+    position_ripple_count: float  # position ripple in the window of the verdict, in encoder counts
+    # position ripple in the second half of the window, in encoder counts
+    position_ripple_late_count: float
     contacts: int  # number of contacts of the model
     contact_losses: int  # in the window
     contact_losses_run: int  # in the whole run
@@ -74,13 +76,18 @@ class Metrics:
     in_contact: bool  # at the end
     peak_force_N: float
     final_force_N: float
-    saturated_ticks: int  # ticks of the window with the output at an end of its range
-    saturated_run_ticks: int  # longest sequence of such ticks in the run
-    reading_range_ticks: int  # ticks of the window with the force at an end of the ADC range
-    setpoint_beyond_N: float | None  # first set-point outside the range of the measured force
+    # number of ticks of the window in which the DAC code is at an end of its range
+    saturated_ticks: int
+    # largest number of successive ticks of the run in which the DAC code is at an end of its range
+    saturated_run_ticks: int
+    # number of ticks of the window in which the measured force is at an end of the ADC range
+    reading_range_ticks: int
+    # first force set-point outside the range of the measured force; None: no such set-point
+    setpoint_beyond_N: float | None
     reading_end_N: float  # end of the range of the measured force
     last_adc_change_tick: int  # last tick in which the code of ADC 0 changed
-    held_force: HeldForce | None  # None: the experiment controls no force
+    # figures of the controlled force; None: the experiment controls no force
+    held_force: HeldForce | None
 
 
 @dataclass(frozen=True)
@@ -98,7 +105,8 @@ class Criterion:
     peak_force_max_percent: float | None
     contact_losses_max: float | None
     saturated_max_s: float | None
-    contact_held: bool | list[str]  # whether contacts must remain closed, or the names of those
+    # True if all contacts must remain closed, or a list of contacts that must remain closed
+    contact_held: bool | list[str]
 
 
 @dataclass(frozen=True)
@@ -107,7 +115,7 @@ class MissedLimit:
 
     limit: str  # key of [verdict], or the name of another condition
     verdict: str  # that follows
-    value: float | None  # value of the run; None: infinite, for a force that does not settle
+    value: float | None  # value of the run; None: infinite, because the force does not settle
     bound: float
     unit: str
 
@@ -118,7 +126,7 @@ class Energy:
 
     initial_J: float
     supplied_J: float
-    dissipated_J: dict[str, float]  # element of the model -> energy
+    dissipated_J: dict[str, float]  # {element of the model: dissipated energy in J}
     kinetic_J: float
     stored_J: float
     discarded_J: float
@@ -184,16 +192,16 @@ class JournalFacts:
     experiment: str
     overrides: list[str]
     entries: int
-    ticks: int | None  # number of ticks in the recorded run; None: the journal is incomplete
+    ticks: int | None  # number of ticks of the recorded run; None: the journal is incomplete
     trace_hash: str  # trace hash of the recorded run; empty: the journal is incomplete
-    traced: bool  # False: the session is longer than ten minutes
+    traced: bool  # False: the replay has no trace, because the session is longer than ten minutes
 
 
 @dataclass(frozen=True)
 class ReplayedJournal(JournalFacts):
     """A journal that was replayed."""
 
-    same: bool  # whether the replay has the same trace hash
+    same: bool  # True if replay and recorded run have equal trace hashes
 
 
 @dataclass(frozen=True)
@@ -202,7 +210,7 @@ class PlotTable:
 
     # names of the columns in each row of the figure
     rows: list[list[str]] = field(default_factory=lambda: [["encoder"], ["adc0"], ["dac"]])
-    from_s: float | None = None  # None: from the start of the run
+    from_s: float | None = None  # start of the shown time in s; None: start of the run
     to_s: float | None = None  # None: to the end of the run
 
 
@@ -213,14 +221,15 @@ class RunResult:
     experiment: str
     title: str
     figure: str  # figure number of the thesis; may be empty
-    verdict: str | None  # None: the experiment has no [verdict]
+    verdict: str | None  # verdict of the run; None: the experiment has no [verdict]
     because: list[str]  # reasons for a verdict other than "stable", as texts
     missed: list[MissedLimit]
     warnings: list[str]
     fault: str
     refused: list[RefusedWrite]
     trace_hash: str
-    # smallest distance of a converted value from a code edge in LSB; None: no value was converted
+    # smallest distance in LSB of a converted value from the edge between two codes; None: no value
+    # was converted
     edge_margin: float | None
     ticks: int  # number of ticks
     events: int  # number of changes of state of elements

@@ -46,7 +46,7 @@ def ripple(
     beyond: bool = False,
 ) -> str:
     """The ripple of the force or of the position as text, with its limit. what: "force" or
-    "position"; count, limit: in counts; beyond: whether the ripple exceeds the limit."""
+    "position"; count, limit: in counts; beyond: True if the ripple exceeds the limit."""
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
     in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"
@@ -66,7 +66,7 @@ def reasons(
     return [_missed(limit, metrics, fault, converters) for limit in missed]
 
 
-# {limit: text about a run that exceeds the limit}.
+# {name of a limit: text about a run that exceeds this limit}.
 MISSED = {
     "fault": "fault {fault}",
     "setpoint": "no set-point of force at the end",

@@ -82,12 +82,12 @@ class SweepRequest:
     count: int | None = None  # number of random points
     seed: int = 0  # of the random points
     bisect: Mapping[str, str] = field(default_factory=dict)  # name -> "FROM:TO:TOLERANCE"
-    overrides: Sequence[str] = ()  # texts NAME=VALUE, equal for all points
-    refine: bool = False  # whether the points around each isolated point are also run
+    overrides: Sequence[str] = ()  # texts NAME=VALUE that apply to all points of the sweep
+    refine: bool = False  # True if the points around each isolated point are run too
 
     def command(self, out: Path | None, scheduler: str | None) -> str:
-        """The command line that repeats the sweep. out: its folder; scheduler: address of a Dask
-        scheduler."""
+        """The command line that repeats the sweep. out: folder of the sweep; scheduler: address of
+        a Dask scheduler."""
         grid = [
             f"{name}={v if isinstance(v, str) else ','.join(repr(float(x)) for x in v)}"
             for name, v in self.grid.items()
@@ -155,7 +155,8 @@ def sweep(
     threads: int | None = None,
     scheduler: str | None = None,
 ) -> Sweep:
-    """Runs the experiment at every point and writes the results to folder `out`, if given.
+    """Runs the experiment at every point and writes the results to the folder `out` unless `out` is
+    None.
 
     threads: number of threads, by default one for each core. scheduler: address of a Dask scheduler
     whose workers run the points instead of threads. Raises ParameterError or InputError for an
@@ -350,7 +351,7 @@ class Journal:
         data = file.read()
         whole = data[: data.rfind(b"\n") + 1]
         lines = [read_line(line) for line in whole.splitlines()]
-        # a new file, or a process killed during its first line
+        # the file is new, or a process was killed while writing the first line
         if not lines and self._line(identity).startswith(data):
             file.truncate(0)
             file.write(self._line(identity))
@@ -378,7 +379,7 @@ class Journal:
         return json.dumps(to_json(entry), allow_nan=False).encode() + b"\n"
 
     def add(self, key: str, values: Row, outcome: PointOutcome) -> None:
-        """Adds a finished run. values: of the swept parameters."""
+        """Adds a finished run. values: values of the swept parameters."""
         self.known[key] = outcome
         if self.file:
             entry = asdict(outcome)
@@ -447,7 +448,7 @@ class Runner:
         return hashlib.sha256((self.salt + text).encode()).hexdigest()
 
     def __call__(self, rows: Sequence[Row]) -> list[PointOutcome]:
-        """The outcomes of the rows, in their order."""
+        """Returns the outcomes of the rows, in the order of the rows."""
         keys = [self.key(row) for row in rows]
         missing = {k: row for k, row in zip(keys, rows, strict=True) if k not in self.journal.known}
         # Sorted by model, so that the modes of each model are computed once.
@@ -596,7 +597,7 @@ def run_chunk(
 
 def boundaries(runner: Runner, rows: Sequence[Row], search: SweepParameter) -> list[Boundary]:
     """The stability boundary along `search` for each row of values. The range of `search` is halved
-    until its tolerance is reached."""
+    until the tolerance of `search` is reached."""
     found = [Boundary(row) for row in rows]
 
     def verdicts(wanted: Sequence[tuple[Boundary, float]]) -> list[str | None]:

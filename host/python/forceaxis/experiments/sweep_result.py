@@ -95,7 +95,7 @@ class Boundary:
         return tidy((self.stable + self.unstable) / 2)
 
     def is_open(self, tolerance: float) -> bool:
-        """Whether the range is still wider than the tolerance and can be halved."""
+        """True if the range is wider than the tolerance and can be halved."""
         return (
             self.searching
             and abs(self.unstable - self.stable) > tolerance

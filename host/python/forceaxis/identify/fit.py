@@ -20,18 +20,19 @@ from forceaxis.identify.procedures import header_of, read_columns
 from forceaxis.identify.setup import is_number
 from forceaxis.results import to_json
 
-WARNED_CORRELATION = 0.95  # correlation of two estimates from which a warning is given
-# half width of an interval of the logarithm from which a warning is given
+WARNED_CORRELATION = 0.95  # smallest correlation of two estimates that causes a warning
+# smallest half width of the confidence interval of a logarithm that causes a warning
 WARNED_HALF_WIDTH = math.log(2)
-# smallest ratio of singular values of the normalised Jacobian for separate parameters
+# smallest ratio of the singular values of the normalised Jacobian at which parameters are
+# distinguishable
 LEAST_SINGULAR_RATIO = 1e-7
-LEAST_EFFECT = 1e-9  # smallest relative change of a response that counts as an effect
+LEAST_EFFECT = 1e-9  # smallest relative change of a response that is an effect of a parameter
 # probability of the chi-square below which other start values are tried and the fit is rejected
 REJECTED_BELOW = 1e-3
 OTHER_STARTS = 24  # number of other start values
-# Arrays of a Measurement, by their names in its file.
+# Fields of a Measurement that are arrays, by the names in the file response.npz.
 ARRAYS = ("frequency_hz", "response", "coherence", "variance", "floor")
-# search range about the logarithm of the start value: a factor of 20 up and down
+# half width of the search range of a logarithm: a factor of 20 above and below the start value
 SEARCH_RANGE = 3.0
 
 
@@ -64,7 +65,7 @@ class ParameterFit:
 
     @property
     def rejected(self) -> bool:
-        """Whether no values of the parameters explain the measured response. Then `values` are the
+        """True if no values of the parameters explain the measured response. Then `values` are the
         best fit, but not the parameters of the plant, and the intervals are invalid."""
         return self.p_value < REJECTED_BELOW
 
@@ -125,8 +126,8 @@ class FitProblem:
         return as_real(np.asarray(error * size, complex))
 
     def search(self, begin: Reals) -> optimize.OptimizeResult:
-        """Search with the coarse residuals, which converge from distant start values, then with the
-        likelihood."""
+        """Searches first with the coarse residuals, which converge from distant start values, then
+        with the likelihood."""
         low, high = self.start - SEARCH_RANGE, self.start + SEARCH_RANGE
         options = {"bounds": (low, high), "x_scale": "jac", "max_nfev": 60}
         near = optimize.least_squares(self.coarse, begin, loss="soft_l1", **options).x
@@ -271,8 +272,9 @@ def check_separate(names: Sequence[str], J: Reals, where: str) -> None:
 
 @dataclass(frozen=True)
 class ResponseSettings:
-    """Keys of a Measurement that replace the recorded keys; None: as recorded. A CSV file needs
-    `output`, `averages` and `dt`, because it does not contain them."""
+    """Values that replace the recorded values of a Measurement; None: the recorded value is used. A
+    CSV file needs `output`, `averages` and `dt`, because a CSV file does not contain these
+    values."""
 
     input: str | None = None
     output: str | None = None
@@ -456,8 +458,8 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FitSummary:
-    """A ParameterFit in the form of `identify fit --json`. The command line puts the fitted values
-    into `set` as its options; `set` is None if the model is rejected."""
+    """A ParameterFit in the form of `identify fit --json`. `set` contains the fitted values as
+    options of the command line; `set` is None if the model is rejected."""
 
     model: str
     input: str

@@ -32,26 +32,27 @@ from forceaxis._core import InputError
 from forceaxis.identify.measurement import Complexes, Measurement, Reals
 from forceaxis.identify.setup import CODES, Setup, SetupTable, read_setup
 
-TRANSIENT_SHARE = 1e-8  # remaining share of a transient at the start of a recording
-FIRST_HANN_LINE = 3  # number of the first spectral line that is used with a Hann window
+TRANSIENT_SHARE = 1e-8  # share of a transient that may remain at the start of a recording
+FIRST_HANN_LINE = 3  # number of the lowest spectral line that is used with a Hann window
 MOST_STEPS = 20_000_000  # of a measurement
 MOST_PARTS = 64  # of a tick
 
 Lines = NDArray[np.int_]  # numbers of spectral lines
-Records = list[tuple[Lines, Reals]]  # lines, and their signals (averages, 2, samples)
+# list of (spectral lines, input and output of these lines as an array (averages, 2, samples))
+Records = list[tuple[Lines, Reals]]
 
 
 class ExcitedPlant:
     """A plant with one kind of excitation: applies the excitation and records two signals."""
 
-    wave: Reals  # V, one period; with a window the complete excitation
+    wave: Reals  # excitation in V: one period, or with a window the complete excitation
 
     def __init__(
         self, setup: Setup, overrides: linear.Overrides, parts: int, samples: int, where: str
     ) -> None:
         self.setup, self.samples, self.where = setup, samples, where
         self.columns = [setup.input, setup.output]
-        # number of ADC codes at an end of the range, and of all ADC codes
+        # number of ADC codes at an end of the range, and number of all ADC codes
         self.at_end = self.converted = 0
         self.met: Counter[str] = Counter()  # "element: state" -> number of samples
         try:
@@ -102,8 +103,8 @@ class ExcitedPlant:
             self.started = True
 
     def waveform(self, rng: np.random.Generator, line: int | None) -> Reals:
-        """The next realisation of the excitation in V: one period without a window, all segments
-        with a window."""
+        """Returns the next realisation of the excitation in V: one period without a window, all
+        segments with a window."""
         from scipy import fft, signal
 
         setup, count = self.setup, self.samples
@@ -157,7 +158,7 @@ class ExcitedPlant:
 
 
 def unstable(where: str, text: str) -> InputError:
-    """The error for a response whose amplitude grows."""
+    """Returns the InputError for a response whose amplitude grows."""
     return InputError(
         f"{where}: excitation: expected a response that settles, but the excited axis is "
         f"unstable: {text}; lower the level, or close a loop that controls the position of the "
@@ -190,7 +191,8 @@ def settling_steps(system: linear.System, where: str) -> int:
             f"{where}: model: expected a stable plant, got a pole at +{rate:.3g} 1/s, with which "
             "the excited axis is unstable; change the parameters, or measure with open contacts"
         )
-    still = abs(poles - 1) < 1e-7  # poles of integrators, whose drift is removed
+    # marks poles of integrators; the drift of an integrator is removed from the records
+    still = abs(poles - 1) < 1e-7
     slowest = size[~still].max(initial=0)
     if slowest > 1 - 1e-7:
         raise InputError(
@@ -323,8 +325,8 @@ def grid_of(setup: Setup, where: str) -> tuple[int, int, Lines]:
 def settling_of(
     setup: Setup, plant_set: linear.Overrides | None, dt: float, where: str
 ) -> tuple[int, bool]:
-    """(number of samples after which a transient has decayed, whether the plant integrates, so that
-    its output drifts). Raises InputError."""
+    """(number of samples after which a transient has decayed, True if the plant integrates, so that
+    the output drifts). Raises InputError."""
     overrides = dict(setup.set)
     continuous = linear.linearise(
         setup.model,
@@ -373,7 +375,8 @@ def record_periods(
             bench.prepare(rng, line)
             before = bench.play(lead_in * n)[:, -n:]
             now = bench.play(n)
-            if grown(before, now):  # a contact that opens and closes may grow once by chance
+            # with a contact that opens and closes, the range may grow once by chance
+            if grown(before, now):
                 before, now = now, bench.play(n)
                 if (factor := grown(before, now)) is not None:
                     raise unstable(
@@ -386,8 +389,8 @@ def record_periods(
 
 
 def grown(before: Reals, now: Reals) -> float | None:
-    """Factor by which the range of a signal grows from the previous period to this period; None if
-    the range grows by less than a factor of 1.5."""
+    """Returns the factor by which the range of a signal grows from the previous period to the
+    present period; None for a factor below 1.5."""
     swing = np.ptp(before, axis=1)
     factor = (np.ptp(now, axis=1) / np.maximum(swing, 1e-300)).max()
     return float(factor) if swing.min() > 0 and factor > 1.5 else None
@@ -425,8 +428,8 @@ def estimate(
     rng: np.random.Generator,
     where: str,
 ) -> Measurement:
-    """The Measurement `done` with response (H1), coherence, variance and the standard deviation by
-    quantisation, computed from the records."""
+    """Returns the Measurement `done` with results from the records: response (H1), coherence,
+    variance, and standard deviation due to quantisation."""
     from scipy import fft
 
     coherence, variance, floor = np.empty((3, len(lines)))

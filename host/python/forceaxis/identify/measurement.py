@@ -15,9 +15,11 @@ from forceaxis.results import json_field
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-CONFIDENCE = 0.95  # probability of all confidence intervals and bands
-COHERENT = 0.9  # coherence above which a point counts as coherent
-FLAT_SPREAD = 0.1  # largest relative spread of the amplitudes in an octave that count as constant
+# probability with which each confidence interval and band contains the true value
+CONFIDENCE = 0.95
+COHERENT = 0.9  # coherence above which a point is treated as coherent
+# largest relative spread of the amplitudes in an octave at which the magnitude is constant
+FLAT_SPREAD = 0.1
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,11 @@ class Comparison:
     """Test of whether the response of a model agrees with a measured response."""
 
     points: int  # number of frequencies
-    coherent: int  # number of points with a coherence above 0.9
-    inside: float | None  # share of the coherent points in the 95 % band; None: no such points
-    statistic: float  # chi-square with 2 degrees of freedom for each point
+    coherent: int  # number of coherent points, with a coherence above 0.9
+    inside: float | None  # share of the coherent points in the 95 % band; None: no coherent points
+    statistic: float  # chi-square statistic with 2 degrees of freedom for each point
     p_value: float  # probability of a statistic at least as large if the model is correct
-    fits: bool  # whether p_value is at least 0.05
+    fits: bool  # True if the model agrees with the response: p_value is at least 0.05
 
 
 @dataclass(frozen=True, kw_only=True)

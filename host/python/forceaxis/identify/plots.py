@@ -93,7 +93,7 @@ def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure
     ):
         axes[0].loglog(f, abs(values), linestyle, color=color, label=label, **THIN)
         degrees = np.degrees(np.angle(values))
-        # a gap at the change from -180 to 180 degrees
+        # no line is drawn at a change of the phase from -180 to 180 degrees
         degrees = np.where(abs(np.diff(degrees, prepend=degrees[0])) > 180, np.nan, degrees)
         axes[1].semilogx(f, degrees, linestyle, color=color, **THIN)
     axes[0].set_ylabel(

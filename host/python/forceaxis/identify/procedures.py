@@ -18,13 +18,19 @@ from forceaxis._core import InputError
 from forceaxis.errors import ParameterError
 from forceaxis.identify.measurement import CONFIDENCE, Reals
 
-LARGEST_NUMBER = 1e100  # largest number of a CSV file, so that no sum of squares overflows
+# largest permitted number in a CSV file, so that no sum of squares overflows
+LARGEST_NUMBER = 1e100
 LEAST_CYCLES = 3  # of a ring-down
-LEAST_SAMPLES = 30  # of a ring-down; fewer samples of noise may resemble one
-START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)  # start values of decay rate / angular frequency
-START_SHARE = 0.9  # share of the largest amplitude at which the ring-down begins
-LEAST_EXPLAINED = 0.5  # smallest share of a record's variance that a ring-down has to explain
-# ratio of the residual density at the mode to white noise, from which a warning is given
+# smallest number of samples of a ring-down; fewer samples of noise may resemble a ring-down
+LEAST_SAMPLES = 30
+# start values for the ratio of decay rate to angular frequency
+START_RATIOS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
+# amplitude at which the evaluated ring-down begins, as a share of the largest amplitude
+START_SHARE = 0.9
+# smallest share of the variance of a record that the fitted ring-down has to explain
+LEAST_EXPLAINED = 0.5
+# smallest ratio of the spectral density of the residuals at the mode to white noise that causes a
+# warning
 WARNED_NOISE_RATIO = 4
 
 
@@ -56,13 +62,13 @@ class EstimateWithInterval:
 
 
 def finite(number: float) -> float | None:
-    """The number, or None if JSON cannot represent it."""
+    """Returns the number, or None if JSON cannot represent the number."""
     return float(number) if math.isfinite(number) else None
 
 
 def propagate(function: Callable[..., float], *estimates: Estimate, unit: str = "") -> Estimate:
-    """Estimate of a function of independent estimates. The square of its half width is the sum of
-    the squares that each estimate causes. unit: of the function."""
+    """Estimate of a function of independent estimates. The square of the half width is the sum of
+    the squared contributions of all estimates. unit: unit of the function."""
     values = [e.value for e in estimates]
     square = 0.0
     for i, e in enumerate(estimates):
@@ -192,8 +198,8 @@ def fit_damped_sine(
 
 
 def cycle_amplitudes(time: Reals, values: Reals, omega: float, starts: Reals) -> Reals:
-    """Amplitudes of the periods that begin at the times `starts` in s. Each amplitude is that of
-    the Fourier coefficient at omega, in rad/s, over one period."""
+    """Amplitudes of the periods that begin at the times `starts` in s. Each amplitude is the
+    magnitude of the Fourier coefficient at omega (in rad/s) over one period."""
     turning = values * np.exp(-1j * omega * time)
     steps = np.diff(time) * (turning[1:] + turning[:-1]) / 2
     total = np.concatenate([[0], np.cumsum(steps)])
@@ -342,7 +348,7 @@ def noise_of(
     lines = abs(np.fft.rfft(residuals)) ** 2 / n
     here = turned / (2 * math.pi)
     near = lines[max(1, round(here / 2)) : round(2 * here) + 1]
-    # the four parameters of the vibration reduce the degrees of freedom
+    # the fit of four parameters of the vibration reduces the degrees of freedom
     local = float(near.sum() / max(len(near) - 2, 1))
     # Rounding without noise depends on the vibration and causes errors of the amplitude that the
     # residuals do not contain. Twice the variance of rounding, step^2 / 12, covers these errors.
@@ -428,8 +434,11 @@ def split(total_mass: Estimate, stiffness: Estimate, frequency_hz: Estimate) -> 
         return (m + math.sqrt(max(m * m - 4 * m * locked(k, f), 0))) / 2
 
     def smaller(
-        m: float, k: float, f: float
-    ) -> float:  # from the product of both masses, to avoid a difference of nearly equal numbers
+        m: float,
+        k: float,
+        f: float,
+        # computed from the product of both masses, to avoid a difference of nearly equal numbers
+    ) -> float:
         return m * locked(k, f) / larger(m, k, f)
 
     def locked(k: float, f: float) -> float:

@@ -19,10 +19,10 @@ from forceaxis.identify.measurement import Complexes, Reals
 from forceaxis.linear.beam import Factored
 from forceaxis.linear.plant_facts import Overrides
 
-# Range of damping ratios in the fit: with a smaller one the peak is narrower than any data, with
-# a larger one there is no peak.
+# Range of damping ratios in the fit: with a smaller damping ratio, the peak is narrower than the
+# distance of measured frequencies; with a larger damping ratio, the response has no peak.
 DAMPING_RATIOS = (1e-5, 1.0)
-# Largest ratio of the frequency of a resonance to the frequency of its peak in the data.
+# Largest ratio of the fitted frequency of a resonance to the frequency of the peak in the data.
 FREQUENCY_RATIO = 1.3
 
 
@@ -37,7 +37,7 @@ class Resonance:
 
     @property
     def trough(self) -> tuple[float, float] | None:
-        """Frequency in Hz and damping ratio of the trough; None: no trough."""
+        """Frequency in Hz and damping ratio of the trough; None: the resonance has no trough."""
         if self.trough_hz is None or self.trough_damping is None:
             return None
         return self.trough_hz, self.trough_damping
@@ -210,16 +210,16 @@ def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
 def _match(
     f: Reals, target: Reals, peaks: list[float], troughs: list[float | None]
 ) -> list[Resonance]:
-    """Steps 4 and 5: adjusts the frequency and damping of each peak and trough in turn until those
-    of the model agree with those of the data. Each adjustment shifts the neighbours, so the rounds
-    are repeated."""
+    """Steps 4 and 5: adjusts the frequency and damping of each peak and trough in turn until the
+    peaks and troughs of the model agree with the data. Each adjustment shifts the neighbouring
+    peaks and troughs, so the rounds are repeated."""
     marks = [(hz, 1) for hz in peaks] + [(hz, -1) for hz in troughs if hz is not None]
     hz = np.array([mark[0] for mark in marks])
     sign = np.array([mark[1] for mark in marks])
     level = np.interp(np.log(hz), np.log(f), target)
     pairs = np.column_stack(
         [hz, np.full(len(hz), 0.05)]
-    )  # damping ratio that is typical in the thesis
+    )  # start value of the damping ratio, a typical value in the thesis
     around = np.geomspace(0.8, 1.25, 181)
 
     def model_db(at: Reals) -> Reals:

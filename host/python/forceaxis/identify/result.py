@@ -17,7 +17,7 @@ from forceaxis.identify.setup import Setup, SetupTable, read_setup
 from forceaxis.linear import working
 from forceaxis.results import to_json
 
-STOP_CONTACTS = (".low", ".high")  # ends of the names of the contacts of a stop
+STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts of a stop
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ class MeasurementResult(Generic[Summary]):
 
     setup: Setup | None  # None: a live axis
     measured: Measurement
-    model: Complexes | None  # (n,), from nominal parameters; None without a model
+    # response of the linear model with nominal parameters, (n,); None without a model
+    model: Complexes | None
     summary: Summary
     title: str  # of the figure
 
@@ -159,7 +160,8 @@ def _stuck(setup: Setup, measured: Measurement) -> list[str]:
 
 
 def hints(setup: Setup, measured: Measurement, contacts: Mapping[str, float]) -> list[str]:
-    """Texts about reasons for a difference from the linear model that are not wrong parameters."""
+    """Texts about reasons, other than wrong parameters, for a difference between the response and
+    the linear model."""
     texts = []
     moves = "lower the level or change the bias"
     for name, share in contacts.items():

@@ -15,7 +15,7 @@ CODES = ("adc0", "adc1", "encoder", "dac_code")  # signals of the firmware
 
 SetupTable: TypeAlias = Mapping[
     str, Any
-]  # keys of a measurement file, or options that replace them
+]  # keys of a measurement file, or options that replace these keys
 Check: TypeAlias = Callable[[TomlValue], bool]
 
 
@@ -81,7 +81,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
             )
     if "set" in options and isinstance(given.get("set", {}), dict):
         options["set"] = given.get("set", {}) | options["set"]
-    # the title of the file is not correct for another signal
+    # the title of the file describes only the signals of the file
     for key in ("input", "output"):
         if options.get(key, given.get(key)) != given.get(key):
             given = {k: v for k, v in given.items() if k not in ("title", "figure", "shows")}
@@ -90,7 +90,7 @@ def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[S
 
 
 def is_number(value: TomlValue) -> TypeGuard[float]:
-    """Whether a value of a file is a finite number."""
+    """Returns True if a value of a file is a finite number."""
     return not isinstance(value, bool) and isinstance(value, int | float) and math.isfinite(value)
 
 
@@ -126,7 +126,7 @@ def _is_line(value: TomlValue) -> bool:
     return isinstance(value, str) and bool(value) and value.isprintable()
 
 
-# {key: (text about its values, function that checks a value)}.
+# {key: (text about the permitted values, function that checks a value)}.
 KEYS: dict[str, tuple[str, Check]] = {
     "input": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
     "output": ("a signal's name", lambda value: isinstance(value, str) and bool(value)),
@@ -152,7 +152,7 @@ KEYS: dict[str, tuple[str, Check]] = {
 
 
 def check(given: SetupTable, where: str) -> Setup:
-    """A Setup from the keys of a file, after a check of each key. Raises InputError."""
+    """Returns a Setup from the keys of a file after a check of each key. Raises InputError."""
 
     def fail(key: str, text: str) -> NoReturn:
         raise InputError(f"{where}: {key}: {text}")
@@ -197,7 +197,7 @@ def check(given: SetupTable, where: str) -> Setup:
 
 
 def _check_codes(setup: Setup, fail: Callable[[str, str], NoReturn]) -> None:
-    """Reports a level or bias in DAC codes that the firmware cannot excite with."""
+    """Reports a level or a bias in DAC codes that the firmware cannot output."""
     level, bias = setup.level, setup.bias
     if not (level <= 2048 and level == int(level)):
         fail("level", f"expected a whole number of DAC codes from 1 to 2048, got {level:g}")
