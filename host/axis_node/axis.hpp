@@ -48,7 +48,7 @@ class Axis {
        std::span<const std::string> overrides, const AxisOptions &options,
        const std::string &suffix);
 
-  // Applies the data that the buses have received, then computes the next tick of the firmware.
+  // Passes the received bus data to the firmware, then computes the next tick of the firmware.
   host::LinkOutputs tick(const host::LinkInputs &in, ModbusPort *modbus);
   // Computes a tick without sensor values, in which the drive is disabled and the DAC code is 0.
   // This tick is not part of the trace.

@@ -21,7 +21,8 @@ class CanSocket {
   struct Options {
     // Filter for the frames that the kernel passes to the socket.
     can_filter filter;
-    // Classes of error frames that the socket receives, independent of the filter.
+    // Classes of CAN error frames that the socket receives. The filter does not apply to error
+    // frames.
     can_err_mask_t errors = 0;
     // true: receive() waits for a frame, at most for the time of set_wait().
     bool blocking = false;

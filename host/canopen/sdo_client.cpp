@@ -8,7 +8,7 @@
 namespace forceaxis::canopen {
 namespace {
 
-// Command specifiers in bits 5 to 7 (CiA 301, 7.2.4.3).
+// SDO command specifiers in bits 5 to 7 of the first byte (CiA 301, 7.2.4.3).
 constexpr unsigned kDownloadSegment = 0, kDownloadBegin = 1, kUploadBegin = 2, kUploadSegment = 3,
                    kAbort = 4;
 constexpr unsigned kAnswerUploadSegment = 0, kAnswerDownloadSegment = 1, kAnswerUpload = 2,
@@ -197,7 +197,7 @@ std::optional<Frame> SdoClient::receive(const Frame &answer) {
       toggle_ = !toggle_;
       break;
   }
-  // The server has accepted all data that was sent so far.
+  // At this point, the server has accepted all data that was sent.
   if (sent_ < data_.size() || (data_.empty() && state_ == State::download)) return next_segment();
   state_ = State::idle;
   return std::nullopt;

@@ -14,13 +14,13 @@
 
 namespace forceaxis::canopen {
 
-// Abort codes that this client sends. All other abort codes come from the server.
+// SDO abort codes that this client sends. All other abort codes come from the server.
 constexpr std::uint32_t kAbortToggle = 0x05030000, kAbortTimeout = 0x05040000,
                         kAbortCommand = 0x05040001, kAbortLength = 0x06070010;
 // Abort codes of SDO servers for which callers have a special reaction.
 constexpr std::uint32_t kAbortLocked = 0x08000021, kAbortState = 0x08000022;
 
-// Returns the meaning of an abort code, such as "value too high".
+// Returns the meaning of an SDO abort code, such as "value too high".
 std::string abort_text(std::uint32_t abort);
 
 struct SdoResult {

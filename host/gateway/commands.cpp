@@ -360,7 +360,7 @@ Task<GatewayCommands::Answer> GatewayCommands::capture(const axis_command_t &com
         "another recording is in progress; write 0 to recorder_arm to stop that recording";
     co_return answer;
   }
-  // The recording of an incident is already complete.
+  // An incident_command needs no new recording, because the recording of an incident is complete.
   const bool fetches = command.object == std::vector<std::string>{"incident_command"};
   for (const std::string &name : command.object) {
     if (!name.starts_with("recorder_") && !fetches) {

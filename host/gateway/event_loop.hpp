@@ -127,7 +127,7 @@ class Mailbox {
   }
   std::size_t size() const { return items_.size(); }
 
-  // For `co_await mailbox` by one coroutine at a time.
+  // Functions for `co_await mailbox`. Only one coroutine at a time may await the mailbox.
   bool await_ready() const { return !items_.empty(); }
   void await_suspend(std::coroutine_handle<> waiting) { waiting_ = waiting; }
   T await_resume() {

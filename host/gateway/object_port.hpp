@@ -41,7 +41,7 @@ class ObjectPort {
   }
   Task<ObjectResult> read(ObjectAddress address);
   Task<ObjectResult> write(ObjectAddress address, std::int64_t value);
-  // Reads a value of any length, such as a text.
+  // Reads an object with a value of any length, such as a text.
   Task<canopen::SdoResult> read_bytes(ObjectAddress address) {
     return channel_.upload(address.index, address.sub);
   }

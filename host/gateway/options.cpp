@@ -22,7 +22,7 @@ constexpr int kMostNodes = 127;
 constexpr std::uint32_t kFirstSdo = 0x680;
 constexpr int kSdosOfAxis = 4, kMostAxes = 24;
 
-// Returns the numbers in a text such as "1,2" or "1-6".
+// Returns the axis numbers in a text such as "1,2" or "1-6".
 std::vector<int> axes_of(const std::string &text) {
   const auto fail = [&text] {
     throw UsageError("--axes " + text + ": expected numbers from 1 to 127 such as 1,2 or 1-6");

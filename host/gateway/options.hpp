@@ -29,7 +29,7 @@ struct GatewayOptions {
 };
 
 void add_gateway_options(CLI::App &app, GatewayOptions &options);
-// Checks the options and derives the settings of the axes. Throws UsageError.
+// Checks the options and derives the settings of the axes from the options. Throws UsageError.
 void finish_gateway_options(GatewayOptions &options);
 
 }  // namespace forceaxis::nodes

@@ -28,10 +28,11 @@ class AxisPublisher {
   // Stores a value that was received, read or written. If the value has changed, publishes an
   // event.
   void update(std::uint16_t object, std::int64_t value);
-  // Discards all known values.
+  // Discards all stored values of the axis.
   void forget();
 
-  // Returns the firmware time of the last known tick in us, or lcm_bus::kNotAvailable.
+  // Returns the time of the last known tick of the firmware in us. Returns lcm_bus::kNotAvailable
+  // if no tick is known.
   std::int64_t utime() const;
 
   void publish_state(std::int64_t table_hash, std::int64_t nmt_state);

@@ -1,5 +1,5 @@
 #pragma once
-// Texts for numbers of CANopen and CiA 402.
+// Functions that return texts for values of CANopen and CiA 402 objects.
 #include <cstdint>
 #include <span>
 #include <string>

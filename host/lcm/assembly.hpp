@@ -41,8 +41,8 @@ class Assembly {
   explicit Assembly(std::function<bool(std::string_view channel)> wanted)
       : wanted_(std::move(wanted)) {}
 
-  // Returns the message that this datagram contains or completes, or nothing. Fragments must arrive
-  // in order. A repeated fragment is ignored.
+  // Returns the message that a datagram contains or completes. Returns nothing if no message is
+  // complete. Fragments must arrive in order. A repeated fragment is ignored.
   std::optional<Message> take(Sender sender, std::span<const std::uint8_t> datagram);
 
   // Returns the number of invalid inputs: datagrams that are not LCM, messages that are too large,

@@ -42,7 +42,7 @@ struct Drops {
   std::uint64_t incomplete = 0;  // number of messages with a missing fragment
 
   std::uint64_t total() const { return refused + malformed + incomplete; }
-  // Returns one line that names the counts that are not 0.
+  // Returns one line with all numbers that are not 0.
   std::string text() const;
 };
 
@@ -58,12 +58,12 @@ class AxisChannels {
   // each command from this machine or from a network in `remote`. To be called once. Throws
   // LcmError.
   void listen(const std::vector<int> &axes, const std::vector<Network> &remote, Command command);
-  // File descriptors for poll(). To be called after listen().
+  // Returns the file descriptors for poll(). To be called after listen().
   std::vector<int> fds() const { return {receiver_->fd(), refused_->fd()}; }
   void handle();
   Drops drops() const;
 
-  // These functions publish a message and fill in wall_utime, seq and run_id.
+  // Publish a message after setting the fields wall_utime, seq and run_id.
   void publish(int axis, axis_state_t &state);
   void publish(int axis, axis_event_t &event);
   void publish(int axis, axis_capture_t &capture);

@@ -1,5 +1,5 @@
 #pragma once
-// Definitions that every user of LCM needs.
+// Definitions for all files that use LCM.
 #include <chrono>
 #include <cstdint>
 #include <cstdlib>

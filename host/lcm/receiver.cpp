@@ -108,7 +108,7 @@ std::optional<std::uint32_t> address_of(const std::string &text) {
 std::optional<std::uint32_t> mask_of(const std::string &text) {
   if (const auto mask = address_of(text)) {
     const std::uint32_t outside = ~*mask;
-    // The mask must consist of ones followed by zeros.
+    // A network mask must consist of ones followed by zeros.
     if ((outside & (outside + 1)) != 0) return std::nullopt;
     return mask;
   }

@@ -18,14 +18,16 @@ struct Place {
 // Returns the parts of a URL for which url_trouble() returns an empty text.
 Place place_of(const std::string &url);
 
-// Returns the error of a URL and its remedy in one line, or an empty text if the URL is valid.
+// Returns one line with the error in a URL and the remedy. Returns an empty text if the URL is
+// valid.
 std::string url_trouble(const std::string &url);
 
 // Checks the URL like url_trouble(). Also checks that the machine has a route for multicast,
 // because otherwise every message would be lost.
 std::string trouble(const std::string &url);
 
-// Returns the URL. Throws an Error with the text of trouble() if this text is not empty.
+// Returns the same URL. If trouble() returns a text that is not empty, throws an Error with this
+// text.
 template <class Error>
 const std::string &usable(const std::string &url) {
   const std::string wrong = trouble(url);

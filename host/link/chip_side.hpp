@@ -48,7 +48,7 @@ class ChipSide {
 
   LinkOutputs tick(const LinkInputs &in);
 
-  // Ends the run on the chip and returns its counters.
+  // Ends the run on the chip and returns the counters of the chip.
   ChipCounts end();
 
   std::string hash() { return hash_.hex(); }
@@ -72,7 +72,7 @@ struct ChipRun {
 };
 
 // Runs an experiment as run() does, with the firmware on the emulated chip. result.firmware_hash is
-// computed from the inputs that the chip received and the outputs that it sent.
+// computed from the inputs sent to the chip and the outputs received from the chip.
 ChipRun run_on_chip(const Experiment &experiment, const RunOptions &options,
                     const ChipPipes &pipes);
 

@@ -28,7 +28,7 @@ void flip(LinkOutputs &out, int bit) {
 class Dice {
  public:
   explicit Dice(std::uint64_t seed) : state_(seed) {}
-  // Returns a number in [0, 1).
+  // Returns the next random number in [0, 1).
   double next() {
     std::uint64_t z = (state_ += 0x9E3779B97F4A7C15U);
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;

@@ -44,7 +44,7 @@ struct Interruptions {
   int count = 0;
   std::chrono::milliseconds total{0};
 
-  // Adds an interruption. Returns its text, such as "2.003 s, 3004 ticks".
+  // Adds an interruption of this length. Returns the length as text, such as "2.003 s, 3004 ticks".
   std::string add(std::chrono::milliseconds time) {
     ++count;
     total += time;

@@ -9,10 +9,10 @@
 
 namespace forceaxis::modbus {
 
-// A protocol data unit: function code and data, without unit and length.
+// A Modbus protocol data unit: function code and data, without unit and length.
 using Pdu = std::vector<std::uint8_t>;
 
-// The fields of a request that its answer repeats.
+// The header fields of a request that are repeated in the answer.
 struct Header {
   std::array<std::uint8_t, 2> transaction;
   std::uint8_t unit;
@@ -47,7 +47,7 @@ class FrameBuffer {
   std::vector<std::uint8_t> bytes_;
 };
 
-// Returns the frame of an answer. `pdu` has 1 to 253 bytes.
+// Returns the frame with an answer for a client. `pdu` has 1 to 253 bytes.
 std::vector<std::uint8_t> frame_of(const Header &header, std::span<const std::uint8_t> pdu);
 
 }  // namespace forceaxis::modbus

@@ -38,7 +38,7 @@ class TcpServer {
   using Time = std::chrono::steady_clock::time_point;
 
   static constexpr std::size_t kMostClients = 32;
-  // Longest time from the first byte of a request to its last byte.
+  // Longest permitted time from the first byte to the last byte of a request.
   static constexpr std::chrono::milliseconds kHalf{2000};
   // Time after an accepted write for which a client keeps its connection. This time is longer than
   // the longest watchdog time of an axis.
@@ -60,8 +60,8 @@ class TcpServer {
   // Returns the listening socket for poll(). The server owns this socket.
   int listening() const { return listening_; }
   std::size_t clients() const { return clients_.size(); }
-  // Accepts a pending connection. Returns the number of the client and its socket, or {0, -1} if no
-  // connection is pending or no connection can be replaced.
+  // Accepts a pending connection. Returns the client number and the socket of the client. Returns
+  // {0, -1} if no connection is pending, or if the new client can replace no other client.
   std::pair<std::uint64_t, int> accept(Time now);
   // Reads the pending bytes of a client and calls Serve if a request is complete. receive() and
   // answer() have no effect for a client whose connection has ended.
@@ -85,7 +85,7 @@ class TcpServer {
   };
   using Clients = std::map<std::uint64_t, Client>;
 
-  // Returns false if the connection must be closed.
+  // Serves the next complete request of a client. Returns false if the connection must be closed.
   bool serve_next(std::uint64_t number, Client &client, Time now);
   // Returns the client that a new client may replace. Returns end() if no client may be replaced.
   Clients::iterator most_idle(Time now);

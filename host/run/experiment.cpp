@@ -81,7 +81,7 @@ Action read_action(Section &section, double duration_s, const sim::Model &model,
   return action;
 }
 
-// Reads contact_held: true, false, the name of a contact or a list of names.
+// Reads the key contact_held, whose value is true, false, the name of a contact or a list of names.
 void read_contact_held(Section &section, const sim::Model &model, Criterion &criterion) {
   const toml::node *node = section.find("contact_held");
   if (node == nullptr) return;

@@ -75,7 +75,7 @@ struct Criterion {
   bool limits_run() const { return peak_force_max_N || contact_losses_max || saturated_max_s; }
 };
 
-// The content of the plot of a run.
+// The columns and the time range of the plot of a run.
 struct Plot {
   // Names of the columns of the trace in each diagram; empty for the default diagrams.
   std::vector<std::vector<std::string>> rows;
@@ -104,7 +104,7 @@ struct Experiment {
   std::vector<std::uint16_t> traced;
   // Table [expect] of the file, or nullptr if the file has no such table.
   std::shared_ptr<const toml::table> expect;
-  // Parameters in [set] that neither the model nor the experiment uses.
+  // Names of the parameters in the table [set] that neither the model nor the experiment uses.
   std::vector<std::string> unused;
 };
 
@@ -157,7 +157,7 @@ void make_endless(Experiment &experiment);
 // Throws sim::InputError.
 void expect_evaluable(const Experiment &experiment);
 
-// Refuses parameters in [set] that have no effect. Throws sim::InputError.
+// Refuses parameters in the table [set] that have no effect. Throws sim::InputError.
 void expect_used(const Experiment &experiment);
 
 }  // namespace forceaxis::host

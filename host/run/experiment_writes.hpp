@@ -20,7 +20,7 @@ struct Refusal {
 
 class ExperimentWrites {
  public:
-  // Writes an object before a tick. Returns FW_OK or FW_ERROR_.
+  // Function that writes an object before a tick and returns FW_OK or FW_ERROR_.
   using Write = std::function<int(std::int64_t tick, const ObjectWrite &)>;
 
   // The experiment must exist as long as this object.

@@ -27,13 +27,12 @@ struct FirmwareOptions {
 
 class FirmwareSide {
  public:
-  // Powers up the firmware and makes the initial writes as ExperimentWrites::write_initial() does.
+  // Powers up the firmware and makes the initial writes by ExperimentWrites::write_initial().
   // Throws sim::InputError if the firmware refuses an initial write. The experiment must exist as
   // long as this object.
   FirmwareSide(const Experiment &experiment, const FirmwareOptions &options);
 
-  // Computes the next tick: first the writes of the experiment for this tick, then the tick of the
-  // firmware.
+  // Makes the writes of the experiment for the next tick, then computes this tick of the firmware.
   LinkOutputs tick(const LinkInputs &in) {
     if (writes_.due(in.tick)) write_due(in.tick);
     axis_inputs_t inputs{};

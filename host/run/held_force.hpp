@@ -19,7 +19,7 @@ struct Experiment;
 // operation for which firmware/drive/modes.h declares a force as the controlled quantity.
 struct ForceTask {
   double setpoint_N = 0.0;
-  // Tick of the last set-point, of the last impulse, or of the last start or end of an excitation.
+  // Tick of the last of these actions: a set-point, an impulse, the start or end of an excitation.
   std::int64_t from_tick = 0;
   std::string signal;  // name of the force signal that ADC 0 converts
 };

@@ -55,7 +55,7 @@ class JournalWriter {
   // Returns true if all flushed entries were written to the file. If the disk is full, the run
   // continues without the journal.
   bool good() const { return out_.good(); }
-  // Writes and flushes the state of the firmware at power-up, with its stored parameters.
+  // Writes and flushes the entries for the state at power-up: config, store and archive.
   void power_up(const fw_config_t &config);
   void write(std::int64_t tick, std::uint16_t object, std::int32_t raw);
   void can(std::int64_t tick, const can_frame_t &frame);

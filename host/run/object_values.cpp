@@ -120,7 +120,7 @@ struct Value {
   std::string origin;  // Text in the file for messages, such as " (\"75 N\")", or empty.
 };
 
-// Refuses a text that is neither a quantity nor a parameter.
+// Refuses a text that is not a quantity and not the name of a parameter.
 [[noreturn]] void fail_unknown(sim::Section &section, const std::string &name,
                                const std::string &text, const axis_object_meta_t &meta,
                                const std::variant<Scale, Obstacle> &scale) {

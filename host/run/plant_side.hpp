@@ -45,7 +45,7 @@ class PlantSide {
   }
 
   // Records the outputs of the firmware and simulates the plant to the next tick. Throws
-  // sim::SimulationError if the simulation cannot continue, RunStopped if options.stop returns
+  // sim::SimulationError if the simulation cannot continue, and RunStopped if options.stop returns
   // true.
   void act(const LinkOutputs &out) {
     if (tick_ % kTicksBetweenAsking == 0 && options_.stop && options_.stop()) throw RunStopped();
@@ -83,7 +83,7 @@ class PlantSide {
   RunResult finish();
 
  private:
-  // Peak-to-peak value of a quantity over several ticks.
+  // Computes the peak-to-peak value of a quantity over several ticks.
   template <class T>
   class Span {
    public:

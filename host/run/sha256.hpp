@@ -1,5 +1,5 @@
 #pragma once
-// SHA-256, computed by OpenSSL.
+// Computes SHA-256 hashes with OpenSSL.
 #include <openssl/evp.h>
 
 #include <cstddef>
@@ -17,7 +17,8 @@ class Sha256 {
   void update(const void *data, std::size_t bytes) {
     EVP_DigestUpdate(context_.get(), data, bytes);
   }
-  // Adds a text with its length, so that ("ab", "c") and ("a", "bc") have different hashes.
+  // Adds the length of a text and the text, so that the texts ("ab", "c") and ("a", "bc") have
+  // different hashes.
   void update(const std::string &text) {
     const std::string length = std::to_string(text.size()) + ":";
     update(length.data(), length.size());

@@ -46,7 +46,7 @@ struct Evaluation {
   std::vector<Missed> missed;
 };
 
-// Computes the verdict from the metrics only, so a caller can vary the limits without a new run.
+// Computes the verdict from the metrics of a run. Other limits need no new run.
 Evaluation evaluate(const Criterion &criterion, const Metrics &metrics, bool faulted);
 
 }  // namespace forceaxis::host

@@ -31,8 +31,8 @@ class Assembly : public Wiring {
     for (const Stop &stop : model.stops) add(stop);
     for (const Gravity &gravity : model.gravities) add(gravity);
     if (model.drive) add(*model.drive);
-    // Frictions come after all other forces, because the sum of the forces decides whether a
-    // friction sticks.
+    // Frictions are added after all other forces, because the sum of these forces determines
+    // whether a friction sticks.
     for (const Friction &friction : model.frictions) add(friction);
     for (const Brake &brake : model.brakes) add(brake, model.frictions);
     for (std::size_t i = 0; i < model.bodies.size(); ++i)

@@ -1,5 +1,6 @@
 #pragma once
-// Finds the first sign change of a polynomial. A bound on the curvature excludes missed roots.
+// Finds the first sign change of a polynomial. No root is missed, because the search uses a bound
+// on the curvature.
 #include <cstddef>
 
 namespace forceaxis::sim {

@@ -43,8 +43,8 @@ class Detector {
     if (mode_ == calm_mode_ && calm_left_ > 0 && still_calm(z)) return true;
     return quiet_(mode_->quiet, z, result_.data(), curve_.data());
   }
-  /// The state and the ADC signals at the end of the tick for which quiet() or calm() returned
-  /// true.
+  /// Returns the state and the ADC signals at the end of the tick for which quiet() or calm() has
+  /// returned true.
   const double *result() const { return result_.data(); }
   /// Returns true if a signal is outside its bounds at the start of the tick. To be called after
   /// quiet().

@@ -8,7 +8,7 @@
 
 namespace forceaxis::sim {
 
-/// Energies in J, integrated from the start of the run.
+/// Energies in J since the start of the run.
 struct EnergyIntegrals {
   /// Work of each energy source, in the order of Network::supplies().
   std::vector<double> supplied;
@@ -38,7 +38,8 @@ class EnergyAccount {
   void add_part(const double *z, const double *chain, double s, double rate_hz);
   /// Returns the spring energy at the state z, in J.
   double stored(const double *z) const;
-  /// Adds spring energy that a separating contact discards, or the work of an impulse, in J.
+  /// discard() adds the spring energy that a contact loses when it opens. add_impulse() adds the
+  /// work of an impulse. The unit is J.
   void discard(double energy) { discarded_.add(energy); }
   void add_impulse(double work) { impulse_.add(work); }
   /// Sets the sum of the discarded energy to 0.

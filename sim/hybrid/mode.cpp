@@ -121,9 +121,10 @@ int absolute_series(const ExtendedMatrix &a, std::size_t parts, const Influence 
   for (int k = 1; k <= most; ++k) {
     term = product(size, term) / static_cast<Extended>(k);
     *sum += term;
-    // |b| = step W, and W times the influence is at most the influence. If term k is below e times
-    // the influence, terms k + 1, k + 2 and so on are below e times the influence times step / (k +
-    // 1), step^2 / ((k + 1) (k + 2)) and so on.
+    // By |b| = step W, and because W times the influence is at most the influence, the terms
+    // decrease fast. If term k is below e times the influence, term k + 1 is below e times the
+    // influence times step / (k + 1), term k + 2 is below e times the influence times step^2 / ((k
+    // + 1) (k + 2)), and so on.
     if (2 * step > static_cast<Extended>(k + 1)) continue;
     if ((term.array() <= accuracy * scale.sum.array()).all()) {
       *sum += accuracy * scale.sum;

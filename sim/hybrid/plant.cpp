@@ -139,7 +139,7 @@ SensorCodes Plant::codes() {
   for (std::size_t channel = 0; channel < 2; ++channel) {
     const Converter &adc = converters_[channel];
     if (!adc.present) continue;
-    // The ADC code changes where the scaled signal y is 1, 2, ..., top.
+    // The ADC code changes at the values 1, 2, ..., top of the scaled signal y.
     double reading = value[channel];
     if (reading > adc.limit) reading = adc.limit;
     if (reading < -adc.limit) reading = -adc.limit;

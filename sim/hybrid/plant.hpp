@@ -55,12 +55,14 @@ struct SensorCodes {
 /// A change of one element from one discrete state to another.
 struct Event {
   double time_s = 0.0;
-  /// Name of a contact, friction, brake, spring, damper or gravity; NAME.low or NAME.high of a
-  /// stop; drive.preamp, drive.current_feedback, drive.amplifier or drive.force; adc0.sensor.
+  /// Name of the element: a contact, friction, brake, spring, damper or gravity; NAME.low or
+  /// NAME.high for a stop; drive.preamp, drive.current_feedback, drive.amplifier or drive.force;
+  /// adc0.sensor.
   std::string element;
-  /// Names of states: apart, pressed, overlap of a contact; backward, stuck, forward, released of a
-  /// friction or brake; low limit, low outer, inner, linear and so on of a curve; segment 0,
-  /// segment 1 and so on of a table.
+  /// Names of the states before and after the change. The states of a contact are apart, pressed
+  /// and overlap. The states of a friction or brake are backward, stuck, forward and released. The
+  /// states of a curve are low limit, low outer, inner, linear and so on; those of a table are
+  /// segment 0, segment 1 and so on.
   std::string from;
   std::string to;
   bool jump = false;  ///< true: a new DAC code or an impulse has caused the change

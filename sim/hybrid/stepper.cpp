@@ -203,7 +203,7 @@ void Stepper::evaluate(double s) {
   for (std::size_t i = 0; i < m.states; ++i) z_[i] = chain_[i] + increment_[i];
 }
 
-// Advances the state by the Taylor series, by at most Mode::reach ticks.
+// Advances the state by a time of at most Mode::reach ticks with the Taylor series.
 void Stepper::advance_within_part(double ticks) {
   expand();
   if (audit_) energy_.add_part(z_.data(), chain_.data(), ticks, cache_->rate_hz());

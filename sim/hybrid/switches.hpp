@@ -1,5 +1,6 @@
 #pragma once
-// Digital inputs of limit switches, home switch and index pulse along the travel of the axis.
+// Computes the digital inputs of limit switches, home switch and index pulse from the position of
+// the axis.
 #include <cmath>
 #include <cstdint>
 #include <optional>

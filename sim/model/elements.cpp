@@ -121,7 +121,7 @@ Link Elements::link(Section &section) {
 
 double read_damping(Section &section) { return section.number("damping"); }
 
-// Reads the keys of a contact, or of either side of a stop.
+// Reads the common keys of contacts and stops.
 template <class Link>
 Link Elements::touching(Section &section) {
   Link element = link<Link>(section);

@@ -130,8 +130,8 @@ struct Contact {
   double gap = 0.0;        ///< gap of the open contact in m; the overlap is d = x_a - x_b - gap
 };
 
-/// A backlash or a pair of limit stops: no force while low < d < high, and a contact outside this
-/// range.
+/// A backlash or a pair of limit stops. There is no force while low < d < high. Outside this range,
+/// the stop acts as a contact.
 struct Stop {
   std::string name;
   Ends ends;

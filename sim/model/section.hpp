@@ -26,7 +26,7 @@ struct Source {
   std::string file;
   std::vector<Parameter> parameters;
 
-  /// Returns the parameter with this name, or nullptr.
+  /// Returns the parameter with this name, or nullptr if no parameter has this name.
   Parameter *find(std::string_view name);
   std::vector<std::string> parameter_names() const;
   [[noreturn]] void fail(const std::string &key, const std::string &message) const {
@@ -72,13 +72,13 @@ class Section {
   bool flag(std::string_view key);
   int integer(std::string_view key);
 
-  /// Returns a number whose dimension depends on another key.
+  /// Returns the number of a key whose dimension depends on another key.
   double value(std::string_view key, Dimension dimension, Sign sign);
   std::optional<double> optional_value(std::string_view key, Dimension dimension, Sign sign);
   double value_or(std::string_view key, Dimension dimension, Sign sign, double fallback) {
     return optional_value(key, dimension, sign).value_or(fallback);
   }
-  /// Returns a number whose range depends on other keys.
+  /// Returns the number of a key whose range depends on other keys.
   double within(std::string_view key, Dimension dimension, double low, double high);
 
   /// Returns the index of the body whose name is the value of the key, or kGround.

@@ -1,5 +1,5 @@
 #pragma once
-// Functions for the texts of messages.
+// Functions that form the texts of messages.
 #include <string>
 #include <string_view>
 #include <vector>

@@ -9,8 +9,8 @@
 #include "sim/model/model.hpp"
 #include "sim/model/text.hpp"
 
-// Maps the name of a parameter to its new value: a number in the unit of the parameter, or a text
-// with a quantity or the name of another parameter.
+// New values of parameters, with the names of the parameters as keys. A value is a number in the
+// unit of the parameter, or a text with a quantity or the name of another parameter.
 using Overrides = std::map<std::string, std::variant<double, std::string>>;
 
 // Returns the model of a file with these overrides. Throws InputError, also for an override of a
@@ -29,8 +29,7 @@ inline forceaxis::sim::Model load(const std::filesystem::path &file, const Overr
     throw forceaxis::sim::InputError(
         file.string(), "parameters." + idle.front(),
         "expected a parameter that the model uses (" + forceaxis::sim::joined(used) + "), " +
-            (idle.size() == 1
-                 ? std::string("this override has no effect")
-                 : "got " + forceaxis::sim::joined(idle) + ", which have no effect"));
+            (idle.size() == 1 ? std::string("this override has no effect")
+                              : "got " + forceaxis::sim::joined(idle) + ", which have no effect"));
   return model;
 }
