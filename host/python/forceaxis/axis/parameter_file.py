@@ -353,7 +353,7 @@ def _elements(key: str, given: toml.TomlValue) -> list[tuple[AxisObject, toml.To
         return list(zip(elements, given, strict=True))
     if key in IDENTITY:
         raise InputError(
-            f"{key}: expected a file without node id and bit rate, because each axis has its own "
+            f"{key}: expected a file without node id and bit rate, because each axis has separate "
             "values of these objects; remove this line and use `forceaxis axis set`"
         )
     if key in objects.BY_NAME:

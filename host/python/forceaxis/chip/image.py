@@ -190,7 +190,10 @@ def hex_record(where: str, line: bytes) -> HexRecord:
     if not line.startswith(b":") or len(record) < 5 or len(record) != record[0] + 5:
         raise InputError(f"{where}: expected a record of Intel HEX, such as :00000001FF")
     if sum(record) % 256:
-        raise InputError(f"{where}: expected a record with a correct checksum; the file is damaged")
+        raise InputError(
+            f"{where}: expected a record with a correct checksum, got another checksum; the file "
+            "is damaged"
+        )
     return HexRecord(int.from_bytes(record[1:3], "big"), record[3], record[4:-1])
 
 

@@ -174,7 +174,7 @@ def encoder_mm(model: str) -> float:
     encoder = system.facts(model).encoder
     if not encoder:
         raise InputError(
-            f"--model {model}: expected a model with an [encoder], got a model without one"
+            f"--model {model}: expected a model with an [encoder], got a model without an encoder"
         )
     return 1e3 / encoder.scale
 

@@ -332,7 +332,7 @@ def fit(
         if name in held:
             raise InputError(
                 f"--set: {name}: expected a parameter that is not fitted, got a fitted parameter; "
-                f"give its start value as --fit {name}={linear.shown(held[name])}"
+                f"give the start value as --fit {name}={linear.shown(held[name])}"
             )
     try:
         with tempfile.TemporaryDirectory() as folder:

@@ -676,6 +676,6 @@ def _expect_enabled(state: EnabledObjects) -> None:
     if state.fault != "none" or state.drive_state != "operation_enabled":
         raise Refusal(
             "fault" if state.fault != "none" else "disabled",
-            f"expected an axis that remains enabled, but its state is {state.drive_state}, fault "
-            f"{state.fault}",
+            f"expected an axis that remains enabled, but the state is {state.drive_state} with "
+            f"the fault {state.fault}",
         )

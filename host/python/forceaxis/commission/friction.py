@@ -277,9 +277,9 @@ def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
         if abs(state.position - analyzer.home) > TRAVELS_MAX * travel:
             axis.disable()
             raise Refusal(
-                "travel", f"expected the axis to stay within {travel} counts of its start at "
-                f"{code} DAC codes, but the axis moves further: the speed does not correspond to "
-                "the DAC code; check the drive, or start further away"
+                "travel", f"expected the axis to stay within {travel} counts of the start "
+                f"position at {code} DAC codes, but the axis moves further: the speed does not "
+                "correspond to the DAC code; check the drive, or start further away"
             )  # fmt: skip
         if state.contact:
             analyzer.refuse_contact()

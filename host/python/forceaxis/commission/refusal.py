@@ -12,8 +12,11 @@ REMEDY_AFTER_KILL = (
 
 
 class Refusal(Exception):
-    """A step ended without a result. `name`: one word for programs. The text states in one line
-    what was found, what was expected and what to do. lines: TOML to add to the model, or ""."""
+    """Exception of a step that ended without a result.
+
+    `name` is one word for programs. `text` states in one line what was found, what was expected
+    and what to do. `lines` is TOML to add to the model, or "".
+    """
 
     def __init__(self, name: str, text: str, lines: str = "") -> None:
         super().__init__(f"{name}: {text}")
@@ -31,8 +34,10 @@ def of_link(axis: Axis, error: Exception) -> Refusal:
         return Refusal("no_answer", str(error))
     text = error.text if isinstance(error, Refusal) else str(error)
     if source != axis.link.source or fault in ORPHANED:
-        about = f"but its owner is {owner} and its fault is {fault}"
-        return Refusal("ownership", f"expected to remain the owner of the axis, {about}: {text}")
+        about = f"but the owner is {owner} and the fault is {fault}"
+        return Refusal(
+            "ownership", f"expected this program to remain the owner of the axis, {about}: {text}"
+        )
     if fault != "none":
         return Refusal(fault, f"expected an axis without a fault, got {fault}: {text}")
     return error if isinstance(error, Refusal) else Refusal("refused", text)

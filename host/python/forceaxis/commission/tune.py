@@ -681,7 +681,7 @@ class Tuning(TuningFolder):
             other = [key for key in AXIS_KEYS if before[key] != now[key]]
             if other:
                 raise InputError(
-                    f"{self.folder}: expected a folder of the same axis and order, got a folder "
+                    f"{self.folder}: expected a folder with a tuning of this axis, got a folder "
                     f"with another {', '.join(other)}; give another folder"
                 )
             self._renew(held, identity)

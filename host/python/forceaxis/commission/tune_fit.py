@@ -185,8 +185,8 @@ def _closed(
     kept = [n for n, level in measured.levels.items() if level.bias_N - level.swing / 2 > newton]
     if not kept:
         raise Refusal(
-            "play", "expected a force at which the backlash of the gear stays closed; at each of "
-            f"these forces the dry friction of {newton:.3g} N opens it: give a force of "
+            "play", "expected a force at which the backlash of the gear stays closed, but at each "
+            f"given force the dry friction of {newton:.3g} N opens the backlash: give a force of "
             f"{1.5 * newton:.3g} N or more"
         )  # fmt: skip
     gone = [n for n in names if n not in kept]

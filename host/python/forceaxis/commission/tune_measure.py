@@ -153,11 +153,10 @@ def _between(
     if found.soft and all(abs(force - found.softest_N) > step for force in order.forces):
         forces = ",".join(f"{f:.4g}" for f in sorted({*order.forces, round(found.softest_N)}))
         raise Refusal(
-            "soft", f"expected a stiffness between {low:g} and {high:g} N that is not below the "
-            f"stiffness at these two forces, but near {found.softest_N:.3g} N an equal change of "
-            f"force moves the axis {found.softest:.2g} times as far: measure with the forces "
-            f"{forces}, or only with forces above or only with forces below {found.softest_N:.3g} "
-            "N"
+            "soft", f"expected an axis that is softest at {low:g} N or at {high:g} N, but near "
+            f"{found.softest_N:.3g} N an equal change of force moves the axis {found.softest:.2g} "
+            f"times as far: measure with the forces {forces}, or only with forces above or only "
+            f"with forces below {found.softest_N:.3g} N"
         )  # fmt: skip
     tuning.say(
         f"from {found.low_N:.3g} to {found.high_N:.3g} N and back: {found.way} counts, "
