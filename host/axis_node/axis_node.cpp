@@ -393,15 +393,16 @@ int main(int argc, char **argv) {
                  "Bit rate of the serial device; 8 data bits, even parity.")
       ->check(CLI::IsMember({9600, 19200, 38400, 57600, 115200, 230400}))
       ->capture_default_str();
-  app.add_option("--node-id", own.node_id,
-                 "CANopen node id and Modbus unit of the first axis; the others follow. 0: the "
-                 "stored id, else 1. 255: the stored id, else the node is silent until LSS "
-                 "assigns one. Default: the number of the axis.")
-      ->check(CLI::Range(0, 127) | CLI::IsMember({FW_NODE_ID_BY_LSS}));
   app.add_option(
-      "--serial", own.serial,
-      "Serial number of the first axis (1018h:4); the others follow. Default: computed from "
-      "this host's name and the number of the axis.");
+         "--node-id", own.node_id,
+         "CANopen node id and Modbus unit of the first axis; the other axes have the next ids. "
+         "0: the stored id, else 1. 255: the stored id, else the node is silent until LSS "
+         "assigns an id. Default: the number of the axis.")
+      ->check(CLI::Range(0, 127) | CLI::IsMember({FW_NODE_ID_BY_LSS}));
+  app.add_option("--serial", own.serial,
+                 "Serial number of the first axis (1018h:4); the other axes have the next "
+                 "numbers. Default: computed from "
+                 "this host's name and the number of the axis.");
   app.add_option("--store", own.store,
                  "File with the stored parameters; FILE.1, FILE.2, ... for several axes.");
   app.add_option(

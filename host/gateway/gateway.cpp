@@ -299,13 +299,13 @@ class Gateway {
 int main(int argc, char **argv) {
   GatewayOptions options;
   CLI::App app(
-      "CANopen master of axes on a CAN bus: sets up and starts the axes, publishes "
+      "CANopen master of axes on a CAN bus: configures and starts the axes, publishes "
       "their states, events and recordings over LCM, accepts commands over LCM, and "
       "serves Modbus TCP, where the unit is the node id of the axis. Prints one line "
-      "when ready.\n"
+      "when the gateway is ready.\n"
       "Ends on SIGTERM or SIGINT. Axes that CANopen or a client of the gateway owns "
-      "make a quick stop first; a second signal ends the gateway without waiting for "
-      "them. If the gateway is killed, they miss its heartbeat and are disabled. Exit "
+      "make a quick stop first; a second signal ends the gateway before these stops are "
+      "complete. If the gateway is killed, its heartbeat ends and the axes are disabled. Exit "
       "status: 0 ended, 1 no CAN, LCM or port, or another gateway has its node id, 2 "
       "wrong usage, 130 and 143 ended at once by a second SIGINT or SIGTERM.");
   add_gateway_options(app, options);

@@ -111,23 +111,24 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
   app.add_option("--can", o.can, "CAN interface of the axes.")->capture_default_str();
   app.add_option(
          "--axes", o.axes,
-         "Node ids of the axes, such as 1,2 or 1-6; they are also Modbus units and LCM channels.")
+         "Node ids of the axes, such as 1,2 or 1-6, which are also their Modbus units and LCM "
+         "channels.")
       ->capture_default_str();
   app.add_option("--lcm-url", o.lcm_url,
                  "LCM URL, udpm://ADDRESS:PORT?ttl=N; default: LCM_DEFAULT_URL, else "
                  "udpm://239.255.76.67:7667?ttl=0 on this machine.");
-  app.add_option(
-         "--lcm-remote", o.lcm_remote,
-         "Also accept LCM commands from these addresses, such as 192.168.1.0/24; default: from "
-         "this machine only. LCM has no passwords. Repeatable.")
+  app.add_option("--lcm-remote", o.lcm_remote,
+                 "Accept LCM commands also from these addresses, such as 192.168.1.0/24; default: "
+                 "only from "
+                 "this machine. LCM has no passwords. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("ADDRESS/MASK");
-  app.add_option("--modbus-port", o.modbus_port, "TCP port of the Modbus server; 0: none.")
+  app.add_option("--modbus-port", o.modbus_port, "TCP port of the Modbus server; 0: no server.")
       ->check(CLI::Range(0, 65535))
       ->capture_default_str();
   app.add_option("--modbus-bind", o.modbus_address,
-                 "Address of the Modbus server; 0.0.0.0 accepts other machines, and Modbus has no "
+                 "Address of the Modbus server; 0.0.0.0: accept other machines too. Modbus has no "
                  "passwords.")
       ->capture_default_str();
   app.add_option("--node-id", o.node_id, "Node id of the gateway, for its heartbeat.")
@@ -148,9 +149,10 @@ void add_gateway_options(CLI::App &app, GatewayOptions &o) {
                  "Time in ms within which an axis must answer.")
       ->check(CLI::Range(10, 10000))
       ->capture_default_str();
-  app.add_option("--set", o.sets,
-                 "NAME=VALUE: a parameter that the gateway writes whenever it sets up an axis, in "
-                 "engineering units; N:NAME=VALUE for axis N only. Repeatable.")
+  app.add_option(
+         "--set", o.sets,
+         "NAME=VALUE: parameter, in its unit, that the gateway writes at each configuration of an "
+         "axis; N:NAME=VALUE for axis N only. Repeatable.")
       ->take_all()
       ->expected(1)
       ->type_name("NAME=VALUE");

@@ -36,7 +36,7 @@ void add_options(CLI::App &app, NodeOptions &o) {
       ->take_all()
       ->expected(1)
       ->type_name("NAME=VALUE");
-  app.add_option("--axes", o.axes, "Number of axes, all with the same experiment.")
+  app.add_option("--axes", o.axes, "Number of axes if all axes have the same experiment.")
       ->check(CLI::Range(1, host::kMostAxes));
   app.add_option("--first-axis", o.first_axis, "Number of the first axis.")
       ->check(CLI::Range(1, host::kMostAxes))
@@ -45,7 +45,7 @@ void add_options(CLI::App &app, NodeOptions &o) {
       ->check(CLI::IsMember({"lcm", "socketcan"}))
       ->capture_default_str();
   app.add_option("--link-can", o.link.can_interface,
-                 "CAN interface of the link; it must carry no other frames.")
+                 "CAN interface of the link, which must carry no other frames.")
       ->capture_default_str();
   app.add_option("--lcm-url", o.link.lcm_url,
                  "LCM URL of the link, udpm://ADDRESS:PORT?ttl=N, on this machine; default: a "
@@ -56,20 +56,20 @@ void add_options(CLI::App &app, NodeOptions &o) {
       ->capture_default_str();
   app.add_option("--pace", o.pace,
                  "fast: as fast as possible; real: 1500 ticks a second of the wall clock. "
-                 "plant_node keeps that pace. With real, axis_node counts a tick that is more "
-                 "than one tick period late as an overrun: object 2307h, emergency FF04h.")
+                 "plant_node sets the pace. With real, axis_node reports a tick that is more than "
+                 "one tick period late as an overrun: object 2307h, emergency FF04h.")
       ->check(CLI::IsMember({"fast", "real"}))
       ->capture_default_str();
   app.add_flag("--endless", o.endless,
-               "For both nodes: run a session until one of them is ended (Ctrl-C, SIGTERM; exit "
+               "For both nodes: run a session until the user ends a node (Ctrl-C, SIGTERM; exit "
                "status 0), independent of the experiment's duration. A node that was suspended "
-               "reports the missed ticks, and the axis is disabled during this time.");
+               "reports the missed ticks, and the axis is disabled during the suspension.");
   app.add_option("--start-timeout", o.start_timeout_s,
                  "Seconds to wait for the other node's first record.")
       ->check(real_range(0.01, 86400))
       ->capture_default_str();
   app.add_option("--timeout", o.timeout_s,
-                 "Seconds without a record after which the other node counts as silent.")
+                 "Seconds without a record after which the other node is reported as silent.")
       ->check(real_range(0.01, 3600))
       ->capture_default_str();
   app.add_option(
