@@ -30,8 +30,7 @@ std::unique_ptr<PlantTransport> open_plant_transport(const LinkOptions &options,
   return injecting(std::move(transport), options.injection, counts);
 }
 
-// Returns the interface, or the run and URL, for a LinkClaim. The functions below return the names
-// of the roles.
+// Returns the text `where` for a LinkClaim: the CAN interface, or the run and its URL.
 std::string claimed(const LinkOptions &options) {
   return options.kind == "lcm" ? "run " + std::to_string(options.run_id) + " on " + url_of(options)
                                : options.can_interface;
@@ -140,14 +139,14 @@ class LinkedPlants::Session {
   Session(const Session &) = delete;
   Session &operator=(const Session &) = delete;
 
-  // Returns false if the session has ended.
+  // Must be called at the start of each tick. Returns false if the session has ended.
   bool begin(std::int64_t tick) {
     tick_ = tick;
     check_self();
     return !session_.ended();
   }
 
-  // To be called after every axis has answered.
+  // Must be called in each tick after all axes have answered.
   void answered() {
     if (tick_ == 0) {
       for (std::size_t i = 0; i < ends_.plants.size(); ++i) {

@@ -1,5 +1,5 @@
 #pragma once
-// The options, overrides and statistics that axis_node and plant_node share.
+// The common options, overrides and statistics of axis_node and plant_node.
 #include <CLI/CLI.hpp>
 #include <cstdint>
 #include <string>

@@ -23,7 +23,7 @@ class ExperimentWrites {
   // Function that writes an object before a tick and returns FW_OK or FW_ERROR_.
   using Write = std::function<int(std::int64_t tick, const ObjectWrite &)>;
 
-  // The experiment must exist as long as this object.
+  // The experiment must exist as long as this ExperimentWrites.
   explicit ExperimentWrites(const Experiment &experiment)
       : experiment_(&experiment), action_(experiment.actions.begin()) {}
 

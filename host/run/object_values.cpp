@@ -229,7 +229,7 @@ std::vector<ObjectWrite> read_objects(sim::Section &section, const sim::Model &m
   const auto written = [&](std::string_view name) -> double {
     const std::uint16_t object = *find_object(name);
     if (const toml::node *node = section.table().get(name); node != nullptr)
-      // A text (a quantity or the name of a parameter) is assumed not to have the value 0.
+      // If the value is a quantity or the name of a parameter, it is assumed to differ from 0.
       return node->value<double>().value_or(1.0);
     for (const ObjectWrite &w : before)
       if (w.object == object) return w.raw;

@@ -41,7 +41,7 @@ struct Wiring {
   /// Selector of a wire with two sums: drive disabled, drive enabled.
   static constexpr int kEnable = -2;
   struct WireNode {
-    int selector;  ///< index of the switch that selects one of the sums, or kAlways or kEnable
+    int selector;  ///< index of the switch that selects the sum of this wire; kAlways or kEnable
     std::vector<Terms> cases;
   };
   struct Switch {

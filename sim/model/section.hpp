@@ -42,7 +42,7 @@ class Section {
   const toml::table &table() const { return table_; }
   const TableFormat &format() const { return *formats_.front(); }
   Source &source() const { return source_; }
-  /// Declares further keys of this table.
+  /// Adds the declarations of further keys to this table.
   void add(const TableFormat &format) { formats_.push_back(&format); }
 
   /// Returns the TOML node of a key, or nullptr if the table does not have the key.
