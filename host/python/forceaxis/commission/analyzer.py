@@ -147,7 +147,7 @@ class FreeObjects(PressedObjects):
 
 @dataclass(frozen=True)
 class ExcitedObjects(EnabledObjects):
-    """State of an axis and of its excitation."""
+    """State of an axis and of the excitation that the axis outputs."""
 
     excitation_state: str
 
@@ -252,8 +252,8 @@ class Analyzer:
 
     def rest(self) -> Rest:
         """Checks the disabled axis at rest and returns its state. Raises Refusal if the axis moves
-        or its force is not tared. The check permits a motion within the backlash of the gear,
-        because the motor has no power."""
+        or if the tare of the measured force is missing. The check permits a motion within the
+        backlash of the gear, because the motor has no power."""
         held = self.axis.capture(["force_raw", "position", "force"], samples=TICKS_PER_S // 2)
         raw, place = held.values("force_raw"), held.values("position")
         # total backlash in encoder counts
@@ -298,8 +298,8 @@ class Analyzer:
         return level
 
     def release(self) -> None:
-        """Releases the force of an axis in contact. Without this, the contact spring would push the
-        axis away when it is disabled."""
+        """Releases the force of an axis in contact. If the force were not released, the contact
+        spring would push the disabled axis away."""
         self.set(target_force=0)
         self.wait(RELEASE_S)
 
@@ -406,7 +406,7 @@ class Analyzer:
 
     def _speed(self, H: response.Response, u: Samples) -> float:
         """Rms of the rate of change of the output that the DAC codes cause, in force counts/s or
-        encoder counts/s. H: the response; u: the codes, (K, n)."""
+        encoder counts/s. H: the response; u: the DAC codes, (K, n)."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * H) ** 2
@@ -596,7 +596,7 @@ class Analyzer:
         return wave, held.values("dac_code"), self._force_counts(held)
 
     def _expect_excitation(self) -> None:
-        """Raises Refusal or Ended unless the axis is enabled and its excitation runs."""
+        """Raises Refusal or Ended unless the axis is enabled and outputs the excitation."""
         state = self.axis.record(ExcitedObjects)
         _expect_enabled(state)
         if state.excitation_state not in ("running", "ramping_up"):
@@ -636,7 +636,8 @@ class Analyzer:
         return u[:n], u[:n], place[:n] - drift * ramp
 
     def _expect_free(self) -> None:
-        """Raises Refusal or Ended unless the axis moves out of contact and within its travel."""
+        """Raises Refusal or Ended unless the axis moves out of contact and within the permitted
+        travel."""
         state = self.axis.record(FreeObjects)
         _expect_enabled(state)
         if state.contact:

@@ -1,4 +1,4 @@
-"""Saves the objects of an axis to a file before a run and restores them to the axis after it.
+"""Saves the objects of an axis to a file before a run, and restores the objects after the run.
 
     with restoring(AxisFolder(axis, "out/tuned", say)):
 
@@ -48,8 +48,8 @@ MEASUREMENT_OBJECTS = (
 
 @dataclass(frozen=True)
 class FolderFile(Generic[T]):
-    """A JSON file of a folder: its name, the type of its content, and what a user has to do if the
-    file is damaged or missing."""
+    """A JSON file of a folder: name, type of the content, and what a user has to do if the file is
+    damaged or missing."""
 
     name: str
     kind: type[T]
@@ -127,7 +127,7 @@ class AxisFolder:
 
 def read(axis: Axis) -> RawValues:
     """{object: raw value} of the parameters and of MEASUREMENT_OBJECTS, without the consumer
-    heartbeats, because the connection manages them. Raises Refused, NoAnswer."""
+    heartbeats, because the connection manages these objects. Raises Refused, NoAnswer."""
     set_up = axis.link.read([name for name in MEASUREMENT_OBJECTS if axis.link.reaches(name)])
     found = parameter_set.read(axis) | set_up
     return {n: raw for n, raw in found.items() if not n.startswith("consumer_heartbeat_")}

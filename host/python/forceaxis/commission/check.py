@@ -179,7 +179,8 @@ class MotionCheck:
             self._tare()
 
     def asked(self) -> str:
-        """The text that describes the motion; a person has to confirm it before the axis moves."""
+        """The text that describes the motion; a person has to confirm this motion before the axis
+        moves."""
         counts, code = self.known.first_motion_counts, self.known.first_motion_code
         way = "away from" if self.direction < 0 else "toward"
         return (
@@ -318,8 +319,8 @@ class MotionCheck:
                     f": expected room for {self._span()} encoder counts on one side")  # fmt: skip
 
     def _span(self) -> int:
-        """Largest distance in encoder counts, including an overshoot, that the axis moves from its
-        start."""
+        """Largest distance in encoder counts, including an overshoot, that the axis moves from the
+        start position."""
         return max(self.travel, FIRST_MOTION_REACH * self.known.first_motion_counts) + ARRIVED_CNT
 
     def _speed(self) -> float:

@@ -141,7 +141,7 @@ def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
 
 @dataclass(frozen=True)
 class TouchDown:
-    """The measured force during a first contact, and the settings of the axis on which it
+    """The measured force during a first contact, and the settings of the axis on which this force
     depends."""
 
     time_s: Samples  #: 0 at the first measured force above contact_force
@@ -152,7 +152,7 @@ class TouchDown:
 
 
 class Touching(Analyzer):
-    """An Analyzer that moves out of contact before it presses and records the first contact;
+    """An Analyzer that first moves out of contact, then presses and records the first contact;
     `touch` is the record of the last first contact."""
 
     touch: TouchDown

@@ -92,9 +92,9 @@ def recorded_friction(
 
 @dataclass(frozen=True)
 class FittedDamper:
-    """A damper that replaces dry friction in a fit. newton: friction in N, None if it is not known.
-    damping: in N s/m, None if the two bodies do not move against each other. declared: True if the
-    model contains the friction."""
+    """A damper that replaces dry friction in a fit. newton: friction in N, None if unknown.
+    damping: damping in N s/m, None if the two bodies do not move against each other. declared: True
+    if the model contains the friction."""
 
     name: str
     between: tuple[str, str]
@@ -219,7 +219,7 @@ def _with_fewest_dampers(
 @dataclass(frozen=True)
 class _Damper:
     """The damper for a friction. start_N: friction from which the initial damping follows; known_N:
-    measured friction, 0 if it is not known; sticks: True if the two bodies do not move against each
+    measured friction in N, 0 if unknown; sticks: True if the two bodies do not move against each
     other."""
 
     friction: FrictionElement
@@ -244,7 +244,7 @@ def _with_dampers(
     speed: float | None, folder: Path,
 ) -> DamperFit | None:  # fmt: skip
     """The fit of a response with dampers; None if the response does not depend on a damper. speed:
-    rms speed of the axis in m/s, None if it is not known."""
+    rms speed of the axis in m/s, None if unknown."""
     frictions = tuple(damper.friction for damper in dampers)
     file = folder / f"{'_'.join(one.name for one in frictions)}.toml"
     file.write_text(friction_models.damped(measured.model, frictions), encoding="utf-8")

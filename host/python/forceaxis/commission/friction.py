@@ -1,4 +1,4 @@
-"""Measures the dry friction of an axis before its frequency responses are measured.
+"""Measures the dry friction of an axis before the frequency responses of the axis are measured.
 
 `glide` drives the axis out of contact with constant codes in both directions. The speed is
 proportional to the code minus a dead zone, and the dead zone is the friction of guide and gear in
@@ -57,7 +57,7 @@ FORCE_BINS = 6  # number of intervals of the force; the compliance is computed f
 # ratio of the compliance between two forces to that at the forces, from which the workpiece counts
 # as soft
 SOFT_RATIO = 1.6
-# friction is accepted if it reduces the error of the position by more than this share
+# friction is accepted if the friction reduces the error of the position by more than this share
 ERROR_REDUCTION_MIN = 0.15
 # smallest travel in encoder counts at which friction under the workpiece can be measured
 DISPLACEMENT_MIN_CNT = 0.35
@@ -101,8 +101,8 @@ class Glide:
 class Directions:
     """Friction of guide and gear from a slow change of the force. dead_zone: half of the difference
     in codes between falling and rising force at the same measured force, less the codes for the
-    speed; error: its standard error; speed: the codes for the speed; least: dead_zone is a lower
-    bound."""
+    speed; error: standard error of dead_zone; speed: DAC codes for the speed; least: True if
+    dead_zone is a lower bound."""
 
     dead_zone: float
     error: float
@@ -121,8 +121,8 @@ class SlowLoading:
     """Compliance and friction from a slow change between two forces. friction_N: friction under the
     workpiece (0: not measurable; a lower bound if the workpiece `sticks` during the whole change).
     compliance, sliding: counts/N, of the part that always moves and of the part that moves only
-    after the friction is overcome. softest: the largest compliance between the forces, divided by
-    that at the two forces; softest_N: the force at which it occurs."""
+    after the friction is overcome. softest: largest compliance between the two forces, divided by
+    the compliance at the two forces; softest_N: force in N at which the compliance is largest."""
 
     friction_N: float
     sticks: bool
@@ -146,7 +146,7 @@ class SlowLoading:
 @dataclass(frozen=True)
 class FrictionSummary:
     """Dry friction that was measured together with a response, in the form of the entry "friction"
-    of `measure --json`. A value is None if it was not measured.
+    of `measure --json`. The value None stands for a quantity that was not measured.
 
     rubs: whether dry friction was found. dead_zone_codes, moving_N: friction of guide and gear in
     DAC codes and in N. glide, directions, slow: results of the motion out of contact, of the
@@ -196,9 +196,9 @@ def glide(
     newton: float = 0.0,
 ) -> Glide:
     """Measures the friction out of contact. The analyzer's axis is owned, disabled and at rest; at
-    the end it is disabled at its start position. most: codes from which those of the larger motions
-    follow; first, highest: first and largest code, by default an eighth of `most` and 16 times the
-    first; newton: N per code, 0 if not known.
+    the end, the axis is disabled at the start position. most: DAC code from which the DAC codes of
+    the larger motions follow; first, highest: first and largest code, by default an eighth of
+    `most` and 16 times the first; newton: N per code, 0 if not known.
 
     The code is increased until the axis slides, and decreased if the travel is covered too soon.
     Raises Refusal if the axis does not slide or if it comes into contact.
@@ -303,7 +303,7 @@ def record_slow_change(
     analyzer: Analyzer, low_N: float, high_N: float
 ) -> tuple[Samples, Samples, Samples]:
     """Records (measured force in N, position in counts, codes), (n,) each, while the axis presses
-    and changes its force from `low_N` to `high_N` and back; then releases the force. Raises Refusal
+    and the force changes from `low_N` to `high_N` and back; then releases the force. Raises Refusal
     if the axis moves farther than the order's travel."""
     reached_N = analyzer.press(low_N)
     axis, rated_N = analyzer.axis, analyzer.objects.rated_force * 1e-3

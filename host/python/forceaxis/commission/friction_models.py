@@ -27,8 +27,8 @@ Part = Mapping[str, "Part"] | Sequence["Part"] | Given | None
 
 @dataclass(frozen=True)
 class FrictionElement:
-    """Dry friction of `newton` N between two bodies. name: of its [[friction]] element; declared:
-    True if the model contains this element."""
+    """Dry friction of `newton` N between two bodies. name: name of the [[friction]] element;
+    declared: True if the model contains this element."""
 
     name: str
     between: tuple[str, str]
@@ -45,8 +45,8 @@ def frictions_of(
     model: str | Path, moving_N: float, workpiece_N: float
 ) -> tuple[FrictionElement, ...]:
     """The frictions of a model: in all `moving_N` between the drive's body and its counterpart, and
-    `workpiece_N` between workpiece and ground. Frictions of the model keep their places and share
-    the measured newtons in proportion to their declared values."""
+    `workpiece_N` between workpiece and ground. Frictions that the model declares keep their places
+    and share the measured force in proportion to the declared values."""
     tables, facts = model_file.read(model), linear.facts(model)
     work = tables.workpiece
     drive = facts.required_drive
@@ -106,7 +106,8 @@ def toml_lines(found: tuple[FrictionElement, ...]) -> str:
 
 
 def with_friction(model: str | Path, found: tuple[FrictionElement, ...]) -> str:
-    """The text of the model with the measured friction; its paths are valid from any folder."""
+    """The text of the model with the measured friction; the paths in the text are valid from any
+    folder."""
     edits = []
     for one in found:
         newton = float(f"{one.newton:.4g}")

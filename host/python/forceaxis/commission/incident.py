@@ -1,4 +1,5 @@
-"""Reads the incident of an axis from its black box, writes it to a file and reads the file.
+"""Reads an incident from the black box of an axis, writes the incident to a file, and reads such
+files.
 
 A file is one JSON document: version, state of the axis, its parameters, and the samples with the
 CRC-32 that the axis computed over them.
@@ -157,8 +158,8 @@ def wait(axis: Axis, seconds: float) -> None:
 
 
 def _load(axis: Axis) -> bool:
-    """Commands the axis to load the incident that it saved before a power cut; returns True if such
-    an incident exists."""
+    """Commands the axis to load the incident that was saved before a power cut; returns True if
+    such an incident exists."""
     found = axis.wait_for(
         ArchiveObjects, lambda s: s.incident_stored != "checking", "its archive", 5.0
     )
@@ -230,8 +231,8 @@ def packed(recording: Recording) -> bytes:
 
 
 def write(incident: Incident, folder: Path, figure: "Figure") -> None:
-    """Writes incident.json and .png to `folder`, which is created; writes both files or neither.
-    Raises OSError."""
+    """Writes incident.json and .png to `folder`, which is created; writes either both files or
+    none. Raises OSError."""
     recording = incident.recording
     known = {
         f.name: getattr(incident, f.name)
@@ -286,7 +287,8 @@ def load(path: Path) -> Incident:
 
 
 def missing(incident: Incident) -> list[str]:
-    """Names of the quantities that a replay of an incident needs besides its samples."""
+    """Names of the quantities that a replay of an incident needs in addition to the samples of the
+    incident."""
     enabled = (incident.column("statusword")[: incident.recording.trigger_sample] & 0x6F) == 0x27
     lacks = ["the targets and controlwords that were written", "current_raw", "sensor_valid"]
     if len(enabled) and enabled[0]:

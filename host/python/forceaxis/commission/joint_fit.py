@@ -191,8 +191,8 @@ class Responses:
         return dict(zip(self.names, np.exp(x).tolist(), strict=True))
 
     def values(self, x: Samples, own: dict[str, str] | None = None) -> Values:
-        """{parameter: value} for one response. own: {parameter: its name in priors} of the
-        parameters that belong to this response alone."""
+        """{parameter: value} for one response. own: {parameter: name in priors} for the parameters
+        that belong only to this response."""
         every = self.all_values(x)
         shared = {name: value for name, value in every.items() if "@" not in name}
         return shared | {name: every[mine] for name, mine in (own or {}).items()}
@@ -257,7 +257,7 @@ class Responses:
 
     def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
         """Information matrices of the logarithms: (from the lines alone, from lines and priors).
-        scales: for each response the factor by which its variance is enlarged."""
+        scales: factor for each response by which the variance of the response is enlarged."""
         shifted = [
             [self.predictions(x + s * STEP_LOG * d) for s in (1, -1)]
             for d in np.eye(len(self.names))
@@ -491,8 +491,7 @@ def _evaluated(
 
 def _shown(problem: Responses, lines: Samples, ranges: Collection[str]) -> Samples:
     """Standard errors of the logarithms from the lines alone, for the parameters with a tolerance.
-    The uncertainty that comes from all other parameters does not change a response, so it does not
-    change a force loop."""
+    The uncertainty due to all other parameters changes no response and therefore no force loop."""
     shown: Samples = 1 / np.sqrt(np.maximum(np.diag(lines), 1e-12))
     varied = [i for i, name in enumerate(problem.names) if name in ranges]
     if varied:

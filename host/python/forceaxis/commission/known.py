@@ -31,7 +31,8 @@ LINEAR_SHARE = 0.7
 
 @dataclass(frozen=True)
 class Prior:
-    """Prior knowledge of a parameter: its value > 0 and the standard deviation of its logarithm."""
+    """Prior knowledge of a parameter: a value above 0 and the standard deviation of the logarithm
+    of the value."""
 
     value: float
     spread: float
@@ -139,13 +140,13 @@ def code_rate(model: str | Path, overrides: linear.Overrides | None = None) -> f
 
 
 def rigid_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Deflection in counts/N of the spring of the contact itself; 0 without such a spring."""
+    """Deflection in counts/N of the spring in the contact; 0 for a contact without a spring."""
     return _counts_per_newton(model, overrides, model_file.read(model).contact)
 
 
 def behind_counts(model: str | Path, overrides: linear.Overrides | None = None) -> float:
-    """Deflection in counts/N of the single spring between the workpiece and the ground; 0 without
-    such a spring."""
+    """Deflection in counts/N of the single spring between the workpiece and the ground; 0 without a
+    single spring."""
     return _counts_per_newton(model, overrides, model_file.read(model).support)
 
 
@@ -166,7 +167,7 @@ def states_of(model: str | Path, states: dict[str, str]) -> dict[str, str]:
 
 
 def states_apart(model: str | Path, states: dict[str, str]) -> dict[str, str]:
-    """The entries of `states`, {element: state}, without those of the model's contacts, because the
+    """The entries of `states`, {element: state}, without the contacts of the model, because these
     contacts are open."""
     contacts = {contact.name for contact in linear.facts(model).contacts}
     return {name: state for name, state in states.items() if name not in contacts}

@@ -61,8 +61,8 @@ class Abort:
 
 @dataclass
 class Level:
-    """A response and the conditions of its measurement; the fields are set in the course of the
-    measurement. Forces in N: smallest and largest value of all recordings."""
+    """A measured response and the conditions of the measurement; the fields are set in the course
+    of the measurement. Forces in N: smallest and largest value of all recordings."""
 
     amplitude: int
     bias_N: float | None = None
@@ -89,6 +89,6 @@ class Level:
 
 
 def noise_of(raw: NDArray[Any]) -> float:
-    """Rms noise of a signal at standstill, in its unit. The noise is computed from differences of
-    successive samples, which exclude a slow limit cycle between two codes."""
+    """Rms noise of a signal at standstill, in the unit of the signal. The noise is computed from
+    differences of successive samples, which exclude a slow limit cycle between two codes."""
     return float(np.std(np.diff(raw)) / math.sqrt(2))

@@ -51,7 +51,7 @@ def on_fitted(
 def _loop(
     tuning: TuningFolder, fitted: Fitted, bank: Bank, late: int, modes: Mapping[str, str]
 ) -> tuple[Loop, float]:
-    """(loop of a Bank on the fitted plant, its gain)."""
+    """Returns (loop of a Bank on the fitted plant, gain of this loop)."""
     spec = loops.LoopSpec("bank", ("zoh", "zoh+1")[late], bank=bank)
     loop = spec.around(str(tuning.model), fitted.values, modes)
     return loop, over.gain_at(loop, None, None)

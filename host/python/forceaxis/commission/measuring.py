@@ -130,8 +130,8 @@ def _taken(
 
 
 def hints(level: Level, rest: Rest) -> list[str]:
-    """Texts about conditions under which the error of the response is larger than its confidence
-    band states."""
+    """Texts about conditions that make the error of a response larger than the confidence band
+    shows."""
     texts = []
     noise = level.noise_lsb if rest.noise_lsb is None else rest.noise_lsb
     if noise is not None and noise < QUIET_LSB:

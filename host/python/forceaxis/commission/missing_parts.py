@@ -1,4 +1,4 @@
-"""Searches for what a rejected model lacks: fits candidates for the missing part and ranks them.
+"""Searches for the part that a rejected model lacks: fits and ranks candidates for this part.
 
 Each candidate multiplies the model's responses by a factor whose parameters are fitted together
 with all others. The rank is the chi-square plus a penalty of ln n for each parameter (Schwarz, The
@@ -63,8 +63,8 @@ class Tried:
 
 
 def tried(problem: Responses, x: Samples) -> list[Tried]:
-    """Fits all candidates and returns those that decrease the chi-square by more than their
-    penalty, the best candidate first.
+    """Fits all candidates and returns the candidates that decrease the chi-square by more than
+    their penalty, sorted from best to worst.
 
     problem, x: the responses of a rejected joint_fit.joint(), and the logarithms of its best
     parameters."""
@@ -90,7 +90,8 @@ def lines_of(found: list[Tried]) -> str:
 
 def _begun(problem: Responses, x: Samples, shape: Shape) -> tuple[Shape, Responses, float, Samples]:
     """Fits the parameters of a candidate alone, while all other parameters stay at x; returns
-    (candidate, problem with its parameters, cost, logarithms of its parameters)."""
+    (candidate, problem with the parameters of the candidate, cost, logarithms of these
+    parameters)."""
     own = {shape.key(name): prior for name, prior in shape.priors.items()}
 
     class Shaped(Responses):
@@ -161,7 +162,8 @@ def _sensor_lag(problem: Responses) -> Shape:
 
 def _drive_lag(problem: Responses) -> Shape:
     """Candidate: the time constant of the drive's own lag (inductance of the winding or corner
-    frequency of the force) if it is a parameter of the model, otherwise an additional lag."""
+    frequency of the force) if this time constant is a parameter of the model, otherwise an
+    additional lag."""
     drive, facts = model_file.read(problem.model).drive, linear.facts(problem.model)
     name = {"dc_motor": drive.L, "first_order": drive.a_act}.get(drive.type)
     if isinstance(name, str) and name in facts.parameters and name not in problem.priors:
@@ -191,7 +193,8 @@ def _drive_lag(problem: Responses) -> Shape:
 
 
 def _modes(problem: Responses) -> list[Shape]:
-    """Candidates: a mass on a spring on the drive's body, which adds a zero and a pole above it."""
+    """Candidates: a mass on a spring on the drive's body, which adds a zero and, at a higher
+    frequency, a pole."""
     hz = np.concatenate([m.frequency_hz for m in problem.measured])
     facts = linear.facts(problem.model)
     body = facts.required_drive.body

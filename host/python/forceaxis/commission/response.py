@@ -29,9 +29,9 @@ CANDIDATE_SEEDS = 400  # number of candidate seeds from which calm_seeds() choos
 
 @dataclass(frozen=True)
 class ResponseEstimate:
-    """A frequency response and the sensitivity function of its loop, (n,) each. variance: of the
-    complex response; floor: standard deviation that rounding alone causes; sensitivity: input
-    divided by waveform, complex; sensitivity_error: its standard error."""
+    """A frequency response and the sensitivity function of the loop, (n,) each. variance: variance
+    of the complex response; floor: standard deviation that rounding alone causes; sensitivity:
+    input divided by waveform, complex; sensitivity_error: standard error of sensitivity."""
 
     response: Response
     variance: Samples
@@ -93,7 +93,7 @@ def deviation(
     inputs: Samples, outputs: Samples, still: Still, lines: Lines, steps: Steps, averages: int
 ) -> tuple[float, float]:
     """Expected median relative standard deviations of the response and of the sensitivity function,
-    from `averages` realisations like this one.
+    for `averages` realisations with the noise of this realisation.
 
     inputs, outputs: (n,) while the waveform acts; still: (inputs, outputs) without it.
     """
@@ -147,8 +147,9 @@ def _smooth(power: Samples, lines: int = 11) -> Samples:
 
 
 def calm_seeds(count: int, samples: int, hold: int, first: int) -> list[int]:
-    """Seeds of the firmware's noise whose integral over a period stays nearest to 0. An integrating
-    axis then stays near its start position. first: a different number gives different seeds."""
+    """Seeds of the firmware's noise whose integral over a period stays nearest to 0. With these
+    seeds, an integrating axis stays near the start position. first: a different number gives
+    different seeds."""
     seeds = (np.arange(CANDIDATE_SEEDS) + CANDIDATE_SEEDS * first) % 65536
     # the same random number generator as in firmware/core/excitation.c
     random = (seeds * 2654435769 % 2**32).astype(np.uint32)

@@ -100,7 +100,7 @@ BAND_MAX_HZ = 400.0
 CONTACT_NOISE_FACTOR, CONTACT_COUNTS_MIN = 8.0, 0.25
 # permitted peak force in N of a first contact from the momentum of the axis alone
 IMPACT_PEAK_N = 10.0
-# if the bandwidth is below this multiple of that of P, the text names the limiting bound
+# if the bandwidth is below this multiple of the bandwidth of P, the text names the limiting bound
 BANDWIDTH_FACTOR = 1.7
 NO_MEMORY = -10  # key of REASONS for an axis without a memory for parameters
 EARLIER_LAW_AGAIN = "the axis uses its earlier force law again"
@@ -124,7 +124,7 @@ class AxisSettings:
 
 
 def check(tuning: TuningFolder) -> Checked:
-    """Checks that the axis is at rest and that its converters agree with the model."""
+    """Checks that the axis is at rest and that the converters of the axis agree with the model."""
     axis, model = tuning.axis, tuning.model
     held = axis.record(AxisSettings)
     facts = linear.facts(model)
@@ -227,8 +227,8 @@ def _approach_settings(tuning: TuningFolder, held: AxisSettings, facts: PlantFac
 
 
 def _expect_noise(rest: Rest) -> None:
-    """Raises Refusal if the measured force has so little noise that its rounding hides the
-    response."""
+    """Raises Refusal if the measured force has so little noise that the rounding to ADC codes hides
+    the response."""
     if rest.noise_lsb is not None and rest.noise_lsb < analyzer.QUIET_LSB:
         raise Refusal(
             "dither", f"expected a measurement noise of at least {analyzer.QUIET_LSB:g} ADC codes "
@@ -239,8 +239,8 @@ def _expect_noise(rest: Rest) -> None:
 
 
 def _contact_settings(held: AxisSettings, rest: Rest) -> Settings:
-    """The lowest contact_force that the noise permits, if the object has its default value. With a
-    higher threshold, the force of a weak law may stay below the threshold, where the integral
+    """The lowest contact_force that the noise permits, if contact_force has the default value. With
+    a higher threshold, the force of a weak law may stay below the threshold, where the integral
     action waits."""
     if rest.noise_lsb is None or held.contact_force != objects.default("contact_force"):
         return {}
@@ -267,7 +267,8 @@ def _approach_velocity(model: Path, facts: PlantFacts) -> int:
 
 def measuring_law(tuning: TuningFolder) -> tuple[Bank, float]:
     """(bank that is stable with a margin on all plants of the prior knowledge; highest frequency in
-    Hz at which it may become unstable). Its integral action brings the force to the set-point."""
+    Hz at which the loop may become unstable). The integral action of the bank brings the force to
+    the set-point."""
     model = str(tuning.model)
     values = {n: r[0] for n, r in plant_set.ranges_of(model, tuning.order.over).items()}
     factors = np.array(np.meshgrid(*[SPREAD_FACTORS] * len(values))).T.reshape(-1, len(values))
@@ -398,7 +399,8 @@ def simulate_line(tuning: TuningFolder, done: Simulated) -> str:
 
 
 def write(tuning: TuningFolder, designed: Designed) -> Written:
-    """Writes the bank to the axis, after its previous values have been written to a file."""
+    """Writes the bank to the axis after a copy of the previous values has been written to a
+    file."""
     axis, values = tuning.axis, designed.objects
     disable(axis)
     if BEFORE.read(tuning.folder) is None:
@@ -454,7 +456,7 @@ def verify(
     tuning: TuningFolder, written: Written, designed: Designed, measured: MeasuredResponses,
     checked: Checked, fitted: Fitted,
 ) -> Verified:  # fmt: skip
-    """Measures the responses again with the active bank, and Ms of its loop."""
+    """Measures the responses again with the active bank, and Ms of the loop with this bank."""
     _ensure_written(tuning, designed)
     fT_Hz = designed.worst.fT_Hz
     high = BAND_MAX_HZ if fT_Hz is None else min(VERIFIED_BAND_FACTOR * fT_Hz, BAND_MAX_HZ)
@@ -485,7 +487,8 @@ def verify(
 def _verified(
     fitted_axis: contact.FittedAxis, force: float, first: int, order: TuningOrder
 ) -> tuple[VerifiedResponse, TuningOrder]:
-    """(response at a force with its Ms, order with the number of averages of this response)."""
+    """Returns (response at a force with the measured Ms, order with the number of averages of this
+    response)."""
     tuning = fitted_axis.tuning
     touched: list[contact.TouchDown] = []
 
@@ -617,7 +620,7 @@ AXIS_KEYS = ("object_table_hash", "serial_number")  # of a TuningIdentity
 
 
 def _changes(before: TuningOrder, after: TuningOrder) -> dict[str, str]:
-    """{field: its old and new value as text} of all changed fields except `model`."""
+    """Returns {field: old and new value as text} for all changed fields except `model`."""
     changes = {}
     for (name, old), new in zip(vars(before).items(), vars(after).values(), strict=True):
         if name != "model" and old != new:
@@ -671,7 +674,8 @@ class Tuning(TuningFolder):
     def _claim(self) -> None:
         """Writes the order into the folder and keeps the steps that the change of order does not
         affect. Raises InputError for a folder of another axis."""
-        # The order as it reads from the file: 30 becomes 30.0 and a list becomes a tuple.
+        # The order with the types that reading from a file gives: 30 becomes 30.0 and a list
+        # becomes a tuple.
         order = from_json(TuningOrder, to_json(self.order))
         digest = hashlib.sha256(self.given.read_bytes()).hexdigest()
         identity = TuningIdentity(order, digest, **self.axis.get(*AXIS_KEYS))
@@ -689,7 +693,7 @@ class Tuning(TuningFolder):
 
     def _renew(self, held: TuningIdentity, identity: TuningIdentity) -> None:
         """Deletes the results of the steps that depend on a change of order or model, and reports
-        it."""
+        this change."""
         changes = _changes(held.order, identity.order)
         first = [STEPS.index(AGAIN_FROM[name]) for name in changes]
         if held.model_sha256 != identity.model_sha256:

@@ -53,7 +53,8 @@ SLIDING_ERROR, STICKING_ERROR = 0.03, 0.15
 # frequency in Hz and relative error of the response from _speed_response()
 SPEED_RESPONSE_HZ, SPEED_ERROR = 0.2, 0.015
 TRAVEL_STIFFNESS_ERROR = 0.1  # relative error of a stiffness from the travel between two forces
-# The sines determine the mass of a workpiece if its relative standard error is below this value.
+# The sines determine the mass of a workpiece if the relative standard error of the mass is below
+# this value.
 SINE_MASS_ERROR_MAX = 0.2
 SINE_ERROR_MIN = 0.04  # smallest relative error of a workpiece's values from sines
 REFIT_CHANGE = 0.02  # relative change of the values from sines after which the fit is repeated
@@ -176,8 +177,8 @@ def _closed(
     tuning: TuningFolder, names: list[str], frictions: Frictions, measured: MeasuredResponses
 ) -> list[str]:
     """The responses during which the backlash of the gear stays closed. If the force that moves the
-    load back is smaller than its friction, the motor moves within the backlash, and no linear model
-    describes the response. Raises Refusal if no response in contact remains."""
+    load back is smaller than the friction of the load, the motor moves within the backlash, and no
+    linear model describes the response. Raises Refusal if no response in contact remains."""
     on_table = _under_workpiece(tuning, frictions)
     newton = sum(one.newton for one in frictions if one not in on_table)
     if not newton or not known.play_counts(tuning.given):
@@ -339,8 +340,8 @@ def _name(given: Given | None) -> str | None:
 
 
 def sensor_names(model: str | Path) -> tuple[str | None, str | None]:
-    """(parameter of the contact's stiffness, parameter of its damping); None for a constant
-    number."""
+    """Returns (parameter of the stiffness of the contact, parameter of the damping of the contact);
+    None for a constant number."""
     contact = model_file.read(model).contact
     return (_name(contact.stiffness), _name(contact.damping)) if contact else (None, None)
 
@@ -356,8 +357,8 @@ def workpiece_names(model: str | Path) -> tuple[str | None, str | None]:
 def _differing(
     tuning: TuningFolder, measured: MeasuredResponses, names: list[str], model: str
 ) -> list[str]:
-    """Folders of the smaller amplitude whose response differs from that of the larger amplitude;
-    the result of `measure` is updated with this finding."""
+    """Returns the folders of the responses with the smaller amplitude that differ from the response
+    with the larger amplitude; writes these differences to the result of `measure`."""
     found, levels = [], dict(measured.levels)
     for name in names:
         small = small_of(name)
@@ -386,8 +387,8 @@ def _probability(one: Measurement, other: Measurement) -> float:
 
 
 def validity_lines(measured: MeasuredResponses, fitted: Fitted | None) -> list[str]:
-    """Lines of text: the forces and amplitudes for which the predictions are valid, and those that
-    were not measured. fitted: None before the fit."""
+    """Lines of text: the forces and amplitudes for which the predictions are valid, and forces that
+    were not measured. fitted: result of the fit, None before the fit."""
     between, frictions = measured.between, fitted.friction if fitted else ()
     lines = [
         f"the axis was moved slowly between {between.low_N:.3g} and {between.high_N:.3g} N: "

@@ -1,4 +1,4 @@
-"""The folder of a tuning: its order, its axis and its JSON files.
+"""The folder of a tuning: order, identity of the axis, and JSON files of the steps.
 
 A dataclass defines the content of each file. A file that is damaged or missing is reported in one
 line that says what to do.
@@ -83,8 +83,8 @@ LEVELS = FolderFile("measure.json", StepFile[dict[str, PressedResponse]])
 
 @dataclass(frozen=True)
 class MeasuredFile(FolderFile[StepFile[MeasuredResponses]]):
-    """The three files of the step `measure`. LEVELS is written last, because its existence means
-    that the step is done."""
+    """The three files of the step `measure`. LEVELS is written last, because the existence of
+    LEVELS means that the step is done."""
 
     def read(self, folder: Path) -> StepFile[MeasuredResponses] | None:
         """The result of the step; None if the step is not done. Raises InputError."""

@@ -1,4 +1,4 @@
-"""The measuring steps of a tuning, and the settings of the axis for them."""
+"""The measuring steps of a tuning, and the settings of the axis for these steps."""
 
 import contextlib
 import datetime
@@ -70,9 +70,10 @@ def free_line(tuning: TuningFolder, done: FreeResponse) -> str:
 
 
 def _back_to_start(tuning: TuningFolder, measures: Analyzer, start: int) -> None:
-    """Moves an axis that a killed run has left moving back to its position at `check`, `start` in
-    counts, and disables it. An axis that is too far away is not moved (COASTED_TRAVELS). The
-    position is valid, because the encoder counts while a fault is latched."""
+    """After a killed run that left the axis moving: moves the axis back to the position of the step
+    `check` (`start`, in counts) and disables the axis. An axis that is too far away is not moved
+    (COASTED_TRAVELS). The position is valid, because the encoder counts while a fault is
+    latched."""
     if abs(tuning.axis.read("position") - start) <= COASTED_TRAVELS * measures.order.travel:
         tuning.say("the axis returns to the position at which this tuning began")
         measures.home = start
@@ -128,8 +129,8 @@ def measure_line(tuning: TuningFolder, done: MeasuredResponses) -> str:
 
 
 def _go_home(tuning: TuningFolder, checked: Checked) -> None:
-    """Moves the axis to its position at check(), because a disabled axis with friction would stay
-    in contact."""
+    """Moves the axis to the position of the step `check`, because a disabled axis with friction
+    would stay in contact."""
     with temporary(tuning.axis, checked.settings), analyzer_of(tuning) as measures:
         measures.home = checked.rest.position
         measures.go_home()
@@ -216,7 +217,7 @@ def measuring_order(
     tuning: TuningFolder, order: TuningOrder | None = None, *, first: int = 1, amplitude: int = 0,
     rubs: bool = False,
 ) -> MeasuringOrder:  # fmt: skip
-    """The order of an analyzer. order: by default that of the tuning; first, amplitude, rubs:
+    """The order of an analyzer. order: by default the order of the tuning; first, amplitude, rubs:
     fields of MeasuringOrder."""
     order, model = order or tuning.order, str(tuning.model)
     scale = abs(linear.facts(model).required_encoder.scale)
@@ -229,7 +230,7 @@ def measuring_order(
 
 
 def analyzer_of(tuning: TuningFolder, order: TuningOrder | None = None) -> Analyzer:
-    """An analyzer of the axis. order: by default that of the tuning."""
+    """An analyzer of the axis. order: by default the order of the tuning."""
     return Analyzer(tuning.axis, measuring_order(tuning, order), tuning.model, {}, tuning.say)
 
 
@@ -313,7 +314,7 @@ def objects_of(
     plants: PlantSet | None = None,
 ) -> Settings:  # fmt: skip
     """{object: engineering value} in the order of writing: the settings that check() has added, and
-    a bank with its certificate for this axis. loss: limits after a contact loss; ms: largest Ms of
+    a bank with the certificate for this axis. loss: limits after a contact loss; ms: largest Ms of
     the set; plants: the set of plants, None for a certificate without tolerances."""
     own = checked.settings
     held = tuning.axis.get("force_scale", "adc_bits", "force_zero_code") | own

@@ -1,4 +1,4 @@
-"""Results of the steps of a tuning, in the form of the files in its folder.
+"""Results of the steps of a tuning, in the form of the files in the folder of the tuning.
 
 Each step has one frozen dataclass. `forceaxis.results` converts the dataclass to JSON and back, so
 the names of the fields are the keys of the files. Forces are in N, frequencies in Hz, stiffnesses
@@ -74,8 +74,8 @@ class GlideFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeResponse(ResponseFigures):
-    """Result of `free`: the response out of contact and the friction that was measured before
-    it."""
+    """Result of `free`: the response out of contact, and the friction that was measured before this
+    response."""
 
     glide: GlideFigures
 
@@ -92,7 +92,7 @@ class PressedResponse(ResponseFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class SlowChange:
-    """friction.SlowLoading between the smallest and the largest force, with the keys of its file.
+    """friction.SlowLoading between the smallest and the largest force, with the keys of the file.
     force_N and way: means of the record, (n,), in N and counts."""
 
     friction_N: float
@@ -109,9 +109,9 @@ class SlowChange:
 
 @dataclass(frozen=True)
 class MeasuredResponses:
-    """Result of `measure`, in three files. levels: {folder of a response: its figures}; between:
-    slow change of the force; shaken: measurement of the workpiece with sines, None if the workpiece
-    did not slide."""
+    """Result of `measure`, in three files. levels: {folder of a response: figures of the response};
+    between: slow change of the force; shaken: measurement of the workpiece with sines, None if the
+    workpiece did not slide."""
 
     levels: dict[str, PressedResponse]
     between: SlowChange
@@ -158,7 +158,7 @@ class Designed(DesignResult):
     """Result of `design`: the content of `forceaxis design --json` and more. on_fitted: {"before",
     "designed": figures on the fitted plant, None without a law}; objects: values in the order of
     writing; cut: text about the gain reduction by simulated contacts; times_p: bandwidth divided by
-    that of the P law."""
+    the bandwidth of the P law."""
 
     on_fitted: dict[str, FittedLoop | None]
     cut: str
@@ -191,9 +191,9 @@ class Written:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopPeak:
-    """Peak of the sensitivity function: the largest measured |S|, its standard error and frequency
-    in Hz, and the largest |S| of the fitted model at the same frequencies; lines: number of
-    frequencies at which |S| is certain."""
+    """Peak of the sensitivity function: the largest measured |S|, the standard error and the
+    frequency in Hz of this value, and the largest |S| of the fitted model at the same frequencies;
+    lines: number of frequencies at which |S| is certain."""
 
     Ms: float
     Ms_error: float
@@ -227,7 +227,7 @@ class Verified:
 
 @dataclass(frozen=True)
 class Stored:
-    """Result of `store`; why: the reason from the axis if it has no memory for parameters."""
+    """Result of `store`; why: the reason that an axis without memory for parameters gives."""
 
     stored: bool
     why: str | None = json_field(omit_none=True)
@@ -247,7 +247,7 @@ class StepRefusal:
 @dataclass(frozen=True, kw_only=True)
 class TuningSummary:
     """Results of a tuning as `forceaxis tune --json` prints them; None if a result is not known
-    yet. levels: of Verified; cuts: texts of the gain_cuts; holds: texts of
+    yet. levels: levels of Verified; cuts: texts of the gain_cuts; holds: texts of
     tune_fit.validity_lines(); seconds: {step: wall time in s}; axis_seconds: {step: time of the
     axis in s}."""
 

@@ -66,7 +66,8 @@ HIGHEST_GAIN = loops.FIRMWARE_HIGHEST
 
 
 class NotAsked(Enum):
-    """Type of the value NOT_ASKED, for a figure that was not requested. JSON has no key for it."""
+    """Type of the value NOT_ASKED, for a figure that was not requested. A figure with this value
+    has no key in JSON."""
 
     NOT_ASKED = "not asked"
 
@@ -76,7 +77,7 @@ NOT_ASKED = NotAsked.NOT_ASKED
 
 @dataclass(frozen=True, kw_only=True)
 class Performance:
-    """Figures of a loop at its critical gain; the docstring of the module defines them.
+    """Figures of a loop at the critical gain; the docstring of the module defines each figure.
 
     Gains are in the unit of the loop, firmware_gain in DAC codes per 8-bit count. critical_gain is
     None if the loop is stable at every gain (known_to is None), or at every gain up to known_to,
@@ -291,7 +292,7 @@ def strain(model: Path, overrides: Overrides, shape: Mapping[str, float]) -> str
 
 def limiting_mode(design: Design, loop: Loop) -> LimitingMode | NoLimitingMode | None:
     """The mode of vibration that limits the gain of a loop, as the docstring of the module defines
-    it; None if the loop is stable at every gain."""
+    this mode; None if the loop is stable at every gain."""
     limit = loop.limit()
     if not limit.gain or limit.frequency_hz is None:
         return None
@@ -339,8 +340,8 @@ def next_crossing(loop: Loop) -> NextCrossing | None:
 # the logarithm of z = 0, the start of a branch, is -infinity
 @np.errstate(divide="ignore", invalid="ignore")
 def branch_start(loop: Loop, limit: Limit) -> complex:
-    """The open-loop pole in 1/s at which a branch of the root locus begins. This branch is the one
-    that is on the stability boundary at the critical gain."""
+    """The open-loop pole in 1/s at which a branch of the root locus begins. The branch is the
+    branch that reaches the stability boundary at the critical gain."""
     if limit.gain is None or limit.frequency_hz is None:
         raise InputError(
             "gain: expected a loop with a critical gain, got a loop that is stable at every gain"

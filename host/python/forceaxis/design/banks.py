@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help` does not need it
+if TYPE_CHECKING:  # SciPy is not loaded at run time, because `forceaxis --help` does not need SciPy
     from forceaxis.linear.bank import Bank
 
 

@@ -134,8 +134,8 @@ class GainCut:
 
 
 def why(contact: SimulatedContact) -> str:
-    """A text of one line that names the limits that a simulated contact did not keep, each with its
-    value and unit."""
+    """A text of one line that names the limits that a simulated contact did not keep, each limit
+    with value and unit."""
     texts = []
     for missed in contact.missed:
         if missed.limit == "fault":

@@ -1,4 +1,5 @@
-"""Exact worst figures of a control law over a set of plants, and the bound that limits its gain.
+"""Exact worst figures of a control law over a set of plants, and the bound that limits the gain of
+the law.
 
 The search evaluates a law on a grid of frequencies and on a sample of the set. The functions of
 this module lower the gain until the exact figures of the worst members keep the margins.

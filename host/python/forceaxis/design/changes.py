@@ -1,4 +1,4 @@
-"""An axis as a design: its model with parameter values, and the changes of the model that `advise`
+"""An axis as a design: a model with parameter values, and the changes of the model that `advise`
 compares."""
 
 import contextlib
@@ -63,7 +63,7 @@ NO_CHANGE = Change()
 
 
 class Design:
-    """A model with its parameter values, and the experiment that simulates it.
+    """A model with parameter values, and the experiment that simulates this model.
 
     text: model or experiment, as a path or a name; overrides: {parameter: value}, which take
     precedence over the table [set] of the experiment; timing: of loops.TIMINGS, None: that of the
@@ -114,7 +114,7 @@ class Design:
         self._stack.close()
 
     def require_force_sensor(self) -> None:
-        """Raises InputError if the model has no force sensor on channel 0 of its ADCs."""
+        """Raises InputError if the model has no [[adc]] on channel 0 that reads a force."""
         if self.facts.reading is None:
             raise InputError(
                 f"{self.model}: adc: expected a model with an [[adc]] on channel 0 that reads a "
@@ -167,8 +167,8 @@ class Design:
         return str(self._runs[model]), texts + [f"firmware.{n}={v!r}" for n, v in firmware.items()]
 
     def run_file(self, model: Path) -> Path:
-        """The path of an experiment that runs `model`. This is the experiment of the design if it
-        runs the same model and has a verdict; otherwise a new file."""
+        """The path of an experiment that runs `model`. If the experiment of the design runs the
+        same model and has a verdict, this experiment is used; otherwise a new file."""
         text = (
             experiment_file.document(self.experiment) if self.experiment else self._first_contact()
         )

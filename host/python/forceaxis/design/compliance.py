@@ -87,7 +87,7 @@ class ComplianceOrder:
     text: str  # MODEL or EXPERIMENT
     element: str | None = None  # name of a parameter in N/m; None: the stiffness of the contact
     overrides: Mapping[str, float | str] | None = None
-    # tolerances as texts NAME=PERCENT%; None: those of `sets.workpiece`
+    # tolerances as texts NAME=PERCENT%; None: the tolerances of `sets.workpiece`
     over: Sequence[str] | None = None
     # (lowest, highest) stiffness in N/m; None: SPAN times the stiffness in the model
     span: tuple[float, float] | None = None

@@ -48,7 +48,7 @@ class Ramp:
         self._short = np.where(held < SHORT_MAX[1][0], SHORT_MAX[0][1], SHORT_MAX[1][1])
 
     def excess(self, law: Response) -> float:
-        """Largest distance of the force from its permitted band about the set-point, as a share of
+        """Largest distance of the force from the permitted band about the set-point, as a share of
         the set-point; 0 if the force stays within the band. law: frequency response of the control
         law including its gain, at the points z."""
         worst = 0.0

@@ -1,4 +1,4 @@
-"""Data sheet of `forceaxis new`: its fields, their defaults and derived values."""
+"""Data sheet of `forceaxis new`: fields, defaults of the fields, and derived values."""
 
 import dataclasses
 import math
@@ -27,7 +27,7 @@ class SheetField:
     why: str  # the origin of the default
     # question to the user: name of the quantity, and where data sheets state this quantity
     ask: str
-    word: str | None = None  # a word that is accepted instead of a number, such as "none"
+    word: str | None = None  # word that the user may give instead of a number, such as "none"
     # name of another field; this field has an effect only if the other field is a number
     needs: str | None = None
     # name of another field; this field has an effect only if the other field has its `word` as
@@ -71,7 +71,7 @@ def number_or_word(field: SheetField) -> float | None:
 @dataclass(frozen=True)
 class SheetValues:
     """The values of a data sheet, in the units that end the names. The order of the fields is the
-    order of the questions; a default follows from the fields before it."""
+    order of the questions; a default follows from the values of earlier fields."""
 
     torque_constant_n_m_per_a: float = number(SheetField(
         "motor", "N m/A", 1e-5, 1e3, 0.1, "a small servo motor",

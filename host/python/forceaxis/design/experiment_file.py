@@ -33,7 +33,8 @@ def document(experiment: Path) -> ExperimentText:
 
 
 def firmware_values(experiment: Path | None) -> dict[str, float]:
-    """{object: value in its unit} of an experiment's [firmware]; empty without an experiment."""
+    """{object: value in the unit of the object} from the table [firmware] of an experiment; empty
+    without an experiment."""
     return _core.inputs(str(experiment))["firmware"] if experiment else {}
 
 

@@ -25,8 +25,8 @@ EPOCH = datetime.date(1984, 1, 1)  # day 0 of the object certificate_date
 
 
 def signed(name: str, value: float) -> float:
-    """The engineering value of an object with its sign. value: from _core.inputs, which gives
-    negative values as unsigned numbers."""
+    """Returns the engineering value of an object with the correct sign. value: from _core.inputs,
+    which gives negative values as unsigned numbers."""
     known = objects.BY_NAME[name]
     raw = round(value / known.scale)
     return (raw - 2**32 if raw > known.max else raw) * known.scale
@@ -36,7 +36,8 @@ def tolerance_per_mille(
     ranges: Mapping[str, tuple[float, float, float]], units: Mapping[str, str], unit: str
 ) -> int:
     """The smallest tolerance of a set of plants in per mille, among the parameters with the unit
-    `unit`; 0 if the set has no such parameter. ranges: {parameter: (nominal, low, high)}."""
+    `unit`; 0 if the set has no parameter with this unit. ranges: {parameter: (nominal, low,
+    high)}."""
     shares = [
         min(nominal - low, high - nominal) / nominal
         for name, (nominal, low, high) in ranges.items()
@@ -145,7 +146,7 @@ def write(
         names.append("model.toml")
         model = "model.toml"
     # The files are read from the folder of the bench, because a path relative to the new folder is
-    # valid only after the folder has its name.
+    # valid only after the folder has the final name.
     case = bench.shown
     values = bank_objects(
         bench.design.file("bank.toml", bench.text(case, outcome.bank, outcome.loss_objects)),

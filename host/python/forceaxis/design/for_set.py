@@ -249,8 +249,8 @@ def settled(
     threads: int, say: Say,
 ) -> DesignOutcome:  # fmt: skip
     """The design with the largest bandwidth among those whose simulated contacts settle. The
-    structure is the structure of the search or another structure. Raises InputError if there is no
-    such design."""
+    structure is the structure of the search or another structure. Raises InputError if no simulated
+    contact settles."""
     latencies = outcome.order.latencies
 
     def left(one: DesignOutcome, least: float) -> DesignOutcome:
@@ -298,7 +298,7 @@ def contact_members(
 ) -> list[Plant]:
     """The plants on which contacts are simulated, each as {parameter: SI value}: the nominal plant,
     the plants without friction and with the most friction, and random plants of the set with random
-    friction. A parameter of friction that the set names keeps its range in the set."""
+    friction. A parameter of friction that is in the set keeps the range of the set."""
     own = [r for r in bench.frictions if not {n for n, _ in r.declared_N} & {*plants.ranges}]
     rubbing = friction.drawn(tuple(own), count, seed)
     drawn = random_members(plants, count, seed)

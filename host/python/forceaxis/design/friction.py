@@ -22,9 +22,9 @@ MULTIPLE_MAX = 2.0  # largest simulated dry friction, as a multiple of the decla
 
 @dataclass(frozen=True)
 class FrictionRange:
-    """A friction element of a model and the range of its force. between: the bodies at its ends;
-    declared_N: (parameter, declared value in N) of sliding force and breakaway force; most: largest
-    simulated multiple of the declared values."""
+    """A friction element of a model and the simulated range of the friction force. between: the two
+    bodies of the element; declared_N: (parameter, declared value in N) of sliding force and
+    breakaway force; most: largest simulated multiple of the declared values."""
 
     name: str
     between: tuple[str, str]
@@ -42,9 +42,10 @@ class FrictionRange:
 
 
 def ranges(model: str | Path, overrides: Overrides | None = None) -> tuple[FrictionRange, ...]:
-    """The friction elements of a model whose forces are parameters (see `named`), without those
-    that the drive cannot overcome. The largest multiple of a friction is 2, or the mean of 1 and
-    the ratio of the drive's force to the breakaway force if this mean is less than 2."""
+    """The friction elements of a model whose forces are parameters (see `named`), without the
+    elements whose friction the drive cannot overcome. The largest multiple of a friction is 2, or
+    the mean of 1 and the ratio of the drive's force to the breakaway force if this mean is less
+    than 2."""
     arriving = working.arriving_N(model, overrides)
     found = []
     for one in working.frictions(model, overrides):
@@ -67,8 +68,8 @@ def members(found: tuple[FrictionRange, ...]) -> list[dict[str, float]]:
 
 
 def drawn(found: tuple[FrictionRange, ...], count: int, seed: int) -> list[dict[str, float]]:
-    """`count` random plants as {parameter: force in N}. Each friction is uniformly distributed from
-    0 to its largest value."""
+    """`count` random plants as {parameter: force in N}. Each friction force is uniformly
+    distributed from 0 to the largest value of this friction."""
     rng = random.Random(seed)
     return [_at(found, [rng.uniform(0.0, one.most) for one in found]) for _ in range(count)]
 

@@ -206,7 +206,7 @@ class Grid:
 
     def loops(self, law: Response) -> list[tuple[Response, Samples]]:
         """(L, |L|^2) of each timing for the gain 1. law (m, n): frequency response of the control
-        law without its gain."""
+        law for the gain 1."""
         whole = self.plant * law
         squared = whole.real**2 + whole.imag**2
         return [((whole * lag), squared) for lag in self.lag]

@@ -1,5 +1,4 @@
-"""Reads the tables of a model file into types, and changes a model file without loss of its
-comments.
+"""Reads the tables of a model file into types, and changes a model file without loss of comments.
 
 The compiled module computes with a model but does not tell from which parameter or text of the file
 a value comes. This module reads these names and texts.

@@ -174,8 +174,8 @@ def approach_m_per_s(axis: AxisConstants) -> float:
 
 
 def highest_gain(loop: "Loop", volts_per_code: float) -> float:
-    """Highest stable gain of a loop in DAC codes per unit of its signal. The result is at most 256,
-    because the firmware stores no larger gain."""
+    """Highest stable gain of a loop in DAC codes per unit of the controlled signal. The result is
+    at most 256, because the firmware stores no larger gain."""
     gain = loop.limit().stable_to
     return min(256.0, math.inf if gain is None else gain / volts_per_code)
 
@@ -187,7 +187,8 @@ def first_gain(limit: float) -> float:
 
 
 def first_gains(axis: AxisConstants, model: Path) -> First:
-    """First gains of a new axis, as a share of the linear limits of its loops.
+    """First gains of a new axis, as a share of the linear limits of the force loop and the position
+    loop.
 
     The force set-point is a quarter of the sensor range or of the peak force of the drive,
     whichever is smaller. The set-point is larger if the approach has to overcome the weight and

@@ -1,4 +1,4 @@
-"""Order and result of `forceaxis design`, and the tables of its simulated contacts."""
+"""Order and result of `forceaxis design`, and tables of the simulated contacts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -42,7 +42,7 @@ class DesignOrder:
     # largest gain at high frequency in codes per 8-bit count; None here and below: as in grid.Goal
     hf_gain: float | None = None
     ramp_s: float | None = None  # rise time in s of the set-point ramp that the force has to follow
-    # values of firmware objects in addition to those of the experiment
+    # values of firmware objects, in addition to the values in the experiment
     firmware: dict[str, float | str] = field(default_factory=dict)
     # force set-points of the simulated first contacts in N; empty: chosen by the ranges of sensor
     # and drive
@@ -54,7 +54,7 @@ class DesignOrder:
 
     @property
     def latencies(self) -> tuple[int, ...]:
-        """The values of latency_ticks for which the design has to keep its margins."""
+        """The values of latency_ticks for which the design has to keep the margins."""
         return LATENCIES[self.latency]
 
     def goal(self, adc_bits: int) -> Goal:

@@ -34,7 +34,8 @@ SECTION_START_FACTOR = 4.0
 
 @dataclass(frozen=True)
 class ShortDesign:
-    """A bank and its worst figures over a set of plants; None if no gain keeps the margins."""
+    """A bank and the worst figures of the bank over a set of plants; None if no gain keeps the
+    margins."""
 
     bank: Bank
     worst: WorstFigures | None
@@ -65,8 +66,8 @@ class ShortSearch:
         search.check_plants(self.inner)
 
     def worst(self, shape: Bank) -> ShortDesign:
-        """A bank with the largest gain that keeps the margins, and its worst figures. shape: bank
-        that gives integral rate and sections; its gain is ignored."""
+        """A bank with the largest gain that keeps the margins, and the worst figures of this bank.
+        shape: bank that gives integral rate and sections; the gain of `shape` is ignored."""
         unit = replace(shape, force_gain=1.0).quantised()
         law = unit.response(self.grid.z)
         steep = max(unit.hf_gain(), float(np.abs(law[:, -1]).max()))
@@ -99,18 +100,18 @@ class ShortSearch:
         return max(plain, found, key=lambda f: f.bandwidth_Hz)
 
     def best_of(self, candidates: Iterable[Samples]) -> ShapedDesign:
-        """The best bank for this set among those that other searches have found. candidates:
+        """The best bank for this set among the banks that other searches have found. candidates:
         logarithms as in ShapedDesign."""
         numbers = max(candidates, key=lambda n: self.inner.evaluate(n)[0])
         return self._shaped(structures.bank(numbers, 1.0), numbers)
 
     def at(self, bank: Bank) -> WorstFigures:
-        """The worst figures of a bank with its present gain."""
+        """The worst figures of a bank, without a change of the gain."""
         return certificate.on_grid(self.grid, bank)
 
     def exact(self, bank: Bank) -> tuple[Bank, WorstFigures | None]:
         """(bank, worst figures) with the gain at which the exact worst figures of the set keep the
-        margins. This gain is some per cent below that of the grid, and the computation takes
+        margins. This gain is some per cent below the gain from the grid, and the computation takes
         seconds instead of milliseconds."""
         return certificate.exact(self.plants, [self.grid], bank, self.goal)
 

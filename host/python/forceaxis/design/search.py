@@ -74,7 +74,8 @@ class StructureDesign:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """Result of a search: the bank as the firmware stores it, and its worst figures over the set.
+    """Result of a search: the bank with the values that the firmware stores, and the worst figures
+    of this bank over the set.
 
     p: figures of the P law at the same margins; structures: from the smallest to the largest;
     limited_by: a sentence; chosen: name of a structure; instead(name): the result with another
@@ -162,7 +163,7 @@ class SearchProblem:
 
 
 def _noise(law: Response, numbers: Samples, grid: Grid) -> float:
-    """Largest magnitude of a control law over the frequency, without its integral action."""
+    """Largest magnitude of a control law over the frequency, computed without integral action."""
     if not len(numbers):
         return 1.0
     return float(np.abs(law / (1 + math.exp(numbers[0]) * grid.integral)).max())

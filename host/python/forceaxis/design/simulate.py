@@ -94,7 +94,8 @@ class ContactBench:
     ) -> None:  # fmt: skip
         self.design, self.own, self._bits = design, own, bits
         self.forces_N = tuple(sorted(set(forces_N)))
-        # permitted contact losses of a first contact, in addition to those of the impact alone
+        # permitted number of contact losses of a first contact, in addition to the losses due to
+        # the impact alone
         self.losses_max = LOSSES_MAX
         # Contact losses and peak force in N that the impact alone causes.
         self.impacts: dict[ContactCase, tuple[int, float]] = {}
@@ -124,7 +125,8 @@ class ContactBench:
         """A bench with the same cases at `share` of the approach speed of this bench."""
         scale = abs(self.facts.required_encoder.scale)
         count = max(1, round(share * self.cases[0].speed_m_per_s * scale))
-        self._files = {}  # the files of this bench have the same names as those of the other bench
+        # empty, because the files of both benches have equal names but different contents
+        self._files = {}
         return ContactBench(
             self.design, self._bits, self.own, self._asked | {"approach_velocity_max": count},
             self.forces_N,
@@ -185,8 +187,8 @@ class ContactBench:
         }
 
     def _check_forces(self, counts: float) -> None:
-        """Raises InputError if the sensor cannot measure a given force or the drive cannot produce
-        it."""
+        """Raises InputError if the sensor cannot measure a given force or if the drive cannot
+        produce this force."""
         for most_N, what in (
             (min(counts, 255.0) * self.count_N, "the end of the range of the force sensor"),
             (self._stall_N(), "the largest force of the drive"),
@@ -255,7 +257,7 @@ class ContactBench:
     ) -> None:  # fmt: skip
         """Simulates the impact of each first contact with a small gain, and stores the contact
         losses and the peak force, which enlarge the limits of the verdicts. cases: first contacts
-        that replace those of the bench."""
+        that are simulated instead of the cases of the bench."""
         weak = replace(bank, force_gain=WEAK_GAIN_SHARE * bank.force_gain).quantised()
         cases = cases or [case for case in self.cases if not case.strike_N_s]
         loss = {"contact_loss_cap": self.press_speed_code(cases[0].speed_m_per_s)}

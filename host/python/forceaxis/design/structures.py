@@ -51,7 +51,7 @@ def section(
     zero_hz: float, zero_damping: float, pole_hz: float, pole_damping: float
 ) -> tuple[float, float, float, float, float]:
     """Coefficients (b0, b1, b2, a1, a2) of a second-order section from the frequencies in Hz and
-    the damping ratios of its zeros and poles."""
+    the damping ratios of the zeros and poles."""
     k = 2 / TICK_S
     wz, wp = _warped(zero_hz), _warped(pole_hz)
     over = k * k + 2 * pole_damping * wp * k + wp * wp
@@ -81,7 +81,7 @@ def bank(numbers: Samples, gain: float) -> Bank:
 
 
 def response(numbers: Samples, grid: Grid | Ramp) -> Response:
-    """The frequency response of the control law without its gain, at the points of `grid`. numbers:
+    """The frequency response of the control law for the gain 1, at the points of `grid`. numbers:
     logarithms of a structure."""
     if not len(numbers):
         return np.ones_like(grid.plant)

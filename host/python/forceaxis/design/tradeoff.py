@@ -53,7 +53,7 @@ class TradeoffRow:
 @dataclass(frozen=True)
 class Tradeoff:
     """The content of `forceaxis design --pareto --json`; against: name of the second figure; what:
-    its meaning."""
+    meaning of the second figure."""
 
     model: str
     over: list[str]
@@ -79,7 +79,7 @@ def tradeoff(
     order: DesignOrder, against: str, progress: Callable[[str], None] | None = None
 ) -> Tradeoff:
     """The designs of an order for each value of the figure `against`, by the search of `reduced`.
-    The other margins are those of the order. Raises InputError."""
+    All other margins have the values of the order. Raises InputError."""
     for_set.check(order)
     values, what = AGAINST[against]
     with changes.Design(order.text, order.overrides, states=order.states) as plant:

@@ -1,4 +1,4 @@
-"""The table [expect] of an experiment: reads the table and compares it with a run.
+"""The table [expect] of an experiment: reads the table and compares the values with a run.
 
 FORMAT defines the keys of the table; docs/guide/reference/experiment.md is generated from FORMAT.
 """
@@ -27,7 +27,7 @@ HELD_FORCE_KEYS = ("held_force_N", "held_force_error_percent")
 @dataclass(frozen=True)
 class Tolerance:
     """Largest permitted difference from an expected number: `tolerance` in the unit of the number,
-    or `relative` as a fraction of its magnitude."""
+    or `relative` as a fraction of the magnitude of the number."""
 
     tolerance: float = 0.0
     relative: float = 0.0
@@ -50,7 +50,7 @@ TOLERANCES = {
 
 @dataclass(frozen=True)
 class FormatKey:
-    """A key of a table, as docs/guide/reference describes it."""
+    """Description of a key of a table for docs/guide/reference."""
 
     key: str
     form: str
@@ -63,7 +63,8 @@ class FormatKey:
 
 @dataclass(frozen=True)
 class FormatTable:
-    """A table of an experiment with its keys, as docs/guide/reference describes them."""
+    """Description of a table of an experiment and of the keys of the table, for
+    docs/guide/reference."""
 
     path: str
     header: str
@@ -214,7 +215,7 @@ class Number:
 
     @classmethod
     def around(cls, value: float, allowed: Tolerance) -> "Number":
-        """The range of a value with its tolerance."""
+        """Returns the range of a value: the value plus and minus the tolerance."""
         width = allowed.of(value)
         return cls(value - width, value + width, value)
 
@@ -260,7 +261,8 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of a run by the keys of [expect], and how they were computed."""
+    """Results of a run by the keys of [expect], and the settings with which the results were
+    computed."""
 
     values: dict[str, Obtained]
     signal: str  # column of the trace
@@ -322,7 +324,7 @@ class ExpectationCheck:
 
 @dataclass(frozen=True)
 class Examined:
-    """A finished run and the checks of its [expect]; without the table `checks` is empty."""
+    """A finished run and the checks of the table [expect]; without the table `checks` is empty."""
 
     run: runs.Run
     expect: Expectation
@@ -518,7 +520,8 @@ def measure(done: runs.Run, expect: Expectation) -> Measured:
 
 
 def examine(file: str | Path, overrides: Sequence[str] = ()) -> Examined:
-    """Runs one experiment and compares it with its [expect]. Raises InputError, SimulationError."""
+    """Runs one experiment and compares the result with the table [expect]. Raises InputError,
+    SimulationError."""
     file = Path(file)
     inputs = read_inputs(file, overrides)
     # the table is read here, so that an error in the table is reported before the run

@@ -15,7 +15,7 @@ ExpectTable: TypeAlias = dict[str, Any]
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of an experiment with its overrides."""
+    """Inputs of an experiment after the overrides."""
 
     title: str
     model: Path

@@ -12,8 +12,8 @@ from forceaxis.experiments.points import Point, SweepParameter, tidy
 
 def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
     """Indices of the isolated points of a grid of one or two parameters. The verdict of an isolated
-    point differs from that of each neighbour with a verdict, including diagonal ones; at least two
-    such neighbours are required."""
+    point differs from the verdict of each neighbour, including diagonal neighbours; at least two
+    neighbours with a verdict are required."""
     shape = tuple(len(a.values) for a in axes)
     if not axes or len(axes) > 2 or any(len(set(a.values)) != len(a.values) for a in axes):
         return []
@@ -30,8 +30,8 @@ def find(axes: Sequence[SweepParameter], verdict: Sequence[str]) -> list[int]:
 
 
 def around(axes: Sequence[SweepParameter], point: Sequence[float]) -> list[Point]:
-    """The points half-way between a point of the grid and its neighbours, including diagonal
-    ones."""
+    """The points half-way between a point of the grid and the neighbours, including diagonal
+    neighbours."""
     choices = []
     for axis, value in zip(axes, point, strict=True):
         values = sorted(axis.values)

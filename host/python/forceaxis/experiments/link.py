@@ -1,5 +1,5 @@
 """Runs with the firmware in another process: this process simulates the plant, the program
-axis_node runs the firmware, and both exchange a message in each tick.
+axis_node runs the firmware, and the two processes exchange messages in each tick.
 
 The trace does not depend on the connection: it is equal to the trace of a run in one process. Both
 processes compute the trace hash; different hashes mean that a message was changed on its way.
@@ -113,7 +113,8 @@ def _has_can(interface: str) -> bool:
 
 @dataclass(frozen=True)
 class LinkDetails:
-    """Speed of a run over a connection and its records, as _core.run_linked returns them."""
+    """Speed of a run over a connection and numbers of records, in the form that _core.run_linked
+    returns."""
 
     ticks_per_s: float
     real_time: float  # simulated time / elapsed time
@@ -123,7 +124,7 @@ class LinkDetails:
 
 @dataclass(frozen=True)
 class ChipDetails:
-    """Speed of a run on an emulated chip, as _core.run_on_chip returns it."""
+    """Speed of a run on an emulated chip, in the form that _core.run_on_chip returns."""
 
     interrupts: int  # number of interrupts in which the chip has computed a tick
     ticks: int

@@ -17,7 +17,7 @@ from forceaxis.experiments.run_result import Array, Columns
 Values: TypeAlias = Array | Sequence[float]
 Note: TypeAlias = tuple[str, str]  # (text, colour)
 
-# Unit and factor of a signal of the model, by the last part of its name.
+# {last part of the name of a signal of the model: (unit, factor)}.
 UNITS: dict[str, tuple[str, float]] = {
     "position": ("mm", 1e3),
     "deflection": ("mm", 1e3),
@@ -290,7 +290,7 @@ class ExpectedLevel:
 
 @dataclass(frozen=True)
 class Settling:
-    """An expected settling time and that of the run, both measured from from_s."""
+    """The expected settling time and the settling time of the run, in s after from_s."""
 
     from_s: float
     band: list[float]  # lower and upper edge of the settling band, in the unit of the trace
@@ -355,7 +355,8 @@ def comparison(
 
 
 def mark_level(ax: Axes, factor: float, end: float, level: ExpectedLevel) -> None:
-    """Draws the expected range of a value from its start to the end, and the obtained value."""
+    """Draws the expected range of a value, from the start of the evaluation to the end of the run,
+    and the obtained value."""
     view, start = ax.get_ylim(), level.from_s
     low = level.low * factor if level.low > -np.inf else view[0]
     high = level.high * factor if level.high < np.inf else view[1]

@@ -42,7 +42,7 @@ def meant(name: str, parameters: Iterable[str] = ()) -> str:
 
 @dataclass(frozen=True)
 class SweepParameter:
-    """A parameter that a sweep changes, and its range in the unit of the parameter."""
+    """A parameter that a sweep changes, and the range of values in the unit of the parameter."""
 
     name: str
     low: float
@@ -53,8 +53,8 @@ class SweepParameter:
     tolerance: float = 0.0
 
     def at(self, u: float) -> float:
-        """The value at the fraction u of the range, 0 to 1, rounded to 12 digits so that its text
-        is exact."""
+        """The value at the fraction u of the range, 0 to 1, rounded to 12 digits so that the text
+        of the value is exact."""
         if self.log:
             return tidy(self.low * (self.high / self.low) ** u)
         return tidy(self.low + (self.high - self.low) * u)
@@ -140,7 +140,7 @@ def random_axes(random: Mapping[str, str]) -> list[SweepParameter]:
 
 
 def random_points(axes: Sequence[SweepParameter], count: int | None, seed: int) -> list[Point]:
-    """Random points. The value of a parameter at point i depends only on seed, name and i: its
+    """Random points. The value of a parameter at point i depends only on seed, name and i: the
     fraction of the range is the first 53 bits of SHA-256("SEED:NAME:INDEX") / 2^53. Raises
     ParameterError.
     """

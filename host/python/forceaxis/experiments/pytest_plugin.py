@@ -39,7 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Adds the folders of forceaxis_experiments to the folders that pytest searches if it is called
+    """Adds the folders of forceaxis_experiments to the folders that pytest searches when called
     without arguments."""
     if config.args_source == config.ArgsSource.TESTPATHS:
         config.args += [str(p) for p in config.getini("forceaxis_experiments")]
@@ -57,7 +57,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> "Experimen
 
 
 class ExperimentFile(pytest.File):
-    """The file of an experiment with [expect]; it has one test item."""
+    """The file of an experiment with [expect]; each file has one test item."""
 
     def collect(self) -> "Iterator[ExperimentItem]":
         yield ExperimentItem.from_parent(self, name="expect")
@@ -85,7 +85,7 @@ class ExperimentItem(pytest.Item):
 
 
 class CheckedExperiment:
-    """A finished run, and its comparison with the table [expect] of its file."""
+    """A finished run, and the comparison with the table [expect] of the experiment."""
 
     def __init__(self, file: Path, overrides: tuple[str, ...] = ()) -> None:
         from forceaxis.experiments import expect

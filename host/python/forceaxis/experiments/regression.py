@@ -52,7 +52,7 @@ class RegressionOutcome:
         return [c.warning for c in self.checks if c.warning]
 
     def summary(self) -> "OutcomeSummary":
-        """The outcome as JSON contains it."""
+        """The outcome in the form of the JSON output."""
         return OutcomeSummary(
             experiment=self.name,
             status=self.status,
@@ -67,7 +67,7 @@ class RegressionOutcome:
 
 @dataclass(frozen=True)
 class CheckSummary:
-    """An expected value and the value of the run, as JSON contains them."""
+    """An expected value and the value of the run, in the form of the JSON output."""
 
     key: str
     expected: str
@@ -77,7 +77,7 @@ class CheckSummary:
 
 @dataclass(frozen=True)
 class OutcomeSummary:
-    """The result of one test as JSON contains it."""
+    """The result of one test in the form of the JSON output."""
 
     experiment: str
     status: str

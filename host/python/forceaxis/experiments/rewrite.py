@@ -46,8 +46,8 @@ def filled(text: str, values: Mapping[str, Obtained], checks: Sequence[Expectati
 
 
 def updated(text: str, examined: Examined) -> str:
-    """The text of an experiment with new values in place of those that the run does not have.
-    Limits are requirements and are not changed."""
+    """The text of an experiment in which values that the run does not match are replaced by the
+    values of the run. Limits are requirements and are not changed."""
     import tomlkit
 
     try:
@@ -94,7 +94,7 @@ def rewritten(file: str | Path, text: str, examined: Examined) -> str:
 
 def written(value: Obtained, allowed: Tolerance | None) -> Obtained:
     """Returns the text of a value for the file: a number with the fewest decimals that is within a
-    hundredth of its tolerance. allowed: the tolerance; None for a text."""
+    hundredth of the tolerance. allowed: the tolerance; None for a text."""
     if not isinstance(value, float) or allowed is None:
         return value
     near = allowed.of(value) / 100

@@ -20,7 +20,7 @@ from forceaxis.words import option_words
 
 @dataclass
 class Run:
-    """A finished run: its result and its trace."""
+    """A finished run: result and trace."""
 
     experiment: Path  # file of the experiment
     model: Path  # file of the model
@@ -39,7 +39,7 @@ class Run:
 
     @property
     def title(self) -> str:
-        """The title of the experiment, with its figure number in the thesis."""
+        """The title of the experiment, with the number of the figure in the thesis."""
         title, figure = self.result.title, self.result.figure
         return f"Fig {figure}: {title}" if figure else title
 
@@ -50,8 +50,8 @@ class Run:
 
     @property
     def in_plot(self) -> NDArray[np.bool_]:
-        """Returns for each tick True if the tick is within the time range of [plot], (n,). The
-        whole run is shown if it ended before this range."""
+        """Returns for each tick True if the tick is within the time range of [plot], (n,). If the
+        run ended before this range, all ticks are True."""
         time_s, plot = self.time_s, self.plot
         start = time_s[0] if plot.from_s is None else plot.from_s
         stop = time_s[-1] if plot.to_s is None else plot.to_s
@@ -65,7 +65,7 @@ class Run:
 
     @property
     def summary(self) -> JsonObject:
-        """The result as `forceaxis run --json` prints it."""
+        """The result in the form of `forceaxis run --json`."""
         found: JsonObject = to_json(self.result)
         return found
 

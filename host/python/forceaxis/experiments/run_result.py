@@ -59,7 +59,7 @@ class HeldForce:
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of a run from which its verdict is evaluated."""
+    """Figures of a run from which the verdict is evaluated."""
 
     window_ticks: int
     window_start_s: float

@@ -24,7 +24,7 @@ Row: TypeAlias = tuple[str, str]  # key and value of a row of text
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value with its unit as text; a length in m is shown in mm."""
+    """Returns a value with a unit as text; a length in m is shown in mm."""
     return f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
@@ -45,8 +45,8 @@ def ripple(
     limit: float | None = None,
     beyond: bool = False,
 ) -> str:
-    """The ripple of the force or of the position as text, with its limit. what: "force" or
-    "position"; count, limit: in counts; beyond: True if the ripple exceeds the limit."""
+    """The ripple of the force or of the position as text, with the limit of [verdict]. what:
+    "force" or "position"; count, limit: in counts; beyond: True if the ripple exceeds the limit."""
     of = "" if limit is None else f" of {limit:.3g}"
     plural = "s" * ((count if limit is None else limit) != 1)
     in_counts = f"{count:.3g}{of} count{plural} {COUNTED_IN[what]}"
@@ -169,7 +169,7 @@ def kept_limits(result: RunResult, criterion: Criterion) -> list[str]:
 
 
 def verdict_text(result: RunResult) -> str:
-    """The verdict with its reasons and its window as text."""
+    """The verdict as text, with reasons and window."""
     if not result.verdict or not result.criterion:
         return "none, because the experiment has no table [verdict]"
     because = result.because or kept_limits(result, result.criterion)

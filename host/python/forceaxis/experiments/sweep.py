@@ -389,8 +389,8 @@ class Journal:
             )
 
     def flush(self) -> None:
-        """Writes buffered lines to the operating system, so that they survive the end of the
-        process."""
+        """Writes buffered lines to the operating system, so that these lines are kept if the
+        process is killed."""
         if self.file:
             self.file.flush()
 

@@ -1,4 +1,5 @@
-"""Figures of a sweep: verdicts or peak forces over its parameters, or stability boundaries."""
+"""Figures of a sweep: verdicts or peak forces over the swept parameters, or stability
+boundaries."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -37,7 +38,7 @@ MARKERS = (
 
 
 def sweep(done: Sweep) -> Figure:
-    """Figure of a sweep over its first two parameters."""
+    """Figure of a sweep over the first two swept parameters."""
     figure, ax = plt.subplots(figsize=(5.6, 4.2))
     style(ax)
     draw: Callable[[Figure, Axes, Sweep], str] = boundary_plot if done.plan.search else run_plot
@@ -165,7 +166,7 @@ def boundary_plot(figure: Figure, ax: Axes, done: Sweep) -> str:
     up = np.nansum([np.sign(b.unstable - b.stable) for b in done.boundaries]) >= 0
     edge = boundary.copy()
     for i, note in enumerate(done.boundaries[k].note for k in order):
-        if note:  # without a change of the verdict, the whole range has one colour
+        if note:  # without a change of the verdict, one colour covers the whole range
             edge[i] = search.high if note.startswith("no change: stable") == up else search.low
     below, above = (AREA[kind] for kind in (("stable", "unstable")[:: 1 if up else -1]))
     ax.set_facecolor(AREA[FAILED])
@@ -192,7 +193,8 @@ def over_one(
     ax.plot(x[order], peak_N[order], color=INK, linewidth=0.6, zorder=1)
     shown = np.where(np.isfinite(peak_N), peak_N, 0)
     failed = ~np.isfinite(peak_N)
-    plain = ~np.isin(verdict, VERDICTS) & ~failed  # the experiment has no [verdict]
+    # marks the points of an experiment without [verdict]
+    plain = ~np.isin(verdict, VERDICTS) & ~failed
     ax.scatter(x[plain], shown[plain], c=INK, marker=".", s=22)
     scatter_verdicts(ax, x[~plain], shown[~plain], np.where(failed, "", verdict)[~plain], size=22)
     ax.set_ylabel("peak contact force, N")
@@ -215,14 +217,14 @@ def scatter_verdicts(ax: Axes, x: Array, y: Array, verdict: Array, size: int = 1
 
 
 def along(ax: Axes, which: str, axis: SweepParameter, done: Sweep) -> None:
-    """Sets label and scale of the axis `which`, "x" or "y", for a parameter."""
+    """Sets the label and the scale of the axis `which` ("x" or "y") for a parameter."""
     getattr(ax, f"set_{which}label")(label_of(axis.name, done))
     if axis.log:
         getattr(ax, f"set_{which}scale")("log")
 
 
 def label_of(name: str, done: Sweep) -> str:
-    """The label of a parameter: its name and unit."""
+    """The label of a parameter: name and unit."""
     room, _, key = name.partition(".")
     unit = done.result.parameters[name]
     if room == "firmware":
@@ -266,7 +268,8 @@ def coloured(figure: Figure, ax: Axes, label: str, drawn: Collection) -> None:
 
 
 def key_below(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
-    """Draws the legend below the axes. handles: default: those of the axes."""
+    """Draws the legend below the axes. handles: entries of the legend, by default all entries of
+    the axes."""
     handles = handles or ax.get_legend_handles_labels()[0]
     figure = ax.figure
     assert isinstance(figure, Figure)

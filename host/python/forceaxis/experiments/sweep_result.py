@@ -1,4 +1,4 @@
-"""Result of a sweep: its points with their runs or stability boundaries, and its summary."""
+"""Result of a sweep: the points with runs or stability boundaries, and a summary."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from forceaxis.experiments.run_result import Columns, Converters
 from forceaxis.experiments.verdicts import STABLE
 from forceaxis.results import JsonObject, json_field, to_json
 
-Row: TypeAlias = dict[str, float]  # name of a swept parameter -> its value
+Row: TypeAlias = dict[str, float]  # {name of a swept parameter: value}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +66,13 @@ class Boundary:
 
     row: Row
     stable: float = math.nan  # last stable value
-    unstable: float = math.nan  # first value beyond the boundary that is not stable
+    unstable: float = math.nan  # nearest value beyond the boundary at which the run is not stable
     beyond: str = ""  # verdict at `unstable`
     note: str = ""  # reason for a missing boundary
     error: str = ""  # of the last run that failed
     runs: int = 0
-    searching: bool = False  # whether the verdict changes from `stable` to `unstable`
+    # True if the verdict changes between the values `stable` and `unstable`
+    searching: bool = False
 
     def begin(self, search: SweepParameter, low: str | None, high: str | None) -> None:
         """Sets the verdicts at both ends of the range; None: the run failed."""
@@ -103,7 +104,8 @@ class Boundary:
         )
 
     def halve(self, verdict: str | None) -> None:
-        """Sets the verdict in the middle; None: the run failed, so there is no boundary."""
+        """Sets the verdict in the middle of the range; None: the run failed, so the boundary is
+        unknown."""
         if verdict is None:
             self.searching, self.stable, self.unstable = False, math.nan, math.nan
         elif verdict == STABLE:
@@ -147,10 +149,11 @@ class SweepCounts:
 
     points: int
     runs: int
-    resumed: int  # runs that were read from the journal
+    resumed: int  # number of runs that were read from the journal
     failed: int
     boundaries: int | None = json_field(omit_none=True)  # None without a search
-    stable: int | None = json_field(omit_none=True)  # None in a search, as the next three
+    # number of stable points; in a search, the four numbers of verdicts are None
+    stable: int | None = json_field(omit_none=True)
     unstable: int | None = json_field(omit_none=True)
     not_met: int | None = json_field(omit_none=True)
     never_in_contact: int | None = json_field(omit_none=True)
@@ -171,9 +174,9 @@ class FailedPoint:
 
 @dataclass(frozen=True)
 class IsolatedPoint:
-    """A point whose verdict differs from that of all neighbours. `around` and `alike` are the
-    number of points around this point that were also run, and the number of those with the same
-    stability. Both are None if no such points were run."""
+    """A point whose verdict differs from the verdicts of all neighbours. `around` and `alike` are
+    the number of points around this point that were run too, and how many of these points have the
+    same stability. `around` and `alike` are None if no points around this point were run."""
 
     values: Row
     verdict: str
@@ -198,21 +201,22 @@ class SweepResult:
     firmware_hash: str
     simulator_hash: str
     objects_hash: str
-    where: str  # place of the runs: number of threads, or address of the Dask scheduler
+    where: str  # where the runs were executed: number of threads, or address of the Dask scheduler
     seconds: float
     command: str  # command line that repeats the sweep
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A finished sweep: summary, and for each point its outcome or its stability boundary."""
+    """A finished sweep: summary, and the outcome or the stability boundary of each point."""
 
     result: SweepResult
     plan: SweepPlan
-    outcomes: list[PointOutcome]  # of the points; empty in a search
-    boundaries: list[Boundary]  # of the points; empty without a search
-    search_runs: list[tuple[float, PointOutcome]]  # (value, outcome) of a search without axes
-    converters: Converters  # converters of the model; empty if the sweep changes them
+    outcomes: list[PointOutcome]  # outcome of each point; empty in a search
+    boundaries: list[Boundary]  # stability boundary of each point; empty without a search
+    # (value, outcome) of each run in a search without axes
+    search_runs: list[tuple[float, PointOutcome]]
+    converters: Converters  # converters of the model; empty if the sweep changes a converter
     closer: dict[Point, PointOutcome]  # points around isolated points
 
     @cached_property
@@ -243,7 +247,7 @@ class Sweep:
 
     @property
     def summary(self) -> JsonObject:
-        """The result as `forceaxis sweep --json` prints it; the values of a point are keys of the
+        """The result in the form of `forceaxis sweep --json`; the values of a point are keys of the
         object of the point."""
         failures = [_flattened(point) for point in self.result.failures]
         alone = [_flattened(point) for point in self.result.alone]
@@ -251,6 +255,6 @@ class Sweep:
 
 
 def _flattened(point: FailedPoint | IsolatedPoint) -> dict[str, float | str | None]:
-    """The fields of a point, followed by the values of its parameters."""
+    """The fields of a point, followed by the values of the swept parameters."""
     fields = asdict(point)
     return {name: value for name, value in fields.items() if name != "values"} | point.values

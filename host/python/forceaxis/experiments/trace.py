@@ -1,4 +1,4 @@
-"""Figure of a run, and its files: trace as CSV and NPZ, events, figure, result."""
+"""Figure and files of a run: trace as CSV and NPZ, events, figure, result."""
 
 import contextlib
 import csv
@@ -28,9 +28,9 @@ PROFILE_FORCE = 4  # mode of operation
 
 
 def figure(done: Run, codes: bool = False) -> "Figure":
-    """Figure of a run, with the rows and the range of time of the table [plot]. Without this table
-    it shows position, measured force and output voltage of the whole run. Objects that a run over a
-    connection does not trace are omitted. codes: shows codes instead of N, mm and V."""
+    """Figure of a run, with the rows and the range of time of the table [plot]. Without this table,
+    the figure shows position, measured force and output voltage of the whole run. Objects that a
+    run over a connection does not trace are omitted. codes: shows codes instead of N, mm and V."""
     from forceaxis.drawing import GOT, VERDICT
     from forceaxis.experiments import plots
 
@@ -119,8 +119,8 @@ def demand_of(
     done: Run, contacts: list[tuple[float, float]]
 ) -> "tuple[plots.Values, plots.Values] | None":
     """(times in s, forces in N) of the force demand in mode of operation 4, in which the demand
-    follows the set-points with the slope `force_slope`. The demand comes from the trace, or is
-    computed from the first contact on if it was not traced.
+    follows the set-points with the slope `force_slope`. The demand is read from the trace; if the
+    trace has no demand, the demand is computed from the first contact on.
 
     None in another mode, if the slope changes during the run, or if the run has no file.
     """
@@ -142,8 +142,8 @@ def demand_of(
 
 
 def write(done: Run, out: Path, codes: bool = False) -> None:
-    """Writes FILES to the folder `out`, all of them or none. codes: the figure shows codes instead
-    of N, mm and V. Raises OSError."""
+    """Writes either all FILES or none to the folder `out`. codes: the figure shows codes instead of
+    N, mm and V. Raises OSError."""
     with (
         paths.replacing(out, *FILES) as (trace_csv, trace_npz, events_csv, png, svg, result),
         beside(write_tables, done, trace_csv, trace_npz, events_csv),

@@ -77,7 +77,7 @@ class ParameterFit:
 
     def distance(self, values: ArrayLike) -> float:
         """Position of `values` (p,) relative to the joint 95 % region of the parameters: below 1
-        inside the region, 1 at its edge."""
+        inside the region, 1 at the edge of the region."""
         step = np.log(values) - np.log(self.values)
         size = step @ np.linalg.solve(self.covariance, step)
         p = len(step)
@@ -95,7 +95,7 @@ class FitProblem:
         self.names = tuple(starts)
         self.start: Reals = np.log(np.array(list(starts.values()), float))
         relative = np.sqrt(measured.variance) / np.maximum(abs(measured.response), 1e-300)
-        # limits the weight of a point to that of a relative error of a tenth
+        # no point has a larger weight than a point with a relative error of a tenth
         self.weights: Reals = 1 / np.hypot(relative, 0.1)
 
     def model(self, logarithms: Reals) -> Complexes:
@@ -322,7 +322,7 @@ def read_response(
 
 
 def checked(measured: Measurement, file: Path) -> Measurement:
-    """The Measurement, after a check of all its fields. Raises InputError for a wrong field."""
+    """Returns the Measurement after a check of all fields. Raises InputError for a wrong field."""
 
     def expect(good: bool | np.bool_, key: str, text: str) -> None:
         if not good:
@@ -376,8 +376,8 @@ T = TypeVar("T")
 def response_of_csv(
     file: Path, model: str, overrides: linear.Overrides, settings: ResponseSettings
 ) -> Measurement:
-    """Measurement from a CSV file; its variance is (1 - c) |H|^2 / (c (averages - 1)) with the
-    coherence c. Raises InputError."""
+    """Measurement from a CSV file; the variance of the response is (1 - c) |H|^2 / (c (averages -
+    1)) with the coherence c. Raises InputError."""
 
     def required(value: T | None, key: str) -> T:
         if value is None:

@@ -1,5 +1,4 @@
-"""A measured frequency response: its error, its characteristic values, its comparison with a
-model."""
+"""A measured frequency response: error, characteristic values, and comparison with a model."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -36,7 +35,7 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredCurve:
-    """A measured response of one folder and its comparison with the model: magnitude, phase,
+    """A measured response from one folder and the comparison with the model: magnitude, phase,
     `radius` of the 95 % band (unit of the magnitude) and coherence at frequency_hz, (n,) each. The
     phase is within 180 degrees of the phase of the model."""
 
@@ -70,8 +69,8 @@ class Readings:
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measured frequency response, output divided by input; both are sampled every `dt`
-    seconds.
+    """A measured frequency response, output divided by input; output and input are sampled every
+    `dt` seconds.
 
     The excitation is constant between samples. A simulated signal at sample k is the value just
     after the new excitation acts; the codes of the firmware (adc0, adc1, encoder) are converted
@@ -215,8 +214,8 @@ class Measurement:
 
 
 def sampled(measured: Measurement, overrides: linear.Overrides) -> linear.System:
-    """Linear model of a measurement, sampled with its period. The input is the command of the drive
-    or the DAC code, the outputs are the two measured signals."""
+    """Linear model of a measurement, sampled with the period of the measurement. The input is the
+    command of the drive or the DAC code, the outputs are the two measured signals."""
     plain = [
         "drive.command" if name == "dac_code" else name
         for name in (measured.input, measured.output)

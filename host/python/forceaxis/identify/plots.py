@@ -75,7 +75,7 @@ def response(
 
 
 def fitted(measured: Measurement, start: Complexes, fitted: Complexes) -> Figure:
-    """Figure of a measured response with its 95 % band, and of the model before and after a fit:
+    """Figure of a measured response with the 95 % band, and of the model before and after a fit:
     magnitude and phase. start, fitted: complex responses of the model at the same frequencies."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(5.6, 5.0), height_ratios=(3, 2))
     for ax in axes:

@@ -36,14 +36,14 @@ WARNED_NOISE_RATIO = 4
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value and half the width of its 95 % interval, both in `unit`."""
+    """A value and the half width of the 95 % confidence interval of the value, in `unit`."""
 
     value: float
     half: float
     unit: str = ""
 
     def with_interval(self) -> "EstimateWithInterval":
-        """The estimate with the ends of its interval, as JSON contains it."""
+        """The estimate in the form of the JSON output, with the ends of the interval."""
         low, high = finite(self.value - self.half), finite(self.value + self.half)
         return EstimateWithInterval(finite(self.value), (low, high), self.unit)
 
@@ -53,8 +53,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class EstimateWithInterval:
-    """A value in `unit` and the ends of its 95 % interval; None in place of a number that is not
-    finite."""
+    """A value in `unit` and the two ends of the 95 % confidence interval; None in place of a number
+    that is not finite."""
 
     value: float | None
     interval: tuple[float | None, float | None]
@@ -380,8 +380,8 @@ def mode_parameters(
     mass: Estimate | None = None,
     stiffness: Estimate | None = None,
 ) -> ModeParameters:
-    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode from its frequency, its damping
-    ratio, and either its mass or its stiffness.
+    """Mass (kg), stiffness (N/m) and damping (N s/m) of a mode from the frequency, the damping
+    ratio, and either the mass or the stiffness of the mode.
 
     `frequency_hz` is the natural frequency and `damping_ratio` the exact ratio: k = m w^2,
     b = 2 zeta sqrt(k m) (4.4.3 to 4.4.6).
@@ -527,7 +527,7 @@ def decrement(
 ) -> tuple[RingDown, ModeParameters | None]:
     """ring_down() of a CSV file with the column time_s, from from_s to to_s in s, and
     mode_parameters() for a known mass (kg) or stiffness (N/m). `column` is the column of the
-    signal; it is optional if the file has only one column besides time_s."""
+    signal; the argument is optional if the file has only one column besides time_s."""
     if column is None:
         header = header_of(path)
         others = [name for name in header if name != "time_s"]

@@ -171,8 +171,8 @@ def _checked(
 def _extremes(
     f: Reals, target: Reals, modes: int, prominence_db: float
 ) -> tuple[list[float], list[float | None]]:
-    """The frequencies of the most prominent peaks, and for each peak the frequency of its trough or
-    None."""
+    """The frequencies of the most prominent peaks, and for each peak the frequency of the
+    corresponding trough, or None."""
 
     def at_top(i: int, values: Reals) -> float:
         # The frequency of the extreme value is the vertex of the parabola through three points on
@@ -191,8 +191,8 @@ def _extremes(
 
 
 def _pair_up(peaks: list[float], troughs: list[float]) -> list[float | None]:
-    """For each peak the frequency of its trough or None. The assignment has the smallest total
-    distance, and no other peak is between a peak and its trough."""
+    """For each peak the frequency of the assigned trough, or None. The assignment has the smallest
+    total distance, and between a peak and the assigned trough is no other peak."""
     if not troughs:
         return [None] * len(peaks)
     distance = np.abs(np.log(np.array(peaks)[:, None] / np.array(troughs)))
@@ -238,7 +238,8 @@ def _match(
                 top = around[tops[np.argmin(np.abs(np.log(around[tops])))]]
                 moved = pairs[i, 0] / np.sqrt(top)
                 pairs[i, 0] = np.clip(moved, mark / FREQUENCY_RATIO, mark * FREQUENCY_RATIO)
-            # The size of a peak or trough in dB depends on its own damping.
+            # The size of a peak or trough in dB depends on the damping ratio of this peak or
+            # trough.
             over = (model_db(np.array([mark]))[0] - level[i]) * s
             pairs[i, 1] = np.clip(pairs[i, 1] * 10 ** (over / 40), *DAMPING_RATIOS)
     return _resonances(best, troughs)
@@ -279,8 +280,8 @@ def _least_squares(f: Reals, target: Reals, start: list[Resonance]) -> list[Reso
 
 @dataclass(frozen=True)
 class ResonanceResult(Fit):
-    """A Fit to a measured response, and the zeros and poles of the product of its resonances in
-    1/s, each as (real part, imaginary part)."""
+    """A Fit to a measured response, and the zeros and poles in 1/s of the product of all
+    resonances, each as (real part, imaginary part)."""
 
     zeros: tuple[tuple[float, float], ...]
     poles: tuple[tuple[float, float], ...]

@@ -1,4 +1,4 @@
-"""A measured response and its comparison with the linear model: summary, files and figure."""
+"""A measured response and the comparison with the linear model: summary, files and figure."""
 
 import csv
 import json
@@ -22,10 +22,10 @@ STOP_CONTACTS = (".low", ".high")  # endings of the names of the two contacts of
 
 @dataclass(frozen=True)
 class MeasurementSummary:
-    """A measurement and its linear model in the form of `measure --json`. `contact` is the share of
-    the time in which each contact was closed, `floor_median` the standard deviation by quantisation
-    alone in the unit of the response, `saturated` the share of samples with an ADC code at an end
-    of the range."""
+    """A measurement and the linear model of the plant, in the form of `measure --json`. `contact`
+    is the share of the time in which each contact was closed, `floor_median` the standard deviation
+    due to quantisation alone, in the unit of the response, `saturated` the share of samples with an
+    ADC code at an end of the range."""
 
     measurement: str
     title: str
@@ -63,7 +63,7 @@ Summary = TypeVar("Summary")
 
 @dataclass(frozen=True)
 class MeasurementResult(Generic[Summary]):
-    """A measurement, the response of its linear model, and the summary that `--json` prints: a
+    """A measurement, the response of the linear model, and the summary that `--json` prints: a
     MeasurementSummary for a model, commission.measuring.AxisMeasurementSummary for an axis."""
 
     setup: Setup | None  # None: a live axis
@@ -217,7 +217,7 @@ def write(done: MeasurementResult[Summary], out: Path, draw: bool = True) -> Non
         degrees = np.degrees(np.angle(done.model))
         columns |= {"model_magnitude": abs(done.model), "model_phase_deg": degrees}
         arrays_of_model = {"model": done.model}
-    # The fields of the Measurement that are not arrays; `fit.read_response` reads them.
+    # The fields of the Measurement that are not arrays; `fit.read_response` reads these fields.
     about = {k: v for k, v in vars(measured).items() if not isinstance(v, np.ndarray)}
     names = ["response.csv", "response.npz", "result.json", *["plot.png"] * draw]
     with paths.replacing(out, *names) as (table, arrays, result, *pictures):

@@ -1,4 +1,4 @@
-"""The set-up of a measurement of a simulated plant: reads and checks its keys."""
+"""The set-up of a measurement of a simulated plant: reads and checks the keys of the file."""
 
 import math
 import os
@@ -55,7 +55,7 @@ class Setup:
 
 def read_setup(target: str | Path, options: SetupTable | None = None) -> tuple[Setup, str]:
     """(Setup, name of the Setup for errors) from a measurement file, or from a model. target: path,
-    or name of an installed file. options: keys that replace those of the file. Raises
+    or name of an installed file. options: keys that replace the keys of the file. Raises
     InputError."""
     options = {key: value for key, value in (options or {}).items() if value is not None}
     if not str(target).strip():
