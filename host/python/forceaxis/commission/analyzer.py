@@ -46,15 +46,17 @@ RECORDER_BYTES = 32768
 SWING = MeasuringOrder.swing
 # The measured force stays above this share of the bias force.
 FORCE_MIN_SHARE = 0.5
-# distance of the excitation's force bounds from the expected force, as a share of the bias force
+# distance between the expected force and the force bounds of the excitation, as a share of the bias
+# force
 FORCE_MARGIN_SHARE = 0.1
 RAMP_S = 0.1  # duration of the ramp at the start and the end of an excitation
 APPROACH_TIMEOUT_S = 60.0
 RELEASE_S = 1.0  # time that the axis needs to release the force
-WAIT_POLL_S = 0.1  # period in which the state of the axis is checked during a wait
+WAIT_POLL_S = 0.1  # time in s between two checks of the state of the axis while the program waits
 BIAS_TRIES = 8  # largest number of target_force values that are tried to reach one bias force
 QUIET_LSB = 0.4  # rms noise in ADC codes below which rounding hides the noise of the measured force
-DISTORTION_RECORDS = 3  # number of realisations from which the distortion is computed
+# number of realisations of the excitation from which the distortion of the response is computed
+DISTORTION_RECORDS = 3
 AMPLITUDE_FACTOR_MIN = 1.4  # smallest factor by which the search increases the amplitude
 # Factor by which an excitation beyond a bound is reduced, and largest number of reductions: without
 # friction, and with dry friction, where the axis has to slide.
@@ -65,7 +67,7 @@ FREE_SETTLE_SHARE = 0.3  # ratio of the settling time out of contact to the sett
 # settling time during the search of the amplitude, as a share of the settling time of the
 # measurement
 SEARCH_SETTLE_SHARE = 0.5
-# relative error of a response, median over the lines, at which the averaging may end
+# median relative error of a response over the spectral lines at which the averaging may end
 ERROR_ENOUGH = 0.04
 STANDSTILL_CNT = 4  # largest change of the position in encoder counts at standstill
 # largest difference of two mean DAC codes at standstill, in standard deviations of a mean
@@ -153,7 +155,7 @@ class ExcitedObjects(EnabledObjects):
 
 
 class Ended(Exception):
-    """The axis has ended an excitation itself; `reason` is the value of the object
+    """The axis has ended an excitation before the planned end; `reason` is the value of the object
     `excitation_state`."""
 
     def __init__(self, reason: str) -> None:
@@ -346,7 +348,7 @@ class Analyzer:
         return level
 
     def _hold_ticks(self) -> int:
-        """Number of ticks for which the noise keeps a value."""
+        """Number of ticks for which the noise stays at one value."""
         return max(1, int(TICKS_PER_S / (2.5 * self.order.band_hz[1])))
 
     @property
@@ -405,8 +407,8 @@ class Analyzer:
         )
 
     def _speed(self, H: response.Response, u: Samples) -> float:
-        """Rms of the rate of change of the output that the DAC codes cause, in force counts/s or
-        encoder counts/s. H: the response; u: the DAC codes, (K, n)."""
+        """Rms rate of change, in force counts/s or encoder counts/s, of the output signal that the
+        DAC codes cause. H: the response; u: the DAC codes, (K, n)."""
         shown = abs(np.fft.rfft(u, axis=1)[:, self.lines]) ** 2
         hz = self.lines * TICKS_PER_S / self.samples
         power = 2 * (shown.mean(0) / self.samples**2) * abs(2 * np.pi * hz * H) ** 2
@@ -466,7 +468,8 @@ class Analyzer:
             swung = f"{moved:.3g} {output.unit}"
             self.say(f"amplitude {amplitude} codes: swing {swung}, deviation {100 * error:.2g} %")
             # The noise of an axis that sticks is small, so the expected deviation does not show
-            # that the axis slides. With dry friction the amplitude therefore grows to its bound.
+            # that the axis slides. With dry friction, the search therefore increases the amplitude
+            # up to the bound.
             may_stick = self.order.rubs and output is FORCE
             is_accurate = error < output.deviation_max and not may_stick
             if moved >= 0.9 * swing or is_accurate or amplitude >= most:
@@ -493,7 +496,8 @@ class Analyzer:
         return int(amplitude * (REDUCTION_SLIDING if self.order.rubs else REDUCTION))
 
     def _force_counts(self, held: Recording) -> Samples:
-        """The signal of the force sensor in force counts; zero code and sign are not applied."""
+        """The signal of the force sensor in force counts, without correction of zero code and
+        sign."""
         return held.values("force_raw") * self.count_per_code
 
     def press(self, force_N: float) -> float:
@@ -615,7 +619,8 @@ class Analyzer:
 
     def _apart(self, amplitude: int, seed: int, settle: float = 1.0) -> Record:
         """Records a realisation out of contact: (DAC codes, DAC codes, position in encoder counts),
-        (n,) each. The drift from period to period is removed from the position."""
+        (n,) each. The mean motion from period to period (the drift) is removed from the
+        position."""
         axis, n = self.axis, self.samples
         self.go_home()
         self.set(excitation_amplitude=amplitude, excitation_seed=seed)
@@ -668,7 +673,7 @@ class Analyzer:
 
 
 def _most_samples(signals: Sequence[str]) -> int:
-    """Largest number of samples of these signals in the memory of the recorder."""
+    """Largest number of samples of the given signals that the memory of the recorder can store."""
     return RECORDER_BYTES // sum(int(BY_NAME[name].type[1:]) // 8 for name in signals)
 
 

@@ -73,7 +73,8 @@ class FolderFile(Generic[T]):
             raise InputError(f"{error}; {self.remedy}") from None
 
     def required(self, folder: Path) -> T:
-        """The content of a file that has to exist. Raises InputError."""
+        """The content of a file that must exist. Raises InputError for a missing or damaged
+        file."""
         content = self.read(folder)
         if content is None:
             raise InputError(
@@ -95,7 +96,8 @@ def _refuse_constant(text: str) -> NoReturn:
 
 @dataclass(frozen=True)
 class AxisState:
-    """State of an axis before a run. axis: raw identity; values: raw values of the objects."""
+    """State of an axis before a run. axis: raw values that identify the axis; values: raw values of
+    the objects."""
 
     axis: RawValues
     values: RawValues
@@ -164,8 +166,8 @@ def replace_saved(folder: AxisFolder, values: RawValues) -> None:
 
 
 def put_back(folder: AxisFolder) -> int:
-    """Disables the axis and restores the values of FOUND. Writes only objects whose value differs,
-    and returns their number. Raises Refused, NoAnswer."""
+    """Disables the axis and restores the values of FOUND. Writes only objects whose values differ,
+    and returns the number of written objects. Raises Refused, NoAnswer."""
     axis, held = folder.axis, FOUND.required(folder.folder).values
     (source,) = axis.link.read(["command_source"]).values()
     if source not in (axis.link.source, NO_OWNER):

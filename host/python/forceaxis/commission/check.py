@@ -20,7 +20,7 @@ READINGS, READING_PERIOD_S = 25, 0.02
 # the firmware
 STANDING_CNT = 2
 DITHER_LSB = 0.4  # rms noise in ADC codes below which an average is not more accurate than one code
-# The firmware's first motion test moves the axis at most by this multiple of first_motion_counts.
+# Largest motion in the first motion test of the firmware, as a multiple of first_motion_counts.
 FIRST_MOTION_REACH = 8
 # default travel in counts and largest DAC code of the move out and back
 TRAVEL_CNT, OUTPUT_CODES = 400, 250
@@ -58,8 +58,8 @@ Value = float | str | None
 @dataclass(frozen=True)
 class CheckStep:
     """Result of one step of the first motion test. verdict: "passed", "noted" (no failure, but a
-    person has to examine the value), "skipped" or "failed". value, limit: of the checked quantity,
-    as a number or a name; None if the step has no value."""
+    person has to examine the value), "skipped" or "failed". value, limit: value and limit of the
+    checked quantity, as a number or a name; None if the step has no value."""
 
     step: str
     verdict: str
@@ -132,7 +132,7 @@ class MoveObjects:
 
 @dataclass(frozen=True)
 class MotionCheckResult:
-    """The steps of a first motion test; passed: no step failed."""
+    """The steps of a first motion test; passed: True if no step failed."""
 
     axis: str
     passed: bool
@@ -305,8 +305,8 @@ class MotionCheck:
                     ": the axis moves, or its cable picks up noise")  # fmt: skip
 
     def _limits(self) -> None:
-        """Finds a direction in which the position limits are far enough away. The direction away
-        from the workpiece is preferred."""
+        """Finds a direction in which the position limits are far enough away. If both directions
+        are possible, the direction away from the workpiece is chosen."""
         low, high = self.known.position_min, self.known.position_max
         room = {-1: self.start - low, 1: high - self.start}
         free = [way for way, switch in ((-1, LIMIT_NEG), (1, LIMIT_POS))
@@ -350,7 +350,7 @@ class MotionCheck:
         before = self.axis.link.read(names)
         try:
             self.axis.set(**bounds, first_motion_test="off")
-            # writing the object clears an earlier passed result
+            # a write to this object clears the result of an earlier test that passed
             self.axis.set(first_motion_test="on")
             if not self._first_motion():
                 self._skip("an earlier step failed", "move")

@@ -62,7 +62,7 @@ class FittedAxis:
 
     @property
     def plants(self) -> PlantSet:
-        """The set of plants of the design, about the fitted values."""
+        """The set of plants of the design, with the fitted values as nominal values."""
         model, fitted = self.tuning.model, self.fitted
         ranges = plant_set.ranges_of(model, fitted.over, fitted.values)
         modes, together = tuple(self.designed.modes) or ({},), fitted.together or ({},)
@@ -93,9 +93,9 @@ def firmware_of(tuning: TuningFolder, checked: Checked) -> Settings:
 
 
 def simulated(fitted_axis: FittedAxis) -> tuple[ContactOfKind, ...]:
-    """Simulates contacts: one at each force, impacts at all forces but the largest, and contacts of
-    random members of the set. Each returned row states its kind. Raises Refusal hf_gain or
-    simulated_KIND."""
+    """Simulates contacts: one contact at each force, impacts at all forces except the largest
+    force, and contacts of random members of the set. Each returned row states its kind. Raises
+    Refusal hf_gain or simulated_KIND."""
     designed, forces = fitted_axis.designed, fitted_axis.tuning.order.forces
     bank = designed.bank.bank
     loss = designed.contact_loss.objects if designed.contact_loss else {}
@@ -164,8 +164,8 @@ class Touching(Analyzer):
         self.press(force_N)
 
     def press(self, force_N: float) -> float:
-        """As Analyzer.press(), but the axis first moves out of contact, and the first contact is
-        recorded."""
+        """Does the same as Analyzer.press(), but first moves the axis out of contact, and records
+        the first contact."""
         self.asked_N = force_N
         self._leave()
         before = round(BEFORE_S * TICKS_PER_S)

@@ -40,7 +40,8 @@ START_SHARE = 0.1
 @dataclass(frozen=True)
 class RecordedFriction:
     """Dry friction in the file of a response. dead_zone: dead zone of guide and gear in DAC codes;
-    moving_N: friction of guide and gear; speed: rms speed of the axis in m/s; None if not known."""
+    moving_N: friction of guide and gear in N; speed: rms speed of the axis in m/s. None stands for
+    an unknown value."""
 
     is_recorded: bool = False  #: the measurement searched for friction
     dead_zone: float = 0.0
@@ -121,8 +122,8 @@ class AxisFitSummary(fit_response.FitSummary):
 
 @dataclass(frozen=True)
 class DamperFit:
-    """A fit with dampers in the place of frictions, for the Measurement with the model that has
-    these dampers. newtons: {friction: N}, None if the friction is not known."""
+    """A fit in which dampers replace frictions, and the Measurement with the model that contains
+    these dampers. newtons: {friction: force in N}, None for an unknown force."""
 
     found: fit_response.ParameterFit
     measured: Measurement
@@ -204,7 +205,7 @@ def _with_fewest_dampers(
         fitted = _with_dampers(tolerant, starts, dampers, about.speed, folder)
         if fitted is None or fitted.found.rejected:
             continue
-        # a damper has to improve the fit by more than the penalty for its parameter
+        # a damper is accepted if the fit improves by more than the penalty for one more parameter
         if not about.is_recorded:
             plain = fit_response.fit(tolerant, starts, tries=OTHER_STARTS)
             count = len(fitted.found.names) - len(starts)

@@ -29,7 +29,8 @@ from forceaxis.commission.refusal import Refusal
 
 # Constants of glide(), the motion out of contact:
 TRAVEL_SHARE = 0.85  # share of the permitted travel that the axis uses in each direction
-# duration of a record, of the shortest record, and of the start, in which the speed is not constant
+# durations in s: longest record, shortest record, and start phase, in which the speed is not
+# constant
 GLIDE_S, RECORD_MIN_S, SETTLED_S = 0.5, 0.12, 0.05
 # ratio of the DAC code in the slower motion to the DAC code in the faster motion
 SMALLER_CODE_SHARE = 0.6
@@ -79,7 +80,7 @@ FOUND_ERRORS, FOUND_CODES, FOUND_SPEED_SHARE = 4.0, 0.3, 0.5
 @dataclass(frozen=True)
 class Glide:
     """Friction of the axis out of contact: dead zone and difference between the directions in
-    codes; rate in counts/s for each code beyond the dead zone."""
+    codes; rate: speed in counts/s for each DAC code beyond the dead zone."""
 
     dead_zone: float
     difference: float
@@ -198,7 +199,7 @@ def glide(
     """Measures the friction out of contact. The analyzer's axis is owned, disabled and at rest; at
     the end, the axis is disabled at the start position. most: DAC code from which the DAC codes of
     the larger motions follow; first, highest: first and largest code, by default an eighth of
-    `most` and 16 times the first; newton: N per code, 0 if not known.
+    `most` and 16 times the first; newton: force in N per DAC code, 0 if unknown.
 
     The code is increased until the axis slides, and decreased if the travel is covered too soon.
     Raises Refusal if the axis does not slide or if it comes into contact.
@@ -262,8 +263,8 @@ def glide(
 
 
 def _speed(analyzer: Analyzer, code: int, travel: int) -> float | None:
-    """Speed in counts/s with a constant code from one end of the travel to the other; None if the
-    axis does not move."""
+    """Speed in counts/s with a constant DAC code from one end of the travel to the opposite end;
+    None if the axis does not move."""
     axis = analyzer.axis
     axis.enable("profile position")
     axis.move(analyzer.home - int(math.copysign(TRAVEL_SHARE * travel, code)))
@@ -340,10 +341,10 @@ def record_slow_change(
 
 
 def directions(force: Samples, place: Samples, codes: Samples, rate: float = 0.0) -> Directions:
-    """Friction of guide and gear from a record of record_slow_change(). rate: counts/s for each
-    code beyond force and friction. With rate 0 (not known) the dead zone is a lower bound from the
-    codes at standstill after the rise and after the fall, because integral action and noise reduce
-    that difference."""
+    """Friction of guide and gear from a record of record_slow_change(). rate: speed in counts/s for
+    each DAC code beyond the codes for force and friction. With rate 0 (not known) the dead zone is
+    a lower bound from the codes at standstill after the rise and after the fall, because integral
+    action and noise reduce that difference."""
     F, x, c = (block_means(values) for values in (force, place, codes))
     step_s = BLOCK_SAMPLES * DECIMATION / TICKS_PER_S
     takes = np.gradient(x, step_s) / rate if rate else np.zeros(len(F))
@@ -377,8 +378,8 @@ def block_means(values: Samples) -> Samples:
 
 
 def play_operator(force: Samples, half: float) -> Samples:
-    """The force in N, (n,), that remains behind Coulomb friction of `half` N (play operator); the
-    friction slid forward before the first sample."""
+    """The force in N, (n,), that is transmitted behind Coulomb friction of `half` N (play
+    operator). Before the first sample, the friction slid forward."""
     left, now = np.empty(len(force)), force[0] - half
     for i, one in enumerate(force):
         now = min(max(now, one - half), one + half)

@@ -37,16 +37,17 @@ class FrictionElement:
 
     @property
     def damping(self) -> str:
-        """Name of the damper's parameter in a `damped` model."""
+        """Name of the parameter for the damper in a model from `damped`."""
         return f"b_{self.name}"
 
 
 def frictions_of(
     model: str | Path, moving_N: float, workpiece_N: float
 ) -> tuple[FrictionElement, ...]:
-    """The frictions of a model: in all `moving_N` between the drive's body and its counterpart, and
-    `workpiece_N` between workpiece and ground. Frictions that the model declares keep their places
-    and share the measured force in proportion to the declared values."""
+    """The frictions of a model: a total of `moving_N` between the body of the drive and the
+    counterpart of this body, and `workpiece_N` between workpiece and ground. Frictions that the
+    model declares keep their places and share the measured force in proportion to the declared
+    values."""
     tables, facts = model_file.read(model), linear.facts(model)
     work = tables.workpiece
     drive = facts.required_drive
@@ -76,8 +77,8 @@ def at_both_ends(
     model: str | Path, found: tuple[FrictionElement, ...]
 ) -> tuple[FrictionElement, ...]:
     """The frictions for `damped`. With a transmission between the drive's body and the body in
-    contact, the measurement cannot assign the friction to one side. Each side then receives one
-    half, unless the model has friction on both sides."""
+    contact, the measurement cannot assign the friction to one side. In this case, each side
+    receives half of the friction, unless the model has friction on both sides."""
     contact, drive = model_file.read(model).contact, linear.facts(model).required_drive
     if contact is None or contact.between[0] == drive.body:
         return found
@@ -150,7 +151,7 @@ def _without_unused_parameters(document: tomlkit.TOMLDocument, model: str | Path
 
 
 def _names_in(part: Part) -> set[str]:
-    """All words in a part of a model that can be names of parameters."""
+    """Returns all words in a part of a model that can be names of parameters."""
     if isinstance(part, Mapping):
         return _names_in([v for key, v in part.items() if key not in TEXT_KEYS])
     if isinstance(part, str):

@@ -1,4 +1,4 @@
-"""Search for dry friction in `forceaxis measure`, in addition to the responses.
+"""Search for the dry friction of an axis by `forceaxis measure`, before the responses are measured.
 
 As in a tuning, constant codes in both directions measure the friction of guide and gear out of
 contact, and a slow change of the force measures the friction of a workpiece on its table. If the
@@ -72,7 +72,8 @@ class FrictionSearch:
         self.found = FoundFriction()
         facts = linear.facts(model, self.overrides) if model else None
         if not (facts and facts.drive and facts.reading and facts.encoder):
-            self.model = ""  # the model does not define the size of codes and counts
+            # without a model, because this model does not define the size of codes and counts
+            self.model = ""
         self.newton = known.newton_per_code(model, self.overrides) if self.model else 0.0
         if not math.isfinite(self.newton):
             self.newton = 0.0
@@ -123,8 +124,8 @@ class FrictionSearch:
         return self._found(found)
 
     def _rigid(self) -> float:
-        """Counts/N of the contact's spring, by which a workpiece that always sticks is detected; 0
-        if the spring of the model is too stiff for this."""
+        """Compliance of the contact spring in counts/N, with which a workpiece that always sticks
+        is detected; 0 if the spring of the model is too stiff for this."""
         if not self.model:
             return 0.0
         rigid = known.rigid_counts(self.model, self.overrides)
@@ -150,7 +151,8 @@ class FrictionSearch:
         self.found = replace(found, moving_N=moving, table_N=table, lines=lines)
         codes = 0 if self.order.amplitude else math.ceil(friction.NOISE_SLIDES * found.dead_zone)
         most = self.order.most
-        if found.rubs and self.model:  # a saturated drive distorts a response like friction
+        # a saturated drive distorts a response in the same way as friction
+        if found.rubs and self.model:
             linear_codes = known.linear_codes(self.model, self.overrides)
             most = int(min(most, known.NOISE_PEAK_FACTOR * linear_codes))
         self.analyzer.order = replace(

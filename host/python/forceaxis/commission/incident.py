@@ -41,8 +41,8 @@ STRUCT_FORMATS = {"u8": "B", "u16": "H", "i16": "h", "i32": "i"}
 INCIDENT_STATES = ("incident", "incident_kept")
 # longest time in s until the axis has completed the recording of an incident and its CRC
 COMPLETE_TIMEOUT_S = 5.0
-FULL_SCALE_BITS = 8  # ADC bits to which force counts refer
-NEAR_MS = 100  # time before and after the error in the second column of the figure
+FULL_SCALE_BITS = 8  # number of ADC bits to which force counts refer
+NEAR_MS = 100  # time in ms before and after the error that the second column of the figure shows
 
 
 @dataclass(frozen=True)
@@ -67,8 +67,8 @@ class ForceParameters:
 
 @dataclass(frozen=True)
 class Incident:
-    """The recording of an error, and the state of the axis. parameters: {object: raw value} when
-    the incident was read."""
+    """The recording of an error, and the state of the axis. parameters: {object: raw value} at the
+    time when the incident was read."""
 
     recording: Recording
     where: str
@@ -225,7 +225,7 @@ def clear(axis: Axis) -> None:
 
 
 def packed(recording: Recording) -> bytes:
-    """The samples in the byte format of the axis."""
+    """The samples of an incident in the byte format of the axis."""
     row = struct.Struct("<" + "".join(STRUCT_FORMATS[BY_NAME[n].type] for n in recording.signals))
     return b"".join(row.pack(*map(int, sample)) for sample in recording.raw)
 
@@ -301,8 +301,8 @@ def missing(incident: Incident) -> list[str]:
 
 def figure(incident: Incident, counts_per_mm: float | None = None) -> "Figure":
     """Figure over the time in ms from the error: force in N with force_max, travel in mm or encoder
-    counts, DAC code. The first column shows the whole recording, the second NEAR_MS before and
-    after the error."""
+    counts, DAC code. The first column shows the whole recording, the second column shows NEAR_MS
+    before and after the error."""
     import matplotlib.pyplot as plt
 
     from forceaxis.drawing import FAINT, GOT, INK, THIN, WANTED, legend, style

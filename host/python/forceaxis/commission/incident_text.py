@@ -1,4 +1,5 @@
-"""Explains an incident in text: rules on the recorded signals, with the decisive findings first."""
+"""Explains an incident in text: applies rules to the recorded signals and lists the decisive
+findings first."""
 
 from dataclasses import dataclass
 
@@ -134,7 +135,7 @@ class _Story:
         return f"enabled {since}; at the error it moved at {self.rate(speed)}"
 
     def mean_speed(self, at: int) -> float:
-        """Mean speed over the 4 ticks before `at`, in counts per tick."""
+        """Mean speed of the axis over the 4 ticks before the tick `at`, in counts per tick."""
         return float(np.mean(self.speed[max(1, at - 3) : at + 1])) if at else 0.0
 
     def rate(self, speed: float) -> str:

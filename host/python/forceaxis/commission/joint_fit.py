@@ -41,13 +41,14 @@ MODEL_ERROR = 0.01  # relative error of a response that no parameter can explain
 # antiresonance. The search begins at the best SEARCHES_MAX points of the grid.
 GRID_POINTS, ANTIRESONANCES = 7, 28
 SEARCHES_MAX = 2
-# logarithm of the frequency: distance within which a line belongs to the limiting mode
+# largest distance of a spectral line from the limiting mode, as a difference of the logarithms of
+# the frequencies
 LIMITING_MODE_WIDTH_LOG = 0.15
 STEP_LOG = 1e-5  # step of the logarithm of a parameter for a numerical derivative
 PREDICTIONS_MAX = 200  # largest number of predictions that are stored for reuse
 COMBINATIONS_MAX = 9  # largest number of tried combinations of modes, one mode for each response
-# Logarithms of the parameters: largest difference between the forces for one plant, and smallest
-# difference that counts as a change.
+# Differences of the logarithms of a parameter between two forces: largest difference that one plant
+# can explain, and smallest difference that is treated as a change.
 LEVEL_DISTANCE_MAX_LOG, LEVEL_CHANGE_LOG = 0.3, 0.02
 
 
@@ -199,7 +200,7 @@ class Responses:
 
     def predictions(self, x: Samples) -> list[Response]:
         """The response of the model for each measured response. A prediction is computed again only
-        if a parameter has changed on which the prediction depends."""
+        after a change of a parameter on which the prediction depends."""
         found = []
         for m, modes, own in zip(self.measured, self.modes, self.own, strict=True):
             one = (
@@ -240,8 +241,8 @@ class Responses:
         return np.concatenate([*parts, (x - self.centre) / self.spread])
 
     def scores(self, x: Samples) -> list[Samples]:
-        """The real residuals of each response. The sum of their squares is a chi-square with two
-        degrees of freedom per line; see identify.fit.fit."""
+        """The real residuals of each response. The sum of the squares of these residuals is a
+        chi-square with two degrees of freedom per line; see identify.fit.fit."""
         found = []
         for m, v, h in zip(self.measured, self.variance, self.predictions(x), strict=True):
             error = (m.response - h) / np.sqrt(v)
@@ -256,8 +257,9 @@ class Responses:
         return np.concatenate([*self.scores(x), (x - self.centre) / self.spread])
 
     def information(self, x: Samples, scales: Sequence[float]) -> tuple[Samples, Samples]:
-        """Information matrices of the logarithms: (from the lines alone, from lines and priors).
-        scales: factor for each response by which the variance of the response is enlarged."""
+        """Information matrices for the logarithms of the parameters: (from the spectral lines
+        alone, from lines and priors). scales: factor for each response by which the variance of the
+        response is enlarged."""
         shifted = [
             [self.predictions(x + s * STEP_LOG * d) for s in (1, -1)]
             for d in np.eye(len(self.names))

@@ -242,7 +242,7 @@ class ContactBench:
 
     @property
     def shown(self) -> ContactCase:
-        """The first contact that the figure shows: at full approach speed and the middle
+        """The first contact that the figure shows: with the full approach speed and the middle
         set-point."""
         return self.cases[len(self.setpoints_N[:-1]) // 2]
 
@@ -300,8 +300,8 @@ class ContactBench:
         return [max(self.cases, key=lambda c: c.setpoint_N), self.cases[-1]]
 
     def struck(self) -> tuple[str, float]:
-        """(body, sign of the impulse) of an impact. The body is the workpiece, or the body that
-        presses if the workpiece is the ground."""
+        """Returns (body, sign of the impulse) for an impact. The body is the workpiece, or the body
+        that presses if the workpiece is the ground."""
         near, far = self.facts.contacts[0].between
         return (far, 1.0) if far in self.facts.masses_kg else (near, -1.0)
 
@@ -324,7 +324,7 @@ class ContactBench:
         self, case: ContactCase, bank: Bank, loss: Mapping[str, int] | None = None,
         model: str | None = None,
     ) -> str:  # fmt: skip
-        """The text of a case's experiment, see experiment()."""
+        """The text of the experiment of a case; the arguments are described at experiment()."""
         return experiment_file.text_of(self.experiment(case, bank, loss, model))
 
     def experiment(
